@@ -1,11 +1,10 @@
-"""How much of a study's group eats less than it needs: the EAR cut-point, by life stage, on closed days.
+"""The share of a study's participants whose intake is inadequate: the EAR cut-point, by life stage, on closed days.
 
-A person's few days say little about their need; a group's do, once the days' own scatter is taken out
-(usual_intake.py). Where the method does not hold, no share is told but why. The answer to the same data is
-the same each time.
+A few days of one person say little about their usual intake; those of a group do, once day-to-day variation is removed
+(usual_intake.py). Where the method is not valid, the result gives the reason instead of a share. Results are
+reproducible: the same data give the same result.
 """
 
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -16,24 +15,25 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError
 from app.db.session import Database
-from app.diary.closed_amounts import ClosedAmounts, amounts_by_column, amounts_by_record
+from app.diary.closed_amounts import ClosedAmounts, StudyWindow, amounts_by_column, amounts_by_record
 from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
 from app.nutrition.intakes.life_stage import LifeStage
 from app.nutrition.intakes.reference_intakes import Per, ReferenceIntake, reference_intakes
 from app.people.access.caller import Caller
+from app.people.profiles import Profile
 from app.people.studies import enter_study
 
 if TYPE_CHECKING:
     from app.nutrition.intakes.usual_intake import Scale
 
-MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
+MIN_COVERAGE = 0.9  # of a day's grams; days with less are left out, since they would count as a low intake
 COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
-LESS: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: fibre is taken off
+SUBTRACTED: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: subtract fibre
 IRON = "303"
 NIACIN = "406"  # preformed; the need is of equivalents, to which tryptophan adds much (IOM 1998, chapter 6)
-MENSTRUATING = frozenset(  # their need of iron is skewed: half the group is not below the EAR (IOM 2001, chapter 9)
+MENSTRUATING = frozenset(  # their requirement of iron is skewed, so the cut-point is not valid (IOM 2001, chapter 9)
     {
         LifeStage.FEMALE_14_18,
         LifeStage.FEMALE_19_30,
@@ -44,7 +44,7 @@ METHOD = (
     "EAR cut-point (Beaton 1994) on usual intakes from closed days, adjusted for day-to-day variation "
     "(NRC 1986, IOM 2000)."
 )
-SEED = 1986  # any number: the interval's draws are the same each time
+SEED = 1986  # arbitrary; makes the interval reproducible
 
 Reason = Literal[
     "energy_follows_need",
@@ -68,9 +68,10 @@ class Variances:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageAdequacy:
-    """A life stage's group. ear: a day, or a day and kilogram of body weight. Without a share `reason` says why.
+    """The result of one life stage. reason: why there is no share.
 
-    days: that were used; days_left_out: closed days that were not, since too little is known of them.
+    ear: per day, or per day and kilogram of body weight. days: closed days that were used; days_left_out: closed days
+    with too low a coverage.
     """
 
     life_stage: LifeStage
@@ -90,7 +91,7 @@ class StageAdequacy:
 
 @dataclass(frozen=True, slots=True)
 class Adequacy:
-    """A study's groups. persons_without_stage: with closed days, whose life stage (or weight) is not known."""
+    """A study's groups. persons_without_stage: participants with closed days of unknown life stage or weight."""
 
     number: str
     tagname: str | None
@@ -105,11 +106,11 @@ class Adequacy:
 class _Group:
     reference: ReferenceIntake | None
     days: list[list[float]] = field(default_factory=list)
-    left_out: int = 0
+    days_left_out: int = 0
 
 
 def find_component(name: str) -> Component:
-    """By number, tagname or record's column. Raises InvalidInputError (`component_unknown`)."""
+    """Find a component by number, tagname or record column. Raises InvalidInputError (`component_unknown`)."""
     number = RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
     if number not in COMPONENT_BY_NUMBER:
         raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)
@@ -120,65 +121,46 @@ def judge_study(
     database: Database,
     caller: Caller,
     study_code: str,
-    component: str,
+    component_name: str,
     *,
     first_day: date | None,
     last_day: date | None,
 ) -> Adequacy:
-    """Judge a component by number, tagname or record's column. Raises NotFoundError, InvalidInputError."""
-    asked = find_component(component)
+    """Judge the intake of a component by number, tagname or record column. Raises NotFoundError, InvalidInputError."""
+    component = find_component(component_name)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        people = _people(session, study.id, asked.number, first_day, last_day)
+        participants = _read_amounts(session, StudyWindow(study.id, first_day, last_day), component.number)
     groups: dict[LifeStage, _Group] = {}
-    without = 0
-    for person in people:
-        placed = _placed(person.profile, person.last_day, asked.number)
-        if placed is None:
-            without += 1
+    persons_without_stage = 0
+    for participant in participants:
+        assignment = _assign_stage(participant.profile, participant.last_day, component.number)
+        if assignment is None:
+            persons_without_stage += 1
             continue
-        stage, reference, divisor = placed
+        stage, reference, divisor = assignment
         group = groups.setdefault(stage, _Group(reference))
-        group.left_out += person.days - len(person.amounts)
-        if person.amounts:
-            group.days.append([amount / divisor for amount in person.amounts])
-    judged = tuple(_judge(stage, groups[stage], asked.number) for stage in LifeStage if stage in groups)
-    return Adequacy(asked.number, asked.tagname, asked.name, asked.unit, judged, without)
+        group.days_left_out += participant.days - len(participant.amounts)
+        if participant.amounts:
+            group.days.append([amount / divisor for amount in participant.amounts])
+    results = tuple(_judge(stage, groups[stage], component.number) for stage in LifeStage if stage in groups)
+    return Adequacy(component.number, component.tagname, component.name, component.unit, results, persons_without_stage)
 
 
-def _people(
-    session: Session, study_id: uuid.UUID, number: str, first_day: date | None, last_day: date | None
-) -> list[ClosedAmounts]:
-    less = LESS.get(number)
-    if less is None and number in COLUMNS:
-        return amounts_by_column(
-            session,
-            study_id,
-            COLUMNS[number],
-            least_coverage=MIN_COVERAGE,
-            first_day=first_day,
-            last_day=last_day,
-        )
-    return amounts_by_record(
-        session,
-        study_id,
-        number,
-        less,
-        least_coverage=MIN_COVERAGE,
-        first_day=first_day,
-        last_day=last_day,
-    )
+def _read_amounts(session: Session, window: StudyWindow, number: str) -> list[ClosedAmounts]:
+    subtracted = SUBTRACTED.get(number)
+    if subtracted is None and number in COLUMNS:
+        return amounts_by_column(session, window, COLUMNS[number], least_coverage=MIN_COVERAGE)
+    return amounts_by_record(session, window, number, subtracted, least_coverage=MIN_COVERAGE)
 
 
-def _placed(
-    profile: Mapping[str, object] | None, day: date, number: str
+def _assign_stage(
+    profile: Profile | None, day: date, number: str
 ) -> tuple[LifeStage, ReferenceIntake | None, float] | None:
-    """(stage, its reference, what daily amounts are divided by); None without a stage, or a weight that is needed."""
+    """Return (stage, its reference, divisor of daily amounts); None if the stage, or a weight it needs, is unknown."""
     person = person_on(profile, day)
-    if person is None:
-        return None
-    stage = stage_of(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
-    if stage is None:
+    stage = stage_of(person) if person is not None else None
+    if person is None or stage is None:
         return None
     reference = _reference(stage, number)
     if reference is None or reference.per == "day":
@@ -188,9 +170,9 @@ def _placed(
 
 @cache
 def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
-    """What a group of this stage is compared with; None where there is no EAR."""
-    with_ear = [each for each in reference_intakes(stage) if each.number == number and each.ear is not None]
-    return min(with_ear, key=lambda each: each.per != "day", default=None)  # a day's figure before one a kilogram
+    """Return the reference that a group of this stage is compared with; None if there is no EAR."""
+    with_ear = [intake for intake in reference_intakes(stage) if intake.number == number and intake.ear is not None]
+    return min(with_ear, key=lambda intake: intake.per != "day", default=None)  # prefer per day to per kilogram
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
@@ -199,17 +181,17 @@ def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
         life_stage=stage,
         persons=len(group.days),
         days=sum(map(len, group.days)),
-        days_left_out=group.left_out,
+        days_left_out=group.days_left_out,
         ear=reference.ear if reference is not None else None,
         per=reference.per if reference is not None else None,
         compared_with=reference.compared_with if reference is not None else None,
-        reason=_why_not(stage, reference, number),
+        reason=_reason_against(stage, reference, number),
     )
     if adequacy.reason is not None or adequacy.ear is None:
         return adequacy
-    import numpy as np  # noqa: PLC0415  # 13 MB of a process that has no other use for it
+    import numpy as np  # noqa: PLC0415  # 13 MB that the process does not need otherwise
 
-    from app.nutrition.intakes.usual_intake import NotJudged, judge_group  # noqa: PLC0415  # with it
+    from app.nutrition.intakes.usual_intake import NotJudged, judge_group  # noqa: PLC0415  # imports numpy
 
     judged = judge_group(group.days, adequacy.ear, np.random.default_rng(SEED))
     if isinstance(judged, NotJudged):
@@ -224,9 +206,10 @@ def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
     )
 
 
-def _why_not(stage: LifeStage, reference: ReferenceIntake | None, number: str) -> Reason | None:
+def _reason_against(stage: LifeStage, reference: ReferenceIntake | None, number: str) -> Reason | None:
+    """Return why the cut-point method is not valid; None if it is."""
     if number in ENERGY_NUMBERS:
-        return "energy_follows_need"  # people eat as much energy as they need: the two go together (IOM 2000)
+        return "energy_follows_need"  # intake and requirement of energy are correlated (IOM 2000)
     if reference is None:
         return "no_ear"
     if number == IRON and stage in MENSTRUATING:

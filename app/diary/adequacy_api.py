@@ -24,7 +24,7 @@ def get_adequacy(
     first_day: FirstDay = None,
     last_day: LastDay = None,
 ) -> AdequacyOut:
-    """Each life stage's persons, days, variances, and the share below the EAR, or why it cannot be told."""
+    """Each life stage's persons, days, variances and share below the EAR, or the reason why there is no share."""
     require_order(first_day, last_day)
     judged = judge_study(state.database, staff, study, component, first_day=first_day, last_day=last_day)
     return AdequacyOut.model_validate(judged, from_attributes=True)

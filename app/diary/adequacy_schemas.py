@@ -1,4 +1,4 @@
-"""A group's adequacy over the wire."""
+"""HTTP schemas of a study's adequacy."""
 
 from typing import Literal
 
@@ -14,21 +14,21 @@ class VariancesOut(BaseModel):
     """Variance components on the scale of analysis."""
 
     scale: Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"] = Field(
-        description="The scale on which the days of the group were analysed, chosen so that they are nearest to normal."
+        description="The scale on which the group's days are closest to normally distributed, used for the analysis."
     )
-    within: float = Field(description="Of a person's days.")
-    between: float = Field(description="Of persons' usual intakes.")
+    within: float = Field(description="Variance of a person's days.")
+    between: float = Field(description="Variance of usual intakes between persons.")
 
 
 class StageAdequacyOut(BaseModel):
-    """A life stage's group; `reason` says why no share is told."""
+    """The result of one life stage; `reason` tells why there is no share."""
 
     life_stage: LifeStage = Field(
-        description="The group by age, sex, pregnancy and lactation, as the reference intakes have it."
+        description="The group by age, sex, pregnancy and lactation, as the reference intakes define it."
     )
     persons: int = Field(description="Participants whose days were used.")
     days: int = Field(description="Closed days that were used.")
-    days_left_out: int = Field(description="Closed days of which too little is known.")
+    days_left_out: int = Field(description="Closed days with too low a coverage.")
     ear: float | None = Field(
         description="Estimated Average Requirement in the component's unit, per `per`; null: the source sets none."
     )
@@ -37,18 +37,20 @@ class StageAdequacyOut(BaseModel):
         "is no reference."
     )
     compared_with: str | None = Field(
-        description="Which component is compared with the EAR, and what to mind; null: there is no reference."
+        description="The component that is compared with the EAR, and caveats; null: there is no reference."
     )
     mean_usual_intake: float | None = Field(
-        description="Mean of the group's usual intakes, in the unit of `ear`; null where `reason` says why."
+        description="Mean of the group's usual intakes, in the unit of `ear`; null if there is a `reason`."
     )
     share_below_ear: float | None = Field(
-        description="Share of the group whose usual intake lies below the EAR, 0 to 1; null where `reason` says why."
+        description="Share of the group whose usual intake is below the EAR, 0 to 1; null if there is a `reason`."
     )
-    share_interval: tuple[float, float] | None = Field(description="90 %, over persons and the adjustment.")
-    unadjusted_share: float | None = Field(description="Of bare means of days: biased, shown to compare.")
+    share_interval: tuple[float, float] | None = Field(
+        description="90 % interval of the share, over persons and the adjustment."
+    )
+    unadjusted_share: float | None = Field(description="Share from plain means of days: biased, for comparison.")
     variances: VariancesOut | None = Field(
-        description="Variance within and between persons; null where `reason` says why."
+        description="Variance within and between persons; null if there is a `reason`."
     )
     reason: Reason | None = Field(description="Why there is no share; null: there is one.")
 
@@ -61,5 +63,7 @@ class AdequacyOut(BaseModel):
     name: str = Field(description="The component's name.")
     unit: str = Field(description="Unit of the amounts.")
     groups: list[StageAdequacyOut] = Field(description="One entry per life stage that has participants.")
-    persons_without_stage: int = Field(description="Left out: their profile does not tell the life stage, or a weight.")
+    persons_without_stage: int = Field(
+        description="Participants left out because their life stage, or a weight it needs, is unknown."
+    )
     method: str = Field(description="How the shares were computed, with the sources, for a paper's methods section.")

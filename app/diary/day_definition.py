@@ -1,8 +1,7 @@
-"""What a participant-day comes to, counted from meals, records and words: the one definition of it.
+"""SQL that defines a participant-day: its counts and sums from meals, records and diary entries.
 
-The sums are the database's, over records that hold (not rejected) of meals that are there (not deleted). What is not
-known is NULL, never 0. DaySum keeps what comes out here (diary/day_sum_queries.py); whoever needs a day that has
-changed since counts it by this.
+The database sums the records that count (not rejected) of meals that are not deleted. Unknown values are NULL, never 0.
+DaySum stores the results; sums are read by day_sum_queries.py, which uses this module for days that have changed since.
 """
 
 from datetime import date, timedelta
@@ -15,7 +14,7 @@ from sqlalchemy.sql.base import ReadOnlyColumnCollection
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.db.statements import AnyQuery
+from app.db.statements import AnyColumn, AnyQuery
 from app.diary.models import DayMark, DaySum
 from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.models import MEAL_STATUSES, Meal
@@ -23,14 +22,14 @@ from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.models import Participant
 
 SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
-FULL = 1.0 - 1e-9  # a coverage of everything, but for rounding
-LATE = timedelta(hours=24)  # from eating to arrival: more than this is a late one
-COLUMNS = tuple(column.name for column in DaySum.__table__.columns)  # of a day, in this order
+FULL = 1.0 - 1e-9  # full coverage, up to rounding
+LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
+COLUMNS = tuple(column.name for column in DaySum.__table__.columns)
 DayColumn = sa.ColumnElement[date] | InstrumentedAttribute[date]
 Amount = sa.ColumnElement[float | None] | InstrumentedAttribute[float | None]
 DayKeys = (  # has columns participant_id and local_date
     type[Meal | DiaryDay | EffectiveRecord | DaySum | DayMark | DayEvent]
-    | ReadOnlyColumnCollection[str, sa.ColumnElement[Any]]
+    | ReadOnlyColumnCollection[str, sa.ColumnElement[Any]]  # as SQLAlchemy types the columns of a subquery
 )
 
 
@@ -42,21 +41,21 @@ class seconds_between(FunctionElement[float]):  # noqa: N801  # named as the SQL
 
 
 @compiles(seconds_between, "postgresql")
-def _seconds_postgresql(element: seconds_between, compiler: SQLCompiler, **options: Any) -> str:
+def _seconds_postgresql(element: seconds_between, compiler: SQLCompiler, **options: object) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
     return f"CAST(EXTRACT(EPOCH FROM ({second} - {first})) AS DOUBLE PRECISION)"
 
 
 @compiles(seconds_between, "sqlite")
-def _seconds_sqlite(element: seconds_between, compiler: SQLCompiler, **options: Any) -> str:
+def _seconds_sqlite(element: seconds_between, compiler: SQLCompiler, **options: object) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # it counts milliseconds
+    return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # SQLite's times are in milliseconds
 
 
 def counted_days(page: sa.CTE) -> AnyQuery:
-    """Of the days of a page (participant_id, local_date) those with a meal or an entry, as DaySum has them: COLUMNS."""
+    """Count the days of a page (participant_id, local_date) that have a meal or a diary entry; columns: COLUMNS."""
     meals, delays, eaten = _meals_of(page), _delays_of(page), _records_of(page)
-    values: dict[str, sa.ColumnElement[Any]] = {
+    values: dict[str, AnyColumn] = {
         "study_id": Participant.study_id.expression,
         "status": sa.func.coalesce(DiaryDay.status, "open"),
         "said_nothing": sa.func.coalesce(DiaryDay.ate_nothing, sa.false()),
@@ -82,29 +81,29 @@ def counted_days(page: sa.CTE) -> AnyQuery:
 
 
 def coverage_of(amount: Amount, consumed_g: Amount) -> sa.ColumnElement[float | None]:
-    """The share of the eaten grams for which an amount is known; NULL where grams are not known.
+    """Return the share of the eaten grams for which an amount is known; NULL if any item's grams are unknown.
 
-    Differences below zero (more left than served, within the error) weigh nothing. Where nothing weighs anything, all
-    was left: known of everything, or not.
+    Negative grams (more left than served, within the error) have weight 0. If the total weight is 0, the coverage is 1
+    if the amount is known for all records, else 0.
     """
     weight_g = sa.case((consumed_g > 0.0, consumed_g), else_=0.0)
     known_g = sa.func.sum(sa.case((amount.is_not(None), weight_g), else_=0.0))
     unknown = sa.func.sum(sa.case((consumed_g.is_(None), 1), else_=0))
-    of_nothing = sa.case((sa.func.count(amount) == sa.func.count(), 1.0), else_=0.0)
-    of_what_was_eaten = known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)
-    return sa.case((unknown == 0, sa.func.coalesce(of_what_was_eaten, of_nothing)))
+    share_without_weight = sa.case((sa.func.count(amount) == sa.func.count(), 1.0), else_=0.0)
+    share_of_weight = known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)
+    return sa.case((unknown == 0, sa.func.coalesce(share_of_weight, share_without_weight)))
 
 
 def is_unmeasured_meal() -> sa.ColumnElement[bool]:
-    """Whether no food is known of a meal (it failed, or is not measured yet) and nobody has confirmed that it is so."""
+    """Whether a meal has no known food (failed or not measured yet) and is not confirmed to be without food."""
     has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
     return sa.and_(Meal.id.is_not(None), Meal.status != "confirmed", ~has_food)
 
 
 def is_leftover_unseen() -> sa.ColumnElement[bool]:
-    """Whether a record's eaten grams are all that was served since nobody has looked what was left.
+    """Whether a record's eaten grams are all that was served because no leftovers were recorded.
 
-    Of what was declared no camera sees what is left. For a query of records with their Meal.
+    False for declared meals, whose leftovers no photograph shows. Use it in a query of records joined to Meal.
     """
     return sa.and_(
         Meal.origin == "photographed",
@@ -115,13 +114,13 @@ def is_leftover_unseen() -> sa.ColumnElement[bool]:
 
 
 def has_place() -> sa.ColumnElement[bool]:
-    """Whether a meal's place is kept: it has a latitude."""
+    """Whether a meal's place is stored (it has a latitude)."""
     latitude: sa.ColumnElement[float | None] = Meal.details["location"]["latitude"].as_float()
     return latitude.is_not(None)
 
 
 def within(local_date: DayColumn, first_day: date | None, last_day: date | None) -> list[sa.ColumnElement[bool]]:
-    """The conditions of a range of local days, both included."""
+    """Return the conditions of a range of local days, both ends included; None: no limit."""
     conditions = []
     if first_day is not None:
         conditions.append(local_date >= first_day)
@@ -131,49 +130,60 @@ def within(local_date: DayColumn, first_day: date | None, last_day: date | None)
 
 
 def is_day_of_nothing(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed and nothing was eaten; as DayRow.is_nothing."""
+    """Whether a day is closed and nothing was eaten; the same as DayRow.is_nothing."""
     is_empty = sa.and_(day.c.meals > 0, day.c["items"] == 0, day.c.unmeasured_meals == 0)
     return sa.and_(day.c.status == "closed", sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
 
 
 def is_measured_whole(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed, and the grams of all that was eaten are known and final; as DayRow.is_complete."""
+    """Whether a day is closed and has items, all of known and final grams; with nothing eaten: DayRow.is_complete."""
     is_known = sa.and_(day.c.unmeasured_items == 0, day.c.unmeasured_meals == 0, day.c.provisional_items == 0)
     return sa.and_(day.c.status == "closed", day.c["items"] > 0, is_known)
 
 
+def whole_day_amount(
+    day: sa.Subquery, amount: AnyColumn, coverage: AnyColumn, least_coverage: float = FULL
+) -> sa.ColumnElement[float | None]:
+    """Return a whole day's amount of a component: 0 if nothing was eaten; NULL if the day is not whole.
+
+    A day is whole if it is closed, measured and final, and at least `least_coverage` of the component is known.
+    """
+    is_known = sa.and_(is_measured_whole(day), coverage >= least_coverage)
+    return sa.case((is_day_of_nothing(day), 0.0), (is_known, amount))
+
+
 def same_day(table: DayKeys, page: DayKeys) -> sa.ColumnElement[bool]:
-    """Whether both are of one participant's day."""
+    """Whether both rows are of the same participant and local day."""
     return sa.and_(table.participant_id == page.participant_id, table.local_date == page.local_date)
 
 
-def how_many(condition: sa.ColumnElement[bool] | InstrumentedAttribute[bool]) -> sa.ColumnElement[int]:
-    """The number of rows that meet a condition."""
+def count_where(condition: sa.ColumnElement[bool] | InstrumentedAttribute[bool]) -> sa.ColumnElement[int]:
+    """Count the rows that meet a condition."""
     return sa.func.sum(sa.case((condition, 1), else_=0))
 
 
 def total(counts: sa.ColumnElement[int]) -> sa.ColumnElement[int]:
-    """A sum of counts as an integer: PostgreSQL adds big integers up to a decimal number."""
+    """Sum counts as an integer: PostgreSQL's sum of big integers is a decimal number."""
     return sa.cast(sa.func.sum(counts), sa.BigInteger)
 
 
 ITEM_COUNTS = ("items", "unmeasured_items", "provisional_items", "unseen_leftovers_items")
 
 
-# The page stands first in each of these, joined by LEFT JOIN: SQLite, which does not know how few its rows are, would
-# read all meals and records otherwise.
+# The page comes first in each of these, joined by LEFT JOIN: otherwise SQLite, which does not know how few rows it has,
+# reads all meals and records.
 def _meals_of(page: sa.CTE) -> sa.Subquery:
-    came_after = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
+    arrived_after_closing = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
     is_late = seconds_between(Meal.captured_at, Meal.received_at) > LATE.total_seconds()
     return (
         sa.select(
             *page.c,
             sa.func.count(Meal.id).label("meals"),
-            *(how_many(Meal.status == status).label(f"{status}_meals") for status in MEAL_STATUSES),
-            how_many(came_after).label("meals_after_closing"),
-            how_many(is_unmeasured_meal()).label("unmeasured_meals"),
-            how_many(is_late).label("late_meals"),
-            how_many(has_place()).label("located_meals"),
+            *(count_where(Meal.status == status).label(f"{status}_meals") for status in MEAL_STATUSES),
+            count_where(arrived_after_closing).label("meals_after_closing"),
+            count_where(is_unmeasured_meal()).label("unmeasured_meals"),
+            count_where(is_late).label("late_meals"),
+            count_where(has_place()).label("located_meals"),
         )
         .select_from(page)
         .outerjoin(Meal, same_day(Meal, page.c))
@@ -184,25 +194,24 @@ def _meals_of(page: sa.CTE) -> sa.Subquery:
 
 
 def _delays_of(page: sa.CTE) -> sa.Subquery:
-    """The median delay from eating to arrival: SQLite knows no median, so the one or two in the middle are averaged."""
+    """Return the median delay from eating to arrival: the mean of the middle one or two, as SQLite has no median."""
     delay = seconds_between(Meal.captured_at, Meal.received_at)
     ranked = (
         sa.select(
             *page.c,
             delay.label("seconds"),
-            sa.func.row_number().over(partition_by=[*page.c], order_by=(delay, Meal.id)).label("place"),
-            sa.func.count().over(partition_by=[*page.c]).label("places"),
+            sa.func.row_number().over(partition_by=[*page.c], order_by=(delay, Meal.id)).label("rank"),
+            sa.func.count().over(partition_by=[*page.c]).label("delays"),
         )
         .select_from(page)
         .outerjoin(Meal, same_day(Meal, page.c))
         .subquery()
     )
-    twice = 2 * ranked.c.place
-    of_day = (ranked.c.participant_id, ranked.c.local_date)
+    keys = (ranked.c.participant_id, ranked.c.local_date)
     return (
-        sa.select(*of_day, sa.func.avg(ranked.c.seconds).label("median_seconds"))
-        .where(twice.between(ranked.c.places, ranked.c.places + 2))
-        .group_by(*of_day)
+        sa.select(*keys, sa.func.avg(ranked.c.seconds).label("median_seconds"))
+        .where((2 * ranked.c.rank).between(ranked.c.delays, ranked.c.delays + 2))
+        .group_by(*keys)
         .subquery()
     )
 
@@ -215,8 +224,8 @@ def _records_of(page: sa.CTE) -> sa.Subquery:
             *page.c,
             sa.func.count(record.item_id).label("items"),
             sa.func.count(sa.case((record.consumed_g.is_(None), record.item_id))).label("unmeasured_items"),
-            how_many(record.provisional).label("provisional_items"),
-            how_many(is_leftover_unseen()).label("unseen_leftovers_items"),
+            count_where(record.provisional).label("provisional_items"),
+            count_where(is_leftover_unseen()).label("unseen_leftovers_items"),
             sa.func.sum(record.consumed_g).label("consumed_g"),
             *(sa.func.sum(amount).label(name) for name, amount in amounts.items()),
             *(coverage_of(amount, record.consumed_g).label(f"{name}_coverage") for name, amount in amounts.items()),

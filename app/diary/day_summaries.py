@@ -1,4 +1,4 @@
-"""Days for researchers: a row a participant-day, and mean intakes over closed days, open ones left out and counted."""
+"""Lists of days and of mean intakes for researchers; the means leave out open days and count them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from app.nutrition.plausible_energy import Plausibility
 from app.people.access.caller import Caller, visible_rows
 from app.people.studies import enter_study
 
-STREAM_PAGE = 1000  # rows a query while streaming
+STREAM_PAGE = 1000  # rows per query while streaming
 
 
 @dataclass(frozen=True)
 class Intake(IntakeRow):
-    """A participant's mean intake, and whether its energy is plausible."""
+    """A participant's mean intake and the plausibility of its energy."""
 
     plausibility: Plausibility
 
@@ -31,17 +31,17 @@ class Intake(IntakeRow):
 def list_day_summaries(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
 ) -> Page[DayRow]:
-    """One page, by (local date, participant). Raises InvalidInputError for a cursor that is broken or of others."""
+    """Return a page of days by (local date, participant). Raises InvalidInputError for an invalid cursor."""
     chosen = visible_rows(caller, chosen)
-    listed = list_name("days", chosen)
-    after = decode_cursor(listed, cursor, DAY, ID)
+    name = list_name("days", chosen)
+    after = decode_cursor(name, cursor, DAY, ID)
     with database.read() as session:
         rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
-    return page_of(listed, rows, limit, lambda row: (row.local_date, row.participant_id))
+    return page_of(name, rows, limit, lambda row: (row.local_date, row.participant_id))
 
 
 def all_day_summaries(session: Session, caller: Caller, chosen: RowFilter) -> Iterator[DayRow]:
-    """All days, a page's query at a time; memory stays that of a page. Of one moment: in the caller's transaction."""
+    """Stream all days, a page per query, in the caller's transaction: they are of one moment, in bounded memory."""
     visible, after = visible_rows(caller, chosen), None
     while True:
         rows = days.page_of_days(session, visible, after=after, limit=STREAM_PAGE)
@@ -61,20 +61,20 @@ def list_intakes(
     cursor: str | None,
     limit: int,
 ) -> Page[Intake]:
-    """Mean daily intakes of a study's participants, by code. Raises NotFoundError, InvalidInputError."""
-    listed = f"intakes of {study_code} from {first_day} to {last_day}"
-    after = decode_cursor(listed, cursor, TEXT)
+    """Return mean daily intakes of a study's participants, by code. Raises NotFoundError, InvalidInputError."""
+    name = f"intakes of {study_code} from {first_day} to {last_day}"
+    after = decode_cursor(name, cursor, TEXT)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         rows = intakes.page_of_intakes(
             session, study, first_day=first_day, last_day=last_day, after=after, limit=limit + 1
         )
-    page = page_of(listed, rows, limit, lambda row: (row.participant,))
-    found = [
+    page = page_of(name, rows, limit, lambda row: (row.participant,))
+    judged = [
         Intake(
             **vars(row),
             plausibility=judge_days(row.profile, row.last_day, row.whole_energy_kcal, row.whole_days),
         )
         for row in page.rows
     ]
-    return Page(found, page.cursor)
+    return Page(judged, page.cursor)

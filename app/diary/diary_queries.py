@@ -14,7 +14,7 @@ from app.people.models import Participant
 
 
 def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date]) -> list[DayEvent]:
-    """The words about these days, the oldest first."""
+    """Return a participant's day events on these days, the oldest first."""
     query = (
         sa.select(DayEvent)
         .where(DayEvent.participant_id == participant_id, DayEvent.local_date.in_(days))
@@ -24,7 +24,7 @@ def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date
 
 
 def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -> int:
-    """How many meals there are on a day."""
+    """Count a participant's meals on a day."""
     query = (
         sa.select(sa.func.count())
         .select_from(Meal)
@@ -36,9 +36,9 @@ def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -
 def meals_of_day(
     session: Session, participant_id: uuid.UUID, local_date: date
 ) -> list[tuple[Meal, list[EffectiveRecord]]]:
-    """The day's meals in their order; records that were rejected are left out, meals without any are there."""
-    of_day = sa.select(Meal).where(Meal.participant_id == participant_id, Meal.local_date == local_date)
-    meals = session.scalars(of_day.order_by(Meal.captured_at, Meal.id)).all()
+    """Return the day's meals in order, each with its records that are not rejected."""
+    query = sa.select(Meal).where(Meal.participant_id == participant_id, Meal.local_date == local_date)
+    meals = session.scalars(query.order_by(Meal.captured_at, Meal.id)).all()
     records = sa.select(EffectiveRecord).where(
         EffectiveRecord.meal_id.in_([meal.id for meal in meals]), EffectiveRecord.status != "rejected"
     )
@@ -49,7 +49,7 @@ def meals_of_day(
 
 
 def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
-    """The participant, locked until commit: words about their days come one after the other. None: erased meanwhile."""
+    """Lock a participant until commit, so that their day events are written one by one. None: erased meanwhile."""
     query = sa.select(Participant).where(Participant.id == participant_id)
-    query = query.with_for_update(key_share=True)  # meals may come in all the while
+    query = query.with_for_update(key_share=True)  # does not block new meals
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()

@@ -1,4 +1,4 @@
-"""How amounts lie: figures and bins of values that come in runs, a run a day."""
+"""Distributions of amounts: statistics and a histogram of values that come in sorted runs, one per day."""
 
 import math
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from app.db.sorted_values import Runs, SortedValues
 
 USUAL_BINS = 20
-FAR = 0.01  # the share of values at either end that may lie outside the bins, so that one odd day does not flatten all
+OUTLIER_SHARE = 0.01  # share of values at either end that may lie outside the bins, so outliers do not flatten the rest
 LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
 
@@ -25,10 +25,10 @@ class Bin(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """A headline nutrient over whole days. edges: one more than counts, in order; both empty where nobody asked.
+    """A headline nutrient over whole days. edges: one more than counts, in order; both empty without bins.
 
-    days_below_bins, days_above_bins: outside of the bins. sd: the sample's; None of fewer than two days; all None
-    without a day.
+    days_below_bins, days_above_bins: days outside the bins. sd: of the sample; None for fewer than two days. Without a
+    day all statistics are None.
     """
 
     component: str
@@ -44,12 +44,12 @@ class Distribution:
     days_above_bins: int = 0
 
     def bins(self) -> list[Bin]:
-        """The bins in order."""
+        """Return the bins in order."""
         return [Bin(self.component, *ends, days) for ends, days in zip(pairwise(self.edges), self.counts, strict=True)]
 
 
 def distribution(component: str, values: Iterable[SortedValues], *, binned: bool = True) -> Distribution:
-    """Count values in some twenty bins of a round width; those far out are counted beside them."""
+    """Compute statistics and count the values in about twenty bins of a round width, outliers separately."""
     runs = Runs.of(values)
     days = len(runs)
     if not days:
@@ -72,11 +72,11 @@ def distribution(component: str, values: Iterable[SortedValues], *, binned: bool
 
 
 def _edges(runs: Runs, days: int) -> tuple[float, ...]:
-    """Round edges from zero, or below it where there are such values, to past nearly all of the values."""
-    far = int(FAR * days)
-    low, high = min(runs.at(far), 0.0), max(runs.at(days - 1 - far), 0.0)
+    """Return round edges from zero, or below it if there are negative values, to above nearly all values."""
+    outliers = int(OUTLIER_SHARE * days)
+    low, high = min(runs.at(outliers), 0.0), max(runs.at(days - 1 - outliers), 0.0)
     width = max((high - low) / USUAL_BINS, LEAST_WIDTH)
     power = 10.0 ** math.floor(math.log10(width))
-    step = next(each * power for each in STEPS if each * power >= width * (1.0 - 1e-9))
+    step = next(factor * power for factor in STEPS if factor * power >= width * (1.0 - 1e-9))
     first, last = math.floor(low / step), max(math.ceil(high / step), 1)
     return tuple(round(number * step, 12) for number in range(first, last + 1))

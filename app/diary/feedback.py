@@ -1,7 +1,7 @@
 """A participant's feedback: a day's amounts and, from three closed days on, a comparison with reference intakes.
 
-Off unless the study gives feedback, since it changes what people eat. A day shows amounts only: a day above or below a
-recommendation says nothing. Staff see the same of any participant in their studies.
+It is off unless the study gives feedback, since feedback changes what people eat. A single day shows amounts only: it
+says nothing about reaching a recommendation. Staff see the same feedback for participants of their studies.
 """
 
 import uuid
@@ -17,9 +17,9 @@ from app.db.session import Database
 from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.day_definition import FULL
-from app.diary.diary import Whose, find_participant
+from app.diary.diary import ParticipantRef, find_participant
 from app.diary.queries import DayRow
-from app.diary.study_days import stage_on
+from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.http.row_filter import RowFilter
 from app.meals.day_models import DayStatus
@@ -37,15 +37,15 @@ WINDOW_DAYS = 14  # two weeks: each weekday twice
 COMPARED = ("protein_g", "fibre_g", "sodium_mg", "potassium_mg", "vitamin_c_mg")  # comparable with a reference as is
 
 NoComparison = Literal["days_needed", "profile_needed"]
-Said = tuple[str, dict[str, object]]  # a sentence's code and its values
+Sentence = tuple[str, dict[str, object]]  # a sentence's code and its values
 
 
 @dataclass(frozen=True, slots=True)
 class EatenAmount:
-    """An amount in its column's unit; None where it is known of no item.
+    """An amount in its column's unit; None if it is known for no item.
 
-    interval: (low, high), at least 90 %; None where it is not known. coverage: the share of the grams for which the
-    amount is known; None where grams are not known.
+    interval: (low, high), at least 90 %; None if unknown. coverage: the share of the grams for which the amount is
+    known; None if grams are unknown.
     """
 
     amount: float | None
@@ -55,7 +55,7 @@ class EatenAmount:
 
 @dataclass(frozen=True, slots=True)
 class EatenMeal:
-    """One meal of the day. meal_id: the phone's."""
+    """A meal of the day. meal_id: the id that the phone made."""
 
     meal_id: uuid.UUID
     captured_at: datetime
@@ -66,16 +66,16 @@ class EatenMeal:
 
 @dataclass(frozen=True, slots=True)
 class ComparedComponent(Comparison):
-    """A component's comparison. coverage: the mean of the days'."""
+    """A component's comparison. coverage: mean over the days."""
 
     coverage: float
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedDays:
-    """The closed days of the window, those of them that are measured whole and final, and what these compare to.
+    """The comparison of the window's whole days: closed days that are measured and final.
 
-    why_not: why nothing is compared.
+    why_not: why there is no comparison.
     """
 
     window_days: int
@@ -87,7 +87,7 @@ class ComparedDays:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """A day's feedback. study_day: None where the day has no number."""
+    """A day's feedback. study_day: None if the participant has no first day yet."""
 
     date: date
     study_day: int | None
@@ -105,14 +105,16 @@ class Feedback:
     disclaimer: str
 
 
-def read_feedback(database: Database, caller: Caller, local_date: date | None, whose: Whose | None = None) -> Feedback:
+def read_feedback(
+    database: Database, caller: Caller, local_date: date | None, participant_ref: ParticipantRef | None = None
+) -> Feedback:
     """Return a day's feedback; without a date, of the last day that has a meal or a diary entry.
 
-    Raises NotAllowedError (`feedback_off`) for a phone whose study gives none, InvalidInputError where there is no day
-    yet, NotFoundError.
+    Raises NotAllowedError (`feedback_off`) for a phone whose study gives no feedback, InvalidInputError (`no_day_yet`),
+    NotFoundError.
     """
     with database.read() as session:
-        participant = find_participant(session, caller, whose)
+        participant = find_participant(session, caller, participant_ref)
         study = session.get_one(Study, participant.study_id)
         if isinstance(caller, DeviceCaller) and not study.gives_feedback:
             raise NotAllowedError("This study gives no feedback while it measures.", code="feedback_off")
@@ -123,7 +125,7 @@ def read_feedback(database: Database, caller: Caller, local_date: date | None, w
 
 
 def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDays:
-    """Compare a window's days with the reference intakes of a life stage; stage None: it is not known."""
+    """Compare a window's days with the reference intakes of a life stage; stage None: unknown."""
     closed = [row for row in rows if row.status == "closed"]
     whole = [row for row in closed if row.is_complete]
     compared: dict[str, ComparedComponent] = {}
@@ -134,34 +136,36 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDay
         why_not = "profile_needed"
     else:
         for column, (reference, kind) in _references(stage).items():
-            amounts = [row.amount(column) for row in whole]
-            known = [(max(each.value, 0.0), each.coverage or 0.0) for each in amounts if each.value is not None]
-            if len(known) >= MIN_DAYS:
-                daily, shares = zip(*known, strict=True)
-                is_covered = len(known) == len(whole) and min(shares) >= FULL
-                comparison = compare_intake(daily, reference, kind, is_covered=is_covered)
-                compared[column] = ComparedComponent(**asdict(comparison), coverage=sum(shares) / len(shares))
+            day_amounts = [row.amount(column) for row in whole]
+            amounts = [max(amount.value, 0.0) for amount in day_amounts if amount.value is not None]
+            coverages = [amount.coverage or 0.0 for amount in day_amounts if amount.value is not None]
+            if len(amounts) >= MIN_DAYS:
+                is_covered = len(amounts) == len(whole) and min(coverages) >= FULL
+                comparison = compare_intake(amounts, reference, kind, is_covered=is_covered)
+                coverage = sum(coverages) / len(coverages)
+                compared[column] = ComparedComponent(**asdict(comparison), coverage=coverage)
     return ComparedDays(WINDOW_DAYS, len(closed), len(whole), compared, why_not)
 
 
 def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> dict[str, EatenAmount]:
-    """Column -> the sum over records, with an interval that holds whatever the items' errors share.
+    """Sum records by column, with an interval that is valid however the items' errors are correlated.
 
-    Each end is the sum of the items' ends, as if all erred alike: wider than it need be, never narrower.
-    is_all: False where something was eaten of which there is no record.
+    Each end is the sum of the items' ends, as if all errors were fully correlated: the interval may be too wide, never
+    too narrow. is_all: False if something was eaten that has no record.
     """
     eaten = list(records)
     sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}
-    return sums if is_all else {column: replace(each, coverage=None) for column, each in sums.items()}
+    return sums if is_all else {column: replace(amount, coverage=None) for column, amount in sums.items()}
 
 
 def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
     window = RowFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
     rows = days.page_of_days(session, window)
     today = next((row for row in rows if row.local_date == day), None)
-    eaten = diary.meals_of_day(session, participant.id, day)
-    records = [record for _, of_meal in eaten for record in of_meal]
+    meals = diary.meals_of_day(session, participant.id, day)
+    records = [record for _, meal_records in meals for record in meal_records]
     unmeasured_meals = today.unmeasured_meals if today is not None else 0
+    person = person_on(participant.profile, day)
     if today is not None and today.is_nothing:
         components = dict.fromkeys(HEADLINE_COLUMNS, EatenAmount(0.0, (0.0, 0.0), 1.0))
     else:
@@ -171,19 +175,21 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
         study_day=today.study_day if today is not None else None,
         status=today.status if today is not None else "open",
         ate_nothing=today is not None and today.ate_nothing,
-        meals=tuple(_eaten_meal(meal, of_meal) for meal, of_meal in eaten),
+        meals=tuple(_eaten_meal(meal, meal_records) for meal, meal_records in meals),
         components=components,
         unmeasured_meals=unmeasured_meals,
         unmeasured_items=sum(record.consumed_g is None for record in records),
         provisional_items=sum(record.provisional for record in records),
         leftovers_unknown_items=today.leftovers_unknown_items if today is not None else 0,
-        comparison=compare_days(rows, stage_on(participant.profile, day)),
+        comparison=compare_days(rows, stage_of(person) if person is not None else None),
         locale=study.locale,
         sentences=(),
         disclaimer=feedback_sentence("not_advice", study.locale),
     )
-    said = (*_said_of_day(feedback), *_said_of_comparison(feedback))
-    return replace(feedback, sentences=tuple(feedback_sentence(code, study.locale, **values) for code, values in said))
+    sentences = (*_day_sentences(feedback), *_comparison_sentences(feedback))
+    return replace(
+        feedback, sentences=tuple(feedback_sentence(code, study.locale, **values) for code, values in sentences)
+    )
 
 
 def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMeal:
@@ -200,7 +206,7 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
     if None not in ends:
         low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
         if high > 0.0 or all(record.eaten_g == NOTHING for _, record in known):
-            interval = (low, high)  # else: 0 by the table of what was eaten, where the doubt of grams says nothing
+            interval = (low, high)  # otherwise the foods contain none of it, and the grams' interval does not apply
     coverage = None
     if all(record.consumed_g is not None for record in eaten):
         whole_g = sum(_positive_g(record) for record in eaten)
@@ -214,16 +220,16 @@ def _positive_g(record: EffectiveRecord) -> float:
 
 
 def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
-    """The amount at the ends of the grams' interval; of a food that has none of it, 0: it adds nothing to a sum."""
+    """Return the amount at the ends of the grams' interval; (0, 0) for a food that contains none of the component."""
     grams = record.eaten_g
     if grams is None:
         return None
-    is_free_of_it = amount == 0.0 and grams.value != 0.0
-    return (0.0, 0.0) if is_free_of_it else interval_in_proportion(amount, grams)
+    contains_none = amount == 0.0 and grams.value != 0.0
+    return (0.0, 0.0) if contains_none else interval_in_proportion(amount, grams)
 
 
 def _references(stage: LifeStage) -> dict[str, tuple[float, Kind]]:
-    """Column -> the reference to compare with and its kind: the CDRR before the RDA, and that before the AI."""
+    """Return each column's reference and its kind: the CDRR if there is one, else the RDA, else the AI."""
     by_number = {intake.number: intake for intake in reference_intakes(stage) if intake.per == "day"}
     references: dict[str, tuple[float, Kind]] = {}
     for column in COMPARED:
@@ -240,7 +246,7 @@ def _window_start(day: date) -> date:
     return day - min(timedelta(days=WINDOW_DAYS - 1), day - date.min)
 
 
-def _said_of_day(feedback: Feedback) -> Iterator[Said]:
+def _day_sentences(feedback: Feedback) -> Iterator[Sentence]:
     energy, meals = feedback.components["energy_kcal"], len(feedback.meals)
     if feedback.ate_nothing:
         yield "nothing_eaten", {"day": feedback.date}
@@ -265,7 +271,7 @@ def _said_of_day(feedback: Feedback) -> Iterator[Said]:
         yield "day_open", {}
 
 
-def _said_of_comparison(feedback: Feedback) -> Iterator[Said]:
+def _comparison_sentences(feedback: Feedback) -> Iterator[Sentence]:
     comparison, locale = feedback.comparison, feedback.locale
     if comparison.why_not is not None:
         yield comparison.why_not, {"needed": MIN_DAYS, "window": WINDOW_DAYS, "days": comparison.whole_days}
@@ -287,5 +293,5 @@ def _said_of_comparison(feedback: Feedback) -> Iterator[Said]:
 
 
 def _rounded(value: float) -> str:
-    """Two significant digits: an amount from photographs has no more."""
+    """Round to two significant digits, the precision of an amount from photographs."""
     return f"{float(f'{value:.2g}'):.0f}" if value >= 1.0 else f"{value:.1f}"

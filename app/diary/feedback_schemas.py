@@ -1,4 +1,4 @@
-"""A participant's feedback over the wire."""
+"""HTTP schemas of a participant's feedback."""
 
 import uuid
 from datetime import date, datetime
@@ -14,11 +14,11 @@ from app.people.models import Locale
 
 
 class EatenAmountOut(BaseModel):
-    """An amount in the unit that its name ends with; null: not known. The interval holds with 90 % or more."""
+    """An amount and its interval of at least 90 %."""
 
-    amount: float | None = Field(description="In the unit that the component's name ends with; null: not known.")
+    amount: float | None = Field(description="In the unit that the component's name ends with; null: unknown.")
     interval: tuple[float, float] | None = Field(
-        description="[low, high], which holds the true amount with at least 90 %; null: not known."
+        description="[low, high], contains the true amount with a probability of at least 90 %; null: unknown."
     )
     coverage: float | None = Field(description="The share of the eaten grams for which it is known.")
 
@@ -29,7 +29,7 @@ class EatenMealOut(BaseModel):
     meal_id: uuid.UUID = Field(description=MEAL_ID)
     captured_at: datetime = Field(description=CAPTURED_AT)
     items: int = Field(description="Items of the meal that count (not rejected).")
-    unmeasured_items: int = Field(description="Items whose eaten grams are not known: they are missing in the amounts.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are unknown: missing from the amounts.")
     components: dict[str, EatenAmountOut] = Field(description="Amounts by the record's column, such as energy_kcal.")
 
 
@@ -38,9 +38,9 @@ class ComparedOut(BaseModel):
 
     mean: float = Field(description="Mean per day, in the unit that the component's name ends with.")
     interval: tuple[float, float] = Field(
-        description="90 %, of days as they differ; the measurement's doubt not in it."
+        description="90 % interval from day-to-day variation; measurement error is not included."
     )
-    days: int = Field(description="Days that the mean is over.")
+    days: int = Field(description="Number of days in the mean.")
     coverage: float = Field(
         description="Mean over the days of the share of the eaten grams for which the component is known, 0 to 1."
     )
@@ -51,7 +51,7 @@ class ComparedOut(BaseModel):
     )
     verdict: Verdict = Field(
         description="What the days show: reaches, below: an RDA or AI. above_limit, under_limit: a CDRR. open: the "
-        "days do not show it. open_adequate: below an AI, which means nothing. open_coverage: not all "
+        "days do not show it. open_adequate: below an AI, from which nothing follows. open_coverage: not all "
         "contents are known."
     )
 
@@ -61,13 +61,13 @@ class ComparisonOut(BaseModel):
 
     window_days: int = Field(description="Length of the window in days; it ends with the summary's day.")
     closed_days: int = Field(description="Closed days in the window.")
-    whole_days: int = Field(description="Closed days of which everything is measured and final: they are compared.")
+    whole_days: int = Field(description="Closed days that are measured and final: these are compared.")
     why_not: NoComparison | None = Field(
-        description="days_needed: too few whole days. profile_needed: age or sex is not known. Null: there is a "
+        description="days_needed: too few whole days. profile_needed: age or sex is unknown. Null: there is a "
         "comparison."
     )
     components: dict[str, ComparedOut] = Field(
-        description="By the record's column, such as fibre_g; empty where nothing is compared."
+        description="By the record's column, such as fibre_g; empty without a comparison."
     )
 
 
@@ -76,17 +76,18 @@ class SummaryOut(BaseModel):
 
     date: Annotated[date, Field(description="The participant's local day.")]
     study_day: int | None = Field(description=STUDY_DAY)
-    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not all.")
     ate_nothing: bool = Field(description="Whether the day is closed and nothing was eaten on it.")
     meals: list[EatenMealOut] = Field(description="The day's meals.")
-    components: dict[str, EatenAmountOut] = Field(description="Of the whole day: amounts, compared with nothing.")
-    unmeasured_meals: int = Field(description="No food of theirs is known: they are missing in the amounts.")
-    unmeasured_items: int = Field(description="Items whose eaten grams are not known: they are missing in the amounts.")
+    components: dict[str, EatenAmountOut] = Field(description="Amounts of the whole day, without a comparison.")
+    unmeasured_meals: int = Field(description="Meals without a known food: missing from the amounts.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are unknown: missing from the amounts.")
     provisional_items: int = Field(description="Items that an after-meal pair may still change.")
     leftovers_unknown_items: int = Field(
-        description="Counted as eaten up: nobody has looked what was left, where the study expects an after-meal pair."
+        description="Items counted as eaten up because no leftovers were recorded, where the study expects an "
+        "after-meal pair."
     )
     comparison: ComparisonOut = Field(description="Means of the last days beside reference intakes.")
     locale: Locale = Field(description="The language of the sentences.")
-    sentences: list[str] = Field(description="To be shown as they stand, in this order.")
-    disclaimer: str = Field(description="To be shown beside them, always.")
+    sentences: list[str] = Field(description="Show them unchanged, in this order.")
+    disclaimer: str = Field(description="Always show it beside the sentences.")

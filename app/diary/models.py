@@ -1,7 +1,4 @@
-"""A participant's days: closed or open, and what they come to. Means leave open days out.
-
-A forgotten meal looks like an open day.
-"""
+"""Stored sums of days, of participants and of studies, and the marks of days whose sums are outdated."""
 
 import uuid
 from datetime import date
@@ -16,14 +13,14 @@ from app.people.privacy_models import BigId
 
 
 class DaySum(Base):
-    """What a participant-day comes to: a projection of its meals, records and word, so that a study is summed quickly.
+    """A participant-day's sums: a projection of its meals, records and diary entry, so that a study is summed quickly.
 
-    Beside these columns it has a sum and a coverage of each of HEADLINE_COLUMNS. All is counted in one place
-    (diary/day_definition.py) and written down from there. While a DayMark of the day is there the row may be of
-    before: whoever reads counts that day itself. Columns as DayRow has them; beside those, late_meals: arrived more
-    than a day after they were eaten; located_meals: whose place is kept; unseen_leftovers_items: counted as eaten up
-    since nobody has looked, whether or not the study expects it; *_meals by status. Without a diary entry the day is
-    open, and said_nothing false.
+    Beside these columns the table has a sum and a coverage of each of HEADLINE_COLUMNS. diary/day_definition.py defines
+    and counts all of them. While the day has a DayMark, the row may be outdated and readers count the day themselves.
+    Columns are those of DayRow, and: late_meals, which arrived more than a day after they were eaten; located_meals,
+    whose place is kept; unseen_leftovers_items, counted as eaten up because no leftovers were recorded, whether or not
+    the study expects an after-meal pair; *_meals by status. Without a diary entry the day is open and said_nothing
+    false.
     """
 
     __tablename__ = "day_sum"
@@ -58,11 +55,11 @@ class DaySum(Base):
 
 
 class DayMark(Base):
-    """A participant-day of which something has changed since its DaySum was written; one for each change.
+    """Marks a participant-day that has changed since its DaySum was written; one row per change.
 
-    Made by triggers (operations/triggers.py) in the transaction of the change, so that no writer can forget it. Nothing
-    is updated and nothing waits: two who change meals of one day at the same time each leave a mark. Without
-    references, since an erasure must not wait for it.
+    Triggers (operations/triggers.py) insert it in the transaction of the change, so that no writer can forget it. Rows
+    are never updated, so two transactions that change meals of one day do not wait for each other. It has no foreign
+    keys, since an erasure must not wait for it.
     """
 
     __tablename__ = "day_mark"
@@ -79,12 +76,11 @@ class DayMark(Base):
 
 
 class StudyDaySum(Base):
-    """What a study's local day comes to over its participants: a projection of DaySum, so that a year is told at once.
+    """A study's local day, summed over its participants: a projection of DaySum, so that a year is read quickly.
 
-    What holds is counted in one place (study_day_sum_queries.py) and written down from there. While a DayMark or a
-    StudyDayMark of the day is there the row may be of before, or not there: whoever reads counts that day itself.
-    Columns as DayCounts has them; delays: seconds from eating to arrival of each meal; of each of HEADLINE_COLUMNS the
-    amounts on the days of which all that was eaten is known: both as SortedValues has them.
+    study_day_sum_queries.py counts and writes it. While the day has a DayMark or a StudyDayMark, the row may be
+    outdated or missing and readers count the day themselves. Columns are those of DayCounts, and SortedValues of delays
+    (seconds from eating to arrival, per meal) and of each of HEADLINE_COLUMNS (amounts on whole days).
     """
 
     __tablename__ = "study_day_sum"
@@ -116,10 +112,10 @@ class StudyDaySum(Base):
 
 
 class StudyDayMark(Base):
-    """A study's local day of which something has changed since its StudyDaySum was written; one for each change.
+    """Marks a study's local day that has changed since its StudyDaySum was written; one row per change.
 
-    Made where a DaySum is written or removed, and by a trigger where a participant's days begin or end elsewhere
-    (operations/triggers.py). As with DayMark nothing is updated and nothing waits.
+    Inserted where a DaySum is written or removed, and by a trigger when a participant's first or last expected day
+    changes (operations/triggers.py). As with DayMark, rows are never updated.
     """
 
     __tablename__ = "study_day_mark"

@@ -1,11 +1,11 @@
-"""/v1/studies/{study}/overview: the figures of a study's overview, and each table of it as a file."""
+"""/v1/studies/{study}/overview: a study's overview, as JSON or one of its tables as a file."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
 from app.diary.overview_schemas import (
@@ -20,10 +20,7 @@ from app.diary.overview_schemas import (
     PersonDayOut,
     PlaceOut,
 )
-from app.diary.study_overview import (
-    note_overview_export,
-    study_overview,
-)
+from app.diary.study_overview import note_overview_export, study_overview
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
 from app.http.tables.flat_rows import encode_flat, flat_paths
@@ -64,7 +61,7 @@ ROWS: Mapping[Part, type[BaseModel]] = {
     responses={
         200: {
             "content": {"text/csv": {"schema": {"type": "string"}}},
-            "description": "All of it, or a table of it as a file.",
+            "description": "The whole overview, or one table of it as a file.",
         },
         **problem_responses(401, 403, 404, 422),
     },
@@ -81,22 +78,22 @@ def get_overview(
     ] = "json",
     part: Annotated[Part | None, Query(description="Which table, with format=csv or ndjson.")] = None,
 ) -> Response:
-    """People, days, what waits, nutrients and places; without a range, the last 28 days that anything is known of."""
+    """People, days, waiting meals, nutrients and places; without a range, the last 28 days with data."""
     if output != "json" and part is None:
         raise InvalidInputError(
-            f"As a file it comes a table at a time: part={', '.join(get_args(Part))}.", code="overview_part_missing"
+            f"A file contains one table: part={', '.join(get_args(Part))}.", code="overview_part_missing"
         )
     figures = study_overview(state.database, staff, study, first_day=first_day, last_day=last_day)
-    found = OverviewOut.model_validate(figures, from_attributes=True)
+    overview = OverviewOut.model_validate(figures, from_attributes=True)
     if output == "json" or part is None:
-        return JSONResponse(found.model_dump(mode="json"))
+        return JSONResponse(overview.model_dump(mode="json"))
     note_overview_export(state.database, staff, study, part, output)
-    named = {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
-    content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(found, part)))
-    return Response(content, media_type=MEDIA_TYPES[output], headers=named)
+    headers = {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
+    content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(overview, part)))
+    return Response(content, media_type=MEDIA_TYPES[output], headers=headers)
 
 
-def rows_of(found: OverviewOut, part: Part) -> list[dict[str, Any]]:
-    """The rows of a table of the overview, as its file has them."""
-    table = getattr(found, part)
+def rows_of(overview: OverviewOut, part: Part) -> list[dict[str, JsonValue]]:
+    """Return the rows of one table of the overview."""
+    table = getattr(overview, part)
     return [row.model_dump(mode="json") for row in (table if isinstance(table, list) else [table])]

@@ -1,4 +1,4 @@
-"""A study's overview over the wire; each list is a table that can be had as CSV with the same rows."""
+"""HTTP schemas of a study's overview; each list is also a CSV table with the same rows."""
 
 import uuid
 from datetime import date, datetime
@@ -10,50 +10,50 @@ from app.diary.overview_queries import CountedStatus
 from app.diary.schemas import UNMEASURED_MEALS
 from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
 
-WHOLE = "Closed, and everything eaten is measured and final, or nothing was eaten; with all of its energy known."
-LATE = "Arrived more than 24 hours after they were eaten."
+WHOLE = "Closed days that are measured and final, or on which nothing was eaten, with all energy known."
+LATE = "Meals that arrived more than 24 hours after they were eaten."
 
 
 class OverviewPeopleOut(BaseModel):
-    """Participants."""
+    """Numbers of participants."""
 
-    everybody: int = Field(description="Those who have left included.")
-    active: int = Field(description="With a meal in the window.")
-    withdrawn: int = Field(description="Those who have left, whatever became of their data.")
-    erased: int = Field(description="Of those: whose data were erased, of whom this count is all that is left.")
+    everybody: int = Field(description="All participants, including those who have left.")
+    active: int = Field(description="Participants with a meal in the window.")
+    withdrawn: int = Field(description="Participants who have left, whatever was done with their data.")
+    erased: int = Field(description="Of the withdrawn: those whose data were erased.")
 
 
 class CompletenessOut(BaseModel):
     """Participant-days of the window."""
 
     expected: int = Field(description="From each participant's first day until they left, today at the latest.")
-    told: int = Field(description="Of those: with a meal, or closed.")
-    silent: int = Field(description="Of those: without.")
+    told: int = Field(description="Expected days with a meal or closed.")
+    silent: int = Field(description="Expected days without a meal that are not closed.")
     closed: int = Field(description="Participant-days that are closed.")
     whole: int = Field(description=WHOLE)
     meals: int = Field(description="Meals of the window.")
     late_meals: int = Field(description=LATE)
-    median_delay_seconds: float | None = Field(description="From eating to the server, of the window's meals.")
+    median_delay_seconds: float | None = Field(description="From eating to arrival, of the window's meals.")
 
 
 class OverviewDayOut(BaseModel):
-    """A local day of the window; numbers of participants, but for what names meals or items."""
+    """A local day of the window: numbers of participants, unless the name says meals or items."""
 
     local_date: date = Field(description="The local day.")
-    expected: int = Field(description="From each participant's first day until they left.")
-    told: int = Field(description="Of those who were expected: with a meal, or closed.")
-    told_closed: int = Field(description="Of those who were expected.")
-    told_open: int = Field(description="Of those who were expected: with a meal, and not closed.")
-    silent: int = Field(description="Of those who were expected: with no meal, and not closed.")
-    with_meal: int = Field(description="With at least one meal.")
-    closed: int = Field(description="Whose day is closed.")
+    expected: int = Field(description="Participants expected: from their first day until they left.")
+    told: int = Field(description="Expected participants with a meal or a closed day.")
+    told_closed: int = Field(description="Expected participants with a closed day.")
+    told_open: int = Field(description="Expected participants with a meal whose day is not closed.")
+    silent: int = Field(description="Expected participants without a meal whose day is not closed.")
+    with_meal: int = Field(description="Participants with at least one meal.")
+    closed: int = Field(description="Participants whose day is closed.")
     ate_nothing: int = Field(
-        description="Whose day is closed with the entry that nothing was eaten, and has no meal that says otherwise."
+        description="Participants whose day is closed with the entry that nothing was eaten, and has no meal."
     )
     whole: int = Field(description=WHOLE)
-    whole_energy_kcal: float | None = Field(description="Mean of the whole days; null: there is none.")
-    open_days: int = Field(description="Not closed, with some energy known.")
-    open_energy_kcal: float | None = Field(description="Mean of the open days: a lower bound, more may come.")
+    whole_energy_kcal: float | None = Field(description="Mean energy of the whole days; null: there is none.")
+    open_days: int = Field(description="Days that are not closed, with some energy known.")
+    open_energy_kcal: float | None = Field(description="Mean energy of the open days: a lower bound.")
     meals: int = Field(description="Meals of the day.")
     receiving_meals: int = Field(description="Meals of status receiving.")
     queued_meals: int = Field(description="Meals of status queued.")
@@ -63,26 +63,26 @@ class OverviewDayOut(BaseModel):
     failed_meals: int = Field(description="Meals of status failed.")
     confirmed_meals: int = Field(description="Meals of status confirmed.")
     late_meals: int = Field(description=LATE)
-    late_share: float | None = Field(description="Of the meals; null where there is none.")
-    median_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
-    located_meals: int = Field(description="Whose place is kept.")
+    late_share: float | None = Field(description="Share of late meals; null without meals.")
+    median_delay_seconds: float | None = Field(description="From eating to arrival, of the day's meals.")
+    located_meals: int = Field(description="Meals whose place is kept.")
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     items: int = Field(description="Items that count (not rejected).")
-    unmeasured_items: int = Field(description="Items whose eaten grams are not known.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are unknown.")
     provisional_items: int = Field(description="Items that an after-meal pair may still change.")
 
 
 class OverviewStatusOut(BaseModel):
-    """Meals of a status, or whose after-meal pair is waited for (after_awaited) or has failed (after_failed)."""
+    """Meals of a status, or whose after-meal pair is pending (after_awaited) or has failed (after_failed)."""
 
     status: CountedStatus = Field(description="A meal's status, or after_awaited or after_failed.")
     meals: int = Field(description="How many meals there are.")
 
 
 class FailureCountOut(BaseModel):
-    """Meals that failed by a code."""
+    """Meals that failed with one code."""
 
-    failure_code: str = Field(description="Why they could not be measured (docs/errors.md).")
+    failure_code: str = Field(description="Why the meals could not be measured (docs/errors.md).")
     meals: int = Field(description="How many meals there are.")
 
 
@@ -96,7 +96,7 @@ FailureCounts = Annotated[list[FailureCountOut], _rows("failure_code")]
 
 
 class BinOut(BaseModel):
-    """Whole days whose amount lies in [from, to); in the last bin also those at its end."""
+    """Whole days whose amount lies in [from, to); the last bin includes its end."""
 
     component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
     from_amount: float = Field(description="Lower end of the bin, included.")
@@ -105,12 +105,12 @@ class BinOut(BaseModel):
 
 
 class OverviewNutrientOut(BaseModel):
-    """How an amount lies over whole participant-days of which all of it is known."""
+    """The distribution of an amount over whole participant-days on which all of it is known."""
 
     component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
     days: int = Field(description="Whole participant-days on which all of it is known.")
     mean: float | None = Field(description="Mean over the days; null: there are none.")
-    sd: float | None = Field(description="The sample's; null of fewer than two days.")
+    sd: float | None = Field(description="Sample standard deviation; null for fewer than two days.")
     median: float | None = Field(description="Median of the days; null: there are none.")
     minimum: float | None = Field(description="Least amount of a day; null: there are none.")
     maximum: float | None = Field(description="Greatest amount of a day; null: there are none.")
@@ -119,7 +119,7 @@ class OverviewNutrientOut(BaseModel):
 
 
 class PersonDayOut(BaseModel):
-    """A participant's day, on which something was expected or is known."""
+    """A participant's day that was expected, or has a meal or a diary entry."""
 
     participant: str = Field(description=PARTICIPANT)
     local_date: date = Field(description="The participant's local day.")
@@ -148,15 +148,19 @@ class OverviewOut(BaseModel):
     participants: OverviewPeopleOut = Field(description="How many participants there are.")
     completeness: CompletenessOut = Field(description="How complete the window's diary is.")
     days: list[OverviewDayOut] = Field(description="One entry per local day of the window.")
-    statuses: StatusCounts = Field(description="Of the window's meals.")
-    waiting: StatusCounts = Field(description="Of the whole study, now.")
-    failures: FailureCounts = Field(description="Of the whole study, now; the commonest first.")
+    statuses: StatusCounts = Field(description="The window's meals by status.")
+    waiting: StatusCounts = Field(description="Meals of the whole study that wait now, by status.")
+    failures: FailureCounts = Field(
+        description="Failed meals of the whole study, now, by code; the most frequent first."
+    )
     nutrients: list[OverviewNutrientOut] = Field(
         description="How the amounts of each component are distributed over whole days."
     )
     histograms: list[BinOut] = Field(description="Bins of each component, in order.")
     person_days: list[PersonDayOut] = Field(
-        description="By participant and day; empty in a study of more than 60, or a window of more than 35 days."
+        description="By participant and day; empty for more than 60 participants, or more than 35 days."
     )
-    located_meals: int | None = Field(description="Null: the study keeps no places.")
-    places: list[PlaceOut] = Field(description="Of the newest 2,000 located meals of the window.")
+    located_meals: int | None = Field(
+        description="Meals of the window whose place is kept; null: the study keeps no places."
+    )
+    places: list[PlaceOut] = Field(description="The newest 2,000 places of the window's meals.")

@@ -1,22 +1,21 @@
-"""SQL of days: what meals and records come to, a row a participant-day.
+"""SQL of days: one row per participant-day, with the diary entry and the sums of meals and records.
 
-What a day comes to is defined in day_definition.py and kept in DaySum; a day that has changed since (DayMark) is
-counted when it is asked for, so that what is told is of the moment of the question. Days page by (local_date,
-participant id).
+Pages are in the order of (local_date, participant id). Days whose sums are outdated are counted again.
 """
 
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from datetime import date, datetime
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.db.statements import AnyQuery
-from app.diary.day_definition import COLUMNS, DayKeys, counted_days, same_day, within
-from app.diary.models import DayMark, DaySum
+from app.diary.day_definition import COLUMNS, counted_days, same_day, within
+from app.diary.day_sum_queries import DaySelection, is_marked
+from app.diary.models import DaySum
 from app.http.row_filter import RowFilter
 from app.meals.day_models import DayEvent, DayStatus, DiaryDay
 from app.meals.meal_time import number_of
@@ -24,19 +23,17 @@ from app.meals.models import Meal
 from app.meals.queries import first_days
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
+from app.people.profiles import Profile
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of
 
 DayKey = tuple[date, uuid.UUID]  # local day, participant
-Conditions = Sequence[sa.ColumnElement[bool]]
-DayTable = type[DaySum | DayMark | Meal | DiaryDay]
-Which = Callable[[DayTable], Conditions]  # of the days in a table, by its participant_id, local_date and study_id
 
 
 class Amount(NamedTuple):
-    """A day's sum of a component over the items where it is known, and for which share of the grams that is.
+    """A day's sum of a component over the items for which it is known, and their share of the eaten grams.
 
-    value: None where it is known of no item. coverage: 0 to 1; None where grams of an item, or of a whole meal, are not
-    known.
+    value: None if it is known for no item. coverage: 0 to 1; None if the grams of an item or of a whole meal are
+    unknown.
     """
 
     value: float | None
@@ -47,17 +44,17 @@ class Amount(NamedTuple):
 class DayRow:
     """A participant's day.
 
-    study_day: its number, 1 on the participant's first day; None where no first day is known. said_nothing: the diary
-    entry that nothing was eaten; it counts while there is no meal. version: 0 without an entry.
-    meals_after_closing: meals that came in after the day was closed. unmeasured_meals: of which no food is known, and
-    nobody has said that there was none. unmeasured_items: whose eaten grams are not known. leftovers_unknown_items:
-    those that count as eaten up since nobody has looked, where the study expects an after-meal pair.
+    study_day: 1 on the participant's first day; None if no first day is known. said_nothing: the diary entry says that
+    nothing was eaten; it counts while the day has no meal. version: 0 without an entry. meals_after_closing: meals that
+    arrived after the day was closed. unmeasured_meals: without a known food and not confirmed to be without one.
+    unmeasured_items: eaten grams unknown. leftovers_unknown_items: counted as eaten up because no leftovers were
+    recorded, in a study that expects an after-meal pair.
     """
 
     participant_id: uuid.UUID
     participant_code: str
     study_code: str
-    profile: dict[str, Any] | None
+    profile: Profile | None
     local_date: date
     study_day: int | None
     status: DayStatus
@@ -78,30 +75,30 @@ class DayRow:
 
     @property
     def decided_by(self) -> Literal["participant", "reviewer"] | None:
-        """Whose diary entry holds; None: there is none."""
+        """Who made the diary entry that is in effect; None without an entry."""
         if self.version == 0:
             return None
         return "reviewer" if self.is_by_reviewer else "participant"
 
     @property
     def ate_nothing(self) -> bool:
-        """Closed, by the word that nothing was eaten, and no meal says otherwise."""
+        """Whether the day was closed with "nothing eaten" and has no meal."""
         return self.status == "closed" and self.said_nothing and self.meals == 0
 
     @property
     def is_nothing(self) -> bool:
-        """Closed, and nothing was eaten: by that word, or since each meal was confirmed to be without food."""
+        """Whether the day is closed and nothing was eaten: by the entry, or each meal is confirmed to have no food."""
         is_empty = self.meals > 0 and self.items == 0 and self.unmeasured_meals == 0
         return self.ate_nothing or (self.status == "closed" and is_empty)
 
     @property
     def is_complete(self) -> bool:
-        """Closed, and the eaten grams of everything are known, and final: no after-meal pair is waited for."""
+        """Whether the day is closed and all eaten grams are known and final (no after-meal pair is pending)."""
         is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
         return self.is_nothing or (self.status == "closed" and is_measured and self.provisional_items == 0)
 
     def amount(self, column: str) -> Amount:
-        """One of HEADLINE_COLUMNS; a day when nothing was eaten has 0 of everything."""
+        """Return the amount of one of HEADLINE_COLUMNS; 0 if nothing was eaten."""
         return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
@@ -125,36 +122,22 @@ def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> D
 
 
 def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
-    """The last day that has a meal or a diary entry."""
+    """Return the last day that has a meal or a diary entry."""
     return max(edge_days(session, sa.func.max, lambda table: [table.participant_id == participant_id]), default=None)
 
 
-def of_study(study_id: uuid.UUID, first_day: date | None, last_day: date | None) -> Which:
-    """The days of a study in a range, both ends included."""
-    return lambda table: [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
-
-
 def edge_days(
-    session: Session, edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]], which: Which
+    session: Session, edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]], selection: DaySelection
 ) -> list[date]:
-    """The least, or greatest, of these days that has a meal, and that has a diary entry. edge: sa.func.min or max."""
-    days = [session.scalar(sa.select(edge(table.local_date)).where(*which(table))) for table in (Meal, DiaryDay)]
+    """Return the first or last day with a meal and with a diary entry. edge: sa.func.min or sa.func.max."""
+    days = [session.scalar(sa.select(edge(table.local_date)).where(*selection(table))) for table in (Meal, DiaryDay)]
     return [day for day in days if day is not None]
 
 
-def sums_of_days(session: Session, which: Which) -> sa.Subquery:
-    """What each of these days comes to, COLUMNS of DaySum; days that have changed since are counted anew."""
-    kept = sa.select(*(DaySum.__table__.c[name] for name in COLUMNS)).where(*which(DaySum))
-    if not session.scalar(sa.select(sa.exists().where(*which(DayMark)))):
-        return kept.subquery("day")
-    keys = sa.select(DayMark.participant_id, DayMark.local_date).where(*which(DayMark)).distinct()
-    return sa.union_all(kept.where(~_is_marked(DaySum)), counted_days(keys.cte("marked"))).subquery("day")
-
-
 def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit: int | None) -> AnyQuery | None:
-    """The first days behind `after`: those of each study, or participant, from an index that has them in this order.
+    """Select the first days after `after`; None if the filter names a study or participant that does not exist.
 
-    None: the filter names a study or a participant that is not there.
+    The days of each study, or participant, are read from an index that has this order.
     """
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
     people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
@@ -171,7 +154,7 @@ def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit:
             days = days.where(sa.tuple_(table.local_date, table.participant_id) > key)
         if len(ids) <= MOST_BRANCHES // 2:
             ordered = days.distinct().order_by(table.local_date, table.participant_id).limit(limit)
-            parts += [sa.select(*ordered.where(owner == each).subquery().c) for each in ids]
+            parts += [sa.select(*ordered.where(owner == owner_id).subquery().c) for owner_id in ids]
         else:
             is_of_all = people is None and studies is None
             parts.append(days if is_of_all else days.where(owner.in_(ids)))
@@ -180,8 +163,8 @@ def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit:
 
 
 def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
-    """The days of a page of keys, in their order."""
-    is_stale = sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c))
+    """Read the days of a page of keys, in order."""
+    is_stale = sa.or_(DaySum.participant_id.is_(None), is_marked(page.c))
     query = (
         sa.select(
             Participant.code.label("participant_code"),
@@ -210,18 +193,12 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
         }
         rows = [{**row, **counted.get((row["participant_id"], row["local_date"]), {})} for row in rows]
     first_day_of = first_days(session, {row["participant_id"] for row in rows})
-    return [_day_row(row, first_day_of.get(row["participant_id"])) for row in rows]
-
-
-def _day_row(row: Mapping[str, Any], first_day: date | None) -> DayRow:
-    return DayRow(
-        study_day=number_of(row["local_date"], first_day),
-        leftovers_unknown_items=row["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
-        amounts={column: Amount(row[column], row[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
-        **{name: row[name] for name in ROW_COLUMNS},
-    )
-
-
-def _is_marked(day: DayKeys) -> sa.ColumnElement[bool]:
-    """Whether a day has changed since its sums were written."""
-    return sa.exists().where(same_day(DayMark, day))
+    return [
+        DayRow(
+            study_day=number_of(row["local_date"], first_day_of.get(row["participant_id"])),
+            leftovers_unknown_items=row["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
+            amounts={column: Amount(row[column], row[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
+            **{name: row[name] for name in ROW_COLUMNS},
+        )
+        for row in rows
+    ]

@@ -1,4 +1,4 @@
-"""Days over the wire: the diary's, those of researchers, mean intakes."""
+"""HTTP schemas of days: the diary, day summaries for researchers, mean intakes."""
 
 from datetime import date, datetime
 from typing import Annotated, Literal
@@ -9,22 +9,22 @@ from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
 from app.meals.day_models import DayStatus
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
 
-COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."
+COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: the grams of some item are unknown."
 UNMEASURED_MEALS = (
-    "No food of theirs is known (failed, not measured yet), and nobody said there was none: missing in sums."
+    "Meals without a known food (failed, or not measured yet) that are not confirmed to have none: missing from sums."
 )
 LEFTOVERS_UNKNOWN = (
-    "Items that count as eaten up, since nobody has looked what was left of them, where the study expects an "
-    "after-meal pair: with any, what was consumed is an upper bound."
+    "Items counted as eaten up because no leftovers were recorded, where the study expects an after-meal pair: with "
+    "any, consumed amounts are upper bounds."
 )
 
 
 class DayIn(BaseModel):
-    """A word about a day: closed, all that was eaten is told; open, not so."""
+    """An entry about a day. closed: all that was eaten is recorded; open: not all."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"status": "closed", "ate_nothing": False}})
 
-    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not all.")
     ate_nothing: bool = Field(default=False, description="With closed: nothing was eaten on the day.")
 
     @model_validator(mode="after")
@@ -35,23 +35,25 @@ class DayIn(BaseModel):
 
 
 class DayOut(BaseModel):
-    """How a day stands. A day that is not listed is open, with version 0."""
+    """A day's state. A day that is not listed is open, with version 0."""
 
     date: Annotated[date, Field(validation_alias="local_date", description="The participant's local day.")]
     study_day: int | None = Field(description="1 on the participant's first day.")
     status: DayStatus = Field(
-        description="closed: all that was eaten on the day is recorded. open: not so, or nobody has said."
+        description="closed: all that was eaten on the day is recorded. open: not all, or nobody has closed it."
     )
-    ate_nothing: bool = Field(description="Closed, and nothing was eaten: no meal says otherwise.")
-    decided_by: Literal["participant", "reviewer"] | None = Field(description="Whose word holds; null: nobody's yet.")
+    ate_nothing: bool = Field(description="Whether the day is closed with nothing eaten and has no meal.")
+    decided_by: Literal["participant", "reviewer"] | None = Field(
+        description="Whose diary entry is in effect; null: there is none."
+    )
     meals: int = Field(description="Meals of the day.")
-    meals_after_closing: int = Field(description="Meals that came in after the day was closed: it may need a look.")
+    meals_after_closing: int = Field(description="Meals that arrived after the day was closed: check the day again.")
     version: int = Field(description='Goes into If-Match, as "3".')
-    changed_at: datetime | None = Field(description="When somebody last closed or reopened the day; null: nobody has.")
+    changed_at: datetime | None = Field(description="When the day was last closed or reopened; null: never.")
 
 
 class DayList(BaseModel):
-    """Days that have a meal or a word, by date."""
+    """Days that have a meal or a diary entry, by date."""
 
     items: list[DayOut] = Field(description="Days that have a meal or a diary entry, by date.")
 
@@ -60,15 +62,15 @@ class PlausibilityOut(BaseModel):
     """Energy intake over basal metabolic rate, beside the 95 % limits for so many whole days (Goldberg, Black 2000)."""
 
     verdict: Verdict = Field(description="low, high: outside the limits. unknown: `reason` says why.")
-    days: int = Field(description="Whole days that the mean is over.")
-    ratio: float | None = Field(description="Mean energy intake over basal metabolic rate; null: not known.")
-    low: float | None = Field(description="Lower limit of a plausible ratio; null: not known.")
-    high: float | None = Field(description="Upper limit of a plausible ratio; null: not known.")
+    days: int = Field(description="Number of whole days in the mean.")
+    ratio: float | None = Field(description="Mean energy intake over basal metabolic rate; null: unknown.")
+    low: float | None = Field(description="Lower limit of a plausible ratio; null: unknown.")
+    high: float | None = Field(description="Upper limit of a plausible ratio; null: unknown.")
     reason: WhyUnknown | None = Field(description="Why it is unknown.")
 
 
 class DaySummaryOut(BaseModel):
-    """What a participant ate on a day. What is not known is null, never 0; a sum of a part is told by its coverage."""
+    """What a participant ate on a day. Unknown values are null, never 0; coverage tells which sums are partial."""
 
     study: str = Field(description=DAY["study"])
     participant: str = Field(description=DAY["participant"])
@@ -82,8 +84,8 @@ class DaySummaryOut(BaseModel):
     median_upload_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
     items: int = Field(description=DAY["items"])
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
-    unmeasured_items: int = Field(description="Their grams are not known: the sums are of the others.")
-    provisional_items: int = Field(description="An after-meal pair may still change them.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are unknown: missing from sums.")
+    provisional_items: int = Field(description="Items that an after-meal pair may still change.")
     leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     consumed_g: float | None = Field(description=DAY["consumed_g"])
     energy_kcal: float | None = Field(description=DAY["energy_kcal"])
@@ -108,24 +110,24 @@ class DaySummaryOut(BaseModel):
     vitamin_c_mg_coverage: float | None = Field(description=DAY["vitamin_c_mg_coverage"])
     energy_to_basal_rate: float | None = Field(description=DAY["energy_to_basal_rate"])
     plausibility: Verdict = Field(
-        description="Of this day's energy alone, with the wide limits of one day; low, high: hardly all, or too much."
+        description="Of this day's energy alone, with the wide limits of one day. low, high: outside the limits."
     )
 
 
 class DaySummaryPage(BaseModel):
-    """A page of days by date and participant; `next` leads to the page after it, null at the end."""
+    """A page of days by date and participant; `next` is the address of the next page, null on the last one."""
 
     items: list[DaySummaryOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)
 
 
 class MeanAmountOut(BaseModel):
-    """A mean daily amount; days: closed days on which it is known, of some items at least."""
+    """A mean daily amount over closed days on which it is known for at least one item."""
 
     mean: float | None = Field(
         description="Mean amount per day, in the unit that the component's name ends with; null: known on no day."
     )
-    days: int = Field(description="Closed days on which the amount is known, at least of some items.")
+    days: int = Field(description="Closed days on which the amount is known for at least one item.")
     coverage: float | None = Field(description=COVERAGE)
 
 
@@ -133,21 +135,21 @@ class IntakeOut(BaseModel):
     """A participant's mean daily intake over closed days; days on which nothing was eaten count as 0."""
 
     participant: str = Field(description=PARTICIPANT)
-    closed_days: int = Field(description="Days that the means are over.")
-    open_days: int = Field(description="Days with a meal or a word that were not closed: left out.")
-    silent_days: int = Field(description="Days between the first and the last without a meal or a word.")
+    closed_days: int = Field(description="Closed days, over which the means are taken.")
+    open_days: int = Field(description="Days with a meal or a diary entry that are not closed: left out.")
+    silent_days: int = Field(description="Days between the first and the last without a meal or a diary entry.")
     first_day: date = Field(description="First local day of the window with a meal or a diary entry.")
     last_day: date = Field(description="Last local day of the window with a meal or a diary entry.")
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
-    unmeasured_items: int = Field(description="Items whose eaten grams are not known: the means are without them.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are unknown: missing from the means.")
     provisional_items: int = Field(description="Items that an after-meal pair may still change.")
     leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     components: dict[str, MeanAmountOut] = Field(description="By the record's column, such as energy_kcal.")
-    plausibility: PlausibilityOut = Field(description="Of closed days of which everything is measured and final.")
+    plausibility: PlausibilityOut = Field(description="Of the closed days that are measured and final.")
 
 
 class IntakePage(BaseModel):
-    """A page of participants by code; `next` leads to the page after it, null at the end."""
+    """A page of participants by code; `next` is the address of the next page, null on the last one."""
 
     items: list[IntakeOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)

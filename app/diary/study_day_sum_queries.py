@@ -1,7 +1,7 @@
-"""SQL of what a study's days come to: counted from participants' days, kept (StudyDaySum), and told from there.
+"""SQL of the sums of a study's days: counted from participants' days, stored as StudyDaySum, and read.
 
-A day that has changed since it was written has a mark, of the study or of a participant; it is counted when it is
-asked for, so that what is told is of the moment of the question.
+A day that has changed since it was written has a mark, of the study or of a participant, and is counted again when it
+is read, so that figures are always current.
 """
 
 import uuid
@@ -17,37 +17,39 @@ from sqlalchemy.orm import Session
 from app.db.sorted_values import SortedValues
 from app.db.statements import AnyQuery
 from app.diary.day_definition import (
-    FULL,
-    how_many,
+    count_where,
     is_day_of_nothing,
     is_measured_whole,
     seconds_between,
     total,
+    whole_day_amount,
     within,
 )
-from app.diary.day_sum_queries import DayOf, Pair, keys_after
+from app.diary.day_sum_queries import Conditions, DayTable, OwnerDay, StoredAndCounted, keys_after, sums_of_days
 from app.diary.models import DayMark, DaySum, StudyDayMark, StudyDaySum
-from app.diary.queries import Conditions, DayTable, sums_of_days
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant
 
-ROWS_AT_A_TIME = 2000
-RUNS = ("delays", *HEADLINE_COLUMNS)
+ROWS_PER_FETCH = 2000
+VALUE_COLUMNS = ("delays", *HEADLINE_COLUMNS)  # stored as SortedValues
 COUNTS = tuple(
-    column.name for column in StudyDaySum.__table__.columns if column.name not in ("study_id", "local_date", *RUNS)
+    column.name
+    for column in StudyDaySum.__table__.columns
+    if column.name not in ("study_id", "local_date", *VALUE_COLUMNS)
 )
-ADDED_UP = tuple(name for name in COUNTS if name in DaySum.__table__.columns)
+SUMMED_COUNTS = tuple(name for name in COUNTS if name in DaySum.__table__.columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DayCounts:
     """A local day over all participants who have a meal or a closed day: COUNTS of StudyDaySum, and whole days.
 
-    told: with a meal or a closed day, of those who were expected; told_closed of them. closed: by a diary entry, also
-    where nothing was expected; ate_nothing of them. whole: closed, everything measured and final, or nothing eaten, and
-    all of its energy known; whole_energy_kcal: their mean. open_days: not closed, with some energy known;
-    open_energy_kcal: their mean, a lower bound.
+    told: participants with a meal or a closed day, of those who were expected; told_closed: of them, with a closed day.
+    closed: participants whose day is closed, also those who were not expected; ate_nothing: of them, those who ate
+    nothing. whole: closed days that are measured and final, or on which nothing was eaten, with all energy known;
+    whole_energy_kcal: their mean. open_days: not closed, with some energy known; open_energy_kcal: their mean, a lower
+    bound.
     """
 
     local_date: date
@@ -77,21 +79,20 @@ class DayCounts:
 
     @property
     def told_open(self) -> int:
-        """Of those who were expected: with a meal, and not closed."""
+        """The number of expected participants with a meal whose day is not closed."""
         return self.told - self.told_closed
 
     @property
     def late_share(self) -> float | None:
-        """Of the meals; None where there is none."""
+        """The share of late meals; None without meals."""
         return self.late_meals / self.meals if self.meals else None
 
 
 @dataclass(frozen=True, slots=True)
 class CountedDay:
-    """A study's day. delays: seconds from eating to arrival, of each meal.
+    """A study's day. delays: seconds from eating to arrival, per meal.
 
-    amounts: headline column -> its amounts on the participant-days of which all that was eaten is known, with a full
-    coverage of it.
+    amounts: headline column -> its amounts on whole participant-days (see `whole_day_amount`).
     """
 
     counts: DayCounts
@@ -104,7 +105,7 @@ class CountedDay:
 
 
 class MarkedDay(NamedTuple):
-    """A study's day that has changed. marks: the ids of those of its marks that were seen."""
+    """A study's day that has changed. marks: ids of the marks that were read."""
 
     study_id: uuid.UUID
     local_date: date
@@ -112,39 +113,39 @@ class MarkedDay(NamedTuple):
 
 
 def days_of_study(session: Session, study_id: uuid.UUID, first: date, last: date) -> list[CountedDay]:
-    """The days of a window, both ends included, that anything is known of, in their order."""
+    """Return the days of a window, both ends included, that have data, in order."""
     changed = _changed_days(session, study_id, first, last)
-    kept = _kept_days(study_id, first, last).where(StudyDaySum.local_date.not_in(changed))
-    days = [_kept_day(row) for row in session.execute(kept).mappings()]
+    stored = _stored_days(study_id, first, last).where(StudyDaySum.local_date.not_in(changed))
+    days = [_stored_day(row) for row in session.execute(stored).mappings()]
     return sorted(days + count_days(session, study_id, changed), key=lambda day: day.counts.local_date)
 
 
 def count_days(session: Session, study_id: uuid.UUID, days: Collection[date]) -> list[CountedDay]:
-    """What these days of a study come to, those of which something is known, in no order."""
+    """Count days of a study from its participants' days; days without data are left out. The order is arbitrary."""
     if not days:
         return []
 
-    def which(table: DayTable) -> Conditions:
+    def selection(table: DayTable) -> Conditions:
         return [table.study_id == study_id, table.local_date.in_(days)]
 
-    day = sums_of_days(session, which)
-    amounts, delays = _amounts(session, day), _delays(session, which(Meal))
-    none = SortedValues.of(())
-    no_amounts = dict.fromkeys(HEADLINE_COLUMNS, none)
+    day = sums_of_days(session, selection)
+    amounts, delays = _amounts(session, day), _delays(session, selection(Meal))
+    no_values = SortedValues.of(())
+    no_amounts = dict.fromkeys(HEADLINE_COLUMNS, no_values)
     return [
-        _counted_day(row, delays.get(row["local_date"], none), amounts.get(row["local_date"], no_amounts))
+        _counted_day(row, delays.get(row["local_date"], no_values), amounts.get(row["local_date"], no_amounts))
         for row in session.execute(_counts_of(day)).mappings()
     ]
 
 
 def next_marked(session: Session) -> MarkedDay | None:
-    """The study's day of the newest change, of those of whose participants' days none is marked."""
-    is_in_change = sa.exists().where(
+    """Return the most recently marked study day whose participants' days have no marks."""
+    has_marked_participant = sa.exists().where(
         DayMark.study_id == StudyDayMark.study_id, DayMark.local_date == StudyDayMark.local_date
     )
     newest = (
         sa.select(StudyDayMark.study_id, StudyDayMark.local_date)
-        .where(~is_in_change)
+        .where(~has_marked_participant)
         .order_by(StudyDayMark.id.desc())
         .limit(1)
         .subquery()
@@ -158,62 +159,62 @@ def next_marked(session: Session) -> MarkedDay | None:
 
 
 def write_day(session: Session, day: MarkedDay) -> None:
-    """Count a study's day and keep it; the marks, read by an earlier statement, are gone."""
+    """Count a study's day, store it and remove the marks, which an earlier statement has read."""
     counted = count_days(session, day.study_id, [day.local_date])
-    kept = session.get(StudyDaySum, (day.study_id, day.local_date), with_for_update=True)
-    if counted:  # updated in place: an erasure that waits for the row finds it
-        kept = kept or StudyDaySum(study_id=day.study_id, local_date=day.local_date)
+    stored = session.get(StudyDaySum, (day.study_id, day.local_date), with_for_update=True)
+    if counted:  # updated in place, so that an erasure that waits for the row finds it
+        stored = stored or StudyDaySum(study_id=day.study_id, local_date=day.local_date)
         for name, value in counted[0].columns().items():
-            setattr(kept, name, value.to_bytes() if isinstance(value, SortedValues) else value)
-        session.add(kept)
-    elif kept is not None:
-        session.delete(kept)
+            setattr(stored, name, value.to_bytes() if isinstance(value, SortedValues) else value)
+        session.add(stored)
+    elif stored is not None:
+        session.delete(stored)
     session.flush()
     session.execute(
         sa.delete(StudyDayMark).where(StudyDayMark.id.in_(day.marks)).execution_options(synchronize_session=False)
     )
 
 
-def mark_days(session: Session, days: Collection[DayOf]) -> None:
-    """Have these studies' days written anew."""
-    session.add_all(StudyDayMark(study_id=study_id, local_date=on) for study_id, on in days)
+def mark_days(session: Session, days: Collection[OwnerDay]) -> None:
+    """Mark studies' days, so that their sums are written again."""
+    session.add_all(StudyDayMark(study_id=study_id, local_date=local_date) for study_id, local_date in days)
     session.flush()
 
 
-def forget_days(session: Session, days: Sequence[DayOf]) -> None:
-    """Mark these studies' days, and remove what is kept of them: somebody's meals are erased from them."""
+def remove_days(session: Session, days: Sequence[OwnerDay]) -> None:
+    """Delete the stored sums of studies' days from which meals are erased, and mark the days."""
     mark_days(session, days)
-    for study_id, on in sorted(days):  # two erasures at once do not wait for each other in a ring
+    for study_id, local_date in sorted(days):  # in this order, so that two concurrent erasures do not deadlock
         session.execute(
             sa.delete(StudyDaySum)
-            .where(StudyDaySum.study_id == study_id, StudyDaySum.local_date == on)
+            .where(StudyDaySum.study_id == study_id, StudyDaySum.local_date == local_date)
             .execution_options(synchronize_session=False)
         )
 
 
-def days_after(session: Session, after: DayOf | None, limit: int) -> list[DayOf]:
-    """The first studies' days behind one, by (study, day), that have a participant's sum, or one of their own."""
+def days_after(session: Session, after: OwnerDay | None, limit: int) -> list[OwnerDay]:
+    """Return the first studies' days after one, by (study, day), that have a participant's sum or one of their own."""
     return keys_after(session, [(table.study_id, table.local_date) for table in (DaySum, StudyDaySum)], after, limit)
 
 
-def kept_and_counted(session: Session, days: Sequence[DayOf]) -> list[Pair]:
-    """Of these studies' days that are not marked: what is kept of each, and what it comes to."""
-    pairs: list[Pair] = []
-    for study_id, on in days:
-        if not _changed_days(session, study_id, on, on):
-            row = session.execute(_kept_days(study_id, on, on)).mappings().one_or_none()
-            counted = count_days(session, study_id, [on])
-            pairs.append(
+def stored_and_counted(session: Session, days: Sequence[OwnerDay]) -> list[StoredAndCounted]:
+    """Return the stored sums and a recount of each unmarked study day."""
+    compared: list[StoredAndCounted] = []
+    for study_id, local_date in days:
+        if not _changed_days(session, study_id, local_date, local_date):
+            row = session.execute(_stored_days(study_id, local_date, local_date)).mappings().one_or_none()
+            counted = count_days(session, study_id, [local_date])
+            compared.append(
                 (
-                    (study_id, on),
-                    _kept_day(row).columns() if row is not None else None,
+                    (study_id, local_date),
+                    _stored_day(row).columns() if row is not None else None,
                     counted[0].columns() if counted else None,
                 )
             )
-    return pairs
+    return compared
 
 
-def _kept_days(study_id: uuid.UUID, first: date, last: date) -> AnyQuery:
+def _stored_days(study_id: uuid.UUID, first: date, last: date) -> AnyQuery:
     return sa.select(StudyDaySum.__table__).where(
         StudyDaySum.study_id == study_id, *within(StudyDaySum.local_date, first, last)
     )
@@ -230,7 +231,7 @@ def _changed_days(session: Session, study_id: uuid.UUID, first: date, last: date
 def _counts_of(day: sa.Subquery) -> AnyQuery:
     is_closed = day.c.status == "closed"
     open_kcal = sa.case((~is_closed, day.c.energy_kcal))
-    is_told = sa.or_(day.c.meals > 0, is_closed)
+    has_entry = sa.or_(day.c.meals > 0, is_closed)
     is_expected = sa.and_(
         sa.or_(Participant.starts_on.is_(None), Participant.starts_on <= day.c.local_date),
         sa.or_(Participant.withdrawn_at.is_(None), Participant.withdrawn_at >= day.c.local_date),
@@ -238,14 +239,14 @@ def _counts_of(day: sa.Subquery) -> AnyQuery:
     return (
         sa.select(
             day.c.local_date,
-            how_many(sa.and_(is_told, is_expected)).label("told"),
-            how_many(sa.and_(is_closed, is_expected)).label("told_closed"),
-            how_many(day.c.meals > 0).label("with_meal"),
-            how_many(is_closed).label("closed"),
-            how_many(sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)).label("ate_nothing"),
+            count_where(sa.and_(has_entry, is_expected)).label("told"),
+            count_where(sa.and_(is_closed, is_expected)).label("told_closed"),
+            count_where(day.c.meals > 0).label("with_meal"),
+            count_where(is_closed).label("closed"),
+            count_where(sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)).label("ate_nothing"),
             sa.func.count(open_kcal).label("open_days"),
             sa.func.avg(open_kcal).label("open_energy_kcal"),
-            *(total(day.c[name]).label(name) for name in ADDED_UP),
+            *(total(day.c[name]).label(name) for name in SUMMED_COUNTS),
         )
         .join(Participant, Participant.id == day.c.participant_id)
         .group_by(day.c.local_date)
@@ -253,30 +254,30 @@ def _counts_of(day: sa.Subquery) -> AnyQuery:
 
 
 def _amounts(session: Session, day: sa.Subquery) -> dict[date, dict[str, SortedValues]]:
-    is_nothing = is_day_of_nothing(day)
-    amounts = [
-        sa.case((is_nothing, 0.0), (day.c[f"{name}_coverage"] >= FULL, day.c[name])) for name in HEADLINE_COLUMNS
-    ]
-    query = sa.select(day.c.local_date, *amounts).where(sa.or_(is_nothing, is_measured_whole(day)))
-    found: dict[date, list[array[float]]] = {}
-    for row in session.execute(query.execution_options(yield_per=ROWS_AT_A_TIME)):
-        of_day = found.setdefault(row[0], [array("d") for _ in HEADLINE_COLUMNS])
-        for values, value in zip(of_day, row[1:], strict=True):
+    amounts = [whole_day_amount(day, day.c[name], day.c[f"{name}_coverage"]) for name in HEADLINE_COLUMNS]
+    query = sa.select(day.c.local_date, *amounts).where(sa.or_(is_day_of_nothing(day), is_measured_whole(day)))
+    columns: dict[date, list[array[float]]] = {}
+    for row in session.execute(query.execution_options(yield_per=ROWS_PER_FETCH)):
+        day_columns = columns.setdefault(row[0], [array("d") for _ in HEADLINE_COLUMNS])
+        for values, value in zip(day_columns, row[1:], strict=True):
             if value is not None:
                 values.append(value)
-    return {on: dict(zip(HEADLINE_COLUMNS, map(SortedValues.of, of_day), strict=True)) for on, of_day in found.items()}
+    return {
+        local_date: dict(zip(HEADLINE_COLUMNS, map(SortedValues.of, day_columns), strict=True))
+        for local_date, day_columns in columns.items()
+    }
 
 
-def _delays(session: Session, which: Sequence[sa.ColumnElement[bool]]) -> dict[date, SortedValues]:
-    """A day comes as one text: a row a meal would cost several times as much."""
+def _delays(session: Session, conditions: Conditions) -> dict[date, SortedValues]:
+    """Read each day's delays as one text: one row per meal would take several times as long."""
     seconds = sa.func.aggregate_strings(sa.cast(seconds_between(Meal.captured_at, Meal.received_at), sa.Text), " ")
-    query = sa.select(Meal.local_date, seconds).where(*which).group_by(Meal.local_date)
+    query = sa.select(Meal.local_date, seconds).where(*conditions).group_by(Meal.local_date)
     return {row[0]: SortedValues.of(map(float, row[1].split())) for row in session.execute(query)}
 
 
-def _kept_day(row: sa.RowMapping) -> CountedDay:
-    runs = {name: SortedValues.from_bytes(row[name]) for name in RUNS}
-    return _counted_day(row, runs.pop("delays"), runs)
+def _stored_day(row: sa.RowMapping) -> CountedDay:
+    values = {name: SortedValues.from_bytes(row[name]) for name in VALUE_COLUMNS}
+    return _counted_day(row, values.pop("delays"), values)
 
 
 def _counted_day(row: sa.RowMapping, delays: SortedValues, amounts: Mapping[str, SortedValues]) -> CountedDay:

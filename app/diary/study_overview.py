@@ -1,7 +1,7 @@
-"""What a study's overview tells, over a window of local days: people, days, what waits, nutrients, places.
+"""A study's overview over a window of local days: participants, days, waiting meals, nutrients, places.
 
-Every figure comes from one moment (one read transaction). What is not known is None, never 0; means and distributions
-are over whole days (closed, everything measured and final, or nothing eaten), and tell over how many.
+All figures come from one read transaction. Unknown values are None, never 0. Means and distributions are over whole
+days (closed and measured and final, or nothing eaten) and give the number of days.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,17 +24,17 @@ from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
 from app.people.studies import enter_study
 
-USUAL_DAYS = 28
-MOST_PLACES = 2000
-MOST_PERSONS = 60  # whose days are told one by one
-MOST_DAYS_OF_PERSONS = 35
+DEFAULT_DAYS = 28
+MAX_PLACES = 2000
+MAX_PERSONS = 60  # whose days are listed one by one
+MAX_DAYS_OF_PERSONS = 35
 COUNT_FIELDS = tuple(field.name for field in fields(DayCounts))
-SHOWN_DECIMALS = 3  # of degrees: some hundred metres, more than a map of a study shows
+SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OverviewDay(DayCounts):
-    """A local day of the window. expected: participants whose day it is; silent: those without meal and closed day.
+    """A local day of the window. expected: participants expected on the day; silent: of them, without an entry.
 
     median_delay_seconds: from eating to arrival, of the day's meals.
     """
@@ -46,7 +46,7 @@ class OverviewDay(DayCounts):
 
 @dataclass(frozen=True, slots=True)
 class Completeness:
-    """Participant-days of the window: expected, with a meal or closed (told), closed, whole, silent; late meals.
+    """Participant-days of the window. told: with a meal or closed; silent: expected, without either.
 
     late_meals: arrived more than 24 hours after they were eaten. median_delay_seconds: from eating to arrival.
     """
@@ -63,7 +63,7 @@ class Completeness:
 
 @dataclass(frozen=True, slots=True)
 class DayOfPerson:
-    """A participant's day of the window that was expected or is known. Silent: expected, without meal, not closed."""
+    """A participant's day of the window that was expected, or has a meal or a diary entry."""
 
     participant: str
     local_date: date
@@ -76,9 +76,9 @@ class DayOfPerson:
 class StudyOverview:
     """A study's overview. statuses: of the window's meals. waiting, failures: of the whole study, now.
 
-    waiting also has meals whose after-meal pair is waited for, or has failed, whatever their status. person_days: by
-    participant and day; empty where they would be more than MOST_PERSONS, or more than MOST_DAYS_OF_PERSONS.
-    located_meals: of the window; None: the study keeps no places. places: the newest, rounded to SHOWN_DECIMALS.
+    waiting also counts meals whose after-meal pair is pending or has failed, in any status. person_days: by participant
+    and day; empty if there are more than MAX_PERSONS or MAX_DAYS_OF_PERSONS. located_meals: of the window; None if the
+    study keeps no places. places: the newest, rounded to SHOWN_DECIMALS.
     """
 
     study: str
@@ -98,7 +98,7 @@ class StudyOverview:
     @property
     def histograms(self) -> list[Bin]:
         """The bins of all components, in order."""
-        return [each for nutrient in self.nutrients for each in nutrient.bins()]
+        return [one_bin for nutrient in self.nutrients for one_bin in nutrient.bins()]
 
 
 def study_overview(
@@ -108,16 +108,16 @@ def study_overview(
     *,
     first_day: date | None = None,
     last_day: date | None = None,
-    days: int | None = USUAL_DAYS,
+    days: int | None = DEFAULT_DAYS,
     binned: str | None = None,
     now: datetime | None = None,
 ) -> StudyOverview:
     """Return the overview from first_day to last_day, both included.
 
-    Without last_day the window ends with the last day that has a meal or a diary entry, but never before it begins.
+    Without last_day the window ends with the last day that has a meal or a diary entry, but not before first_day.
 
-    days: how long the window is where first_day is not given; None: from the first day that anything is known of.
-    binned: the only headline column whose bins are counted; None: all.
+    days: length of the window without first_day; None: from the first day with data. binned: the headline column to
+    count bins of; None: all.
 
     Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
     """
@@ -131,9 +131,9 @@ def study_overview(
         window = overview.Window(session, study.id, first, last)
         counted = window.days()
         people_counts = window.people()
-        is_small = people_counts.everybody <= MOST_PERSONS and (last - first).days < MOST_DAYS_OF_PERSONS
-        shown = _with_silence(counted, window.spans(), first, last, today)
-        keeps_places = study.location_policy != "drop"  # places that an earlier policy kept are not shown either
+        is_small = people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
+        shown = _overview_days(counted, window.spans(), first, last, today)
+        keeps_places = study.location_policy != "drop"  # places kept under an earlier policy are not shown either
         located_meals = sum(day.located_meals for day in shown)
         return StudyOverview(
             study=study.code,
@@ -143,29 +143,29 @@ def study_overview(
             completeness=_completeness(shown, Runs.of(day.delays for day in counted)),
             days=shown,
             statuses={status: sum(getattr(day, f"{status}_meals") for day in shown) for status in MEAL_STATUSES},
-            waiting=overview.waiting_of(session, study.id),
-            failures=overview.failures_of(session, study.id),
+            waiting=overview.count_waiting(session, study.id),
+            failures=overview.count_failures(session, study.id),
             nutrients=tuple(
                 distribution(name, (day.amounts[name] for day in counted), binned=binned in (None, name))
                 for name in HEADLINE_COLUMNS
             ),
             person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else (),
             located_meals=located_meals if keeps_places else None,
-            places=_places(window, min(located_meals, MOST_PLACES)) if keeps_places and located_meals else (),
+            places=_places(window, min(located_meals, MAX_PLACES)) if keeps_places and located_meals else (),
         )
 
 
 def study_waiting(
     database: Database, caller: Caller, study_code: str
 ) -> tuple[dict[CountedStatus, int], dict[str, int]]:
-    """(waiting, failures) of an overview at this moment. Raises NotFoundError."""
+    """Return (waiting, failures) of a study's overview. Raises NotFoundError."""
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        return overview.waiting_of(session, study.id), overview.failures_of(session, study.id)
+        return overview.count_waiting(session, study.id), overview.count_failures(session, study.id)
 
 
 def note_overview_export(database: Database, caller: StaffCaller, study_code: str, part: str, output: str) -> None:
-    """Who took a table of an overview away, in the study's log. Raises NotFoundError."""
+    """Note in the audit log who downloaded a table of an overview. Raises NotFoundError."""
     with database.write() as session:
         study = people.find_study(session, study_code)
         if study is None:
@@ -173,29 +173,29 @@ def note_overview_export(database: Database, caller: StaffCaller, study_code: st
         audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
 
 
-def _with_silence(
+def _overview_days(
     counted: Sequence[CountedDay],
     spans: Sequence[Span],
     first: date,
     last: date,
     today: date,
 ) -> tuple[OverviewDay, ...]:
-    """Every day of the window, those of which nothing is known too, with how many people's days were expected."""
+    """Return every day of the window, also those without data, with the number of participants expected."""
     days = (last - first).days + 1
-    steps = [0] * (days + 1)  # how many more are expected on a day than on the one before
+    steps = [0] * (days + 1)  # change of the number expected from the day before
     for span in spans:
         end = _last_expected(span.withdrawn_at, last, today)
         if span.first_day <= end:
             steps[(span.first_day - first).days] += span.participants
             steps[(end - first).days + 1] -= span.participants
-    known = {day.counts.local_date: day for day in counted}
+    counted_by_date = {day.counts.local_date: day for day in counted}
     shown, expected = [], 0
     for number in range(days):
         local_date = first + timedelta(days=number)
         expected += steps[number]
-        day = known.get(local_date)
+        day = counted_by_date.get(local_date)
         counts = day.counts if day is not None else DayCounts(local_date=local_date)
-        if local_date > today:  # a phone's clock that is ahead: nobody is expected yet
+        if local_date > today:  # from a phone whose clock is ahead: nobody is expected yet
             counts = replace(counts, told=0, told_closed=0)
         seconds = day.delays.median if day is not None and len(day.delays) else None
         shown.append(
@@ -210,17 +210,17 @@ def _with_silence(
 
 
 def _days_of_persons(window: overview.Window, first: date, last: date, today: date) -> Iterator[DayOfPerson]:
-    """Each participant's days, expected as `_with_silence` counts them."""
-    known = {(day.code, day.local_date): day for day in window.person_days()}
+    """Yield each participant's days; expected days are those that `_overview_days` counts."""
+    person_days = {(day.code, day.local_date): day for day in window.person_days()}
     for person in window.persons():
         end = _last_expected(person.withdrawn_at, last, today)
         for number in range((last - first).days + 1):
-            on = first + timedelta(days=number)
-            is_expected = person.first_day is not None and person.first_day <= on <= end
-            day = known.get((person.code, on))
+            local_date = first + timedelta(days=number)
+            is_expected = person.first_day is not None and person.first_day <= local_date <= end
+            day = person_days.get((person.code, local_date))
             if is_expected or day is not None:
                 is_closed, meals = (day.is_closed, day.meals) if day is not None else (False, 0)
-                yield DayOfPerson(person.code, on, is_expected, is_closed, meals)
+                yield DayOfPerson(person.code, local_date, is_expected, is_closed, meals)
 
 
 def _completeness(days: Sequence[OverviewDay], delays: Runs) -> Completeness:
@@ -244,5 +244,5 @@ def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
 
 
 def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
-    """The last day of the window that is expected of who left then; None: who has not left."""
+    """Return the last day of the window expected of a participant. withdrawn_at: None if they have not left."""
     return min(last, today, withdrawn_at.astimezone(UTC).date() if withdrawn_at is not None else last)

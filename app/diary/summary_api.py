@@ -1,10 +1,10 @@
-"""/v1/me/summary: what a participant sees of what they ate; the same for staff."""
+"""/v1/me/summary: a participant's feedback for a day; the same for staff."""
 
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from app.diary.diary import Whose
+from app.diary.diary import ParticipantRef
 from app.diary.feedback import read_feedback
 from app.diary.feedback_schemas import SummaryOut
 from app.http.parameters import ParticipantCode, StudyCode
@@ -15,13 +15,14 @@ from app.people.access.deps import CurrentDevice, CurrentStaff, State
 router = APIRouter(prefix="/v1", tags=["feedback"])
 
 Day = Annotated[
-    LocalDay | None, Query(alias="date", description="A local day; default: the last one with a meal or a word.")
+    LocalDay | None,
+    Query(alias="date", description="A local day; default: the last one with a meal or a diary entry."),
 ]
 
 
 @router.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
 def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
-    """A day's amounts, from three closed days on beside reference intakes; only if the study gives feedback."""
+    """A day's amounts and, from three closed days on, a comparison; only if the study gives feedback."""
     return SummaryOut.model_validate(read_feedback(state.database, device, day), from_attributes=True)
 
 
@@ -34,5 +35,5 @@ def get_summary_of_participant(
     day: Day = None,
 ) -> SummaryOut:
     """What the participant sees, or would see if the study gave feedback."""
-    feedback = read_feedback(state.database, staff, day, Whose(study, participant))
+    feedback = read_feedback(state.database, staff, day, ParticipantRef(study, participant))
     return SummaryOut.model_validate(feedback, from_attributes=True)

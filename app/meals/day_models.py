@@ -12,7 +12,8 @@ from app.meals.event_models import LAYERS
 
 DayStatus = Literal["open", "closed"]
 DAY_STATUSES: tuple[DayStatus, ...] = get_args(DayStatus)
-DAY_EVENT_KINDS = ("closed", "ate_nothing", "reopened")
+DayEventKind = Literal["closed", "ate_nothing", "reopened"]
+DAY_EVENT_KINDS: tuple[DayEventKind, ...] = get_args(DayEventKind)
 
 
 class DayEvent(Base):
@@ -27,7 +28,7 @@ class DayEvent(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
     local_date: Mapped[date]
-    kind: Mapped[str] = mapped_column(sa.String(16))
+    kind: Mapped[DayEventKind] = mapped_column(sa.String(16))
     layer: Mapped[str] = mapped_column(sa.String(16))
     author: Mapped[str] = mapped_column(sa.String(200))
     created_at: Mapped[datetime]

@@ -13,7 +13,7 @@ from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Study
-from app.people.participants import has_left
+from app.people.participants import withdrawn_error
 from app.people.studies import known_study
 
 
@@ -46,7 +46,7 @@ def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
         participant = privacy.join_participant(session, caller.participant_id)
         device = session.get(Device, caller.device_id)
         if participant is None or device is None:
-            raise has_left()
+            raise withdrawn_error()
         _revoke(session, caller, device, participant)
 
 
@@ -55,7 +55,7 @@ def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Partici
     with database.read() as session:
         participant, device = session.get(Participant, caller.participant_id), session.get(Device, caller.device_id)
         if participant is None or device is None:
-            raise has_left()
+            raise withdrawn_error()
         return session.get_one(Study, caller.study_id), participant, device
 
 

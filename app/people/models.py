@@ -7,7 +7,8 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal, one_of
+from app.db.base import Base, JsonValue, Personal, one_of
+from app.people.profiles import Profile
 
 LocationPolicy = Literal["drop", "round", "keep"]
 LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
@@ -64,9 +65,8 @@ class Study(Base):
 class Participant(Base):
     """A person in a study, by pseudonymous code only.
 
-    alias: the name in the audit log, which nothing else holds: without this row it leads to nobody. starts_on: local
-    day that is the study's day 1; NULL: the day of the first meal. profile: what reference intakes and plausibility
-    need (sex, birth year, weight, height ...); NULL: not told.
+    alias: the participant's name in the audit log; only this row connects it to a person. starts_on: local day that is
+    the participant's study day 1; NULL: the day of the first meal. profile: NULL if nothing is known.
     """
 
     __tablename__ = "participant"
@@ -76,7 +76,7 @@ class Participant(Base):
     code: Mapped[str] = mapped_column(sa.String(64))
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     starts_on: Mapped[date | None]
-    profile: Mapped[dict[str, Any] | None]
+    profile: Mapped[Profile | None] = mapped_column(JsonValue)
     withdrawn_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 

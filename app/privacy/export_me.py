@@ -23,7 +23,7 @@ from app.meals.models import Meal, MealImage
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.models import Participant, Study
-from app.people.participants import has_left
+from app.people.participants import withdrawn_error
 from app.privacy import queries as privacy
 from app.storage.blob_store import BlobMissingError, BlobStore
 
@@ -54,7 +54,7 @@ def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tup
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive, database.read() as session:
             participant = session.get(Participant, caller.participant_id)
             if participant is None:
-                raise has_left()  # noqa: TRY301  # the file is closed below
+                raise withdrawn_error()  # noqa: TRY301  # the file is closed below
             names = _write_photographs(archive, session, blobs, participant.id, now)
             with archive.open(_entry("data.json", now, compressed=True), "w", force_zip64=True) as entry:
                 for text in _data(session, participant, names, now):

@@ -95,7 +95,7 @@ def _delete_day_sums(session: Session, meals: Ids) -> None:
 def _forget_study_days(session: Session, table: type[DaySum | DayMark | Meal], which: sa.ColumnElement[bool]) -> None:
     """Remove what the study's days of such rows come to over all people, and mark them: others count in them too."""
     days = session.execute(sa.select(table.study_id, table.local_date).where(which).distinct())
-    study_day_sums.forget_days(session, [(row[0], row[1]) for row in days])
+    study_day_sums.remove_days(session, [(row[0], row[1]) for row in days])
 
 
 def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:

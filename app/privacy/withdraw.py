@@ -23,7 +23,7 @@ from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import Participant, Study
-from app.people.participants import has_left
+from app.people.participants import withdrawn_error
 from app.people.privacy_models import ErasureReceipt
 from app.people.spent_codes import spend_code
 from app.people.studies import enter_study
@@ -47,13 +47,13 @@ def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
     with eraser.database.read() as session:
         participant = session.get(Participant, caller.participant_id)
         if participant is None or participant.withdrawn_at is not None:
-            raise has_left()
+            raise withdrawn_error()
         deed = _deed(session.get_one(Study, participant.study_id).withdrawal_policy)
     receipt = carry_out_on_participant(
         eraser, eraser.intend("participant", deed, caller.participant_id), caller.participant_id, caller
     )
     if receipt is None:
-        raise has_left()
+        raise withdrawn_error()
     return receipt
 
 

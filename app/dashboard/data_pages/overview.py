@@ -19,7 +19,7 @@ from app.diary import overview_api
 from app.diary.overview_api import Part
 from app.diary.overview_queries import CountedStatus
 from app.diary.study_overview import (
-    USUAL_DAYS,
+    DEFAULT_DAYS,
     DayOfPerson,
     StudyOverview,
     study_overview,
@@ -116,7 +116,7 @@ def get_waiting(page: CurrentPage, study: str) -> Response:
 def _found(
     page: CurrentPage, study: str, first: date | None, last: date | None, days: str | None, column: str
 ) -> StudyOverview:
-    length = DAYS[days or USUAL] if first is None and last is None else USUAL_DAYS
+    length = DAYS[days or USUAL] if first is None and last is None else DEFAULT_DAYS
     return study_overview(
         page.state.database, page.caller, study, first_day=first, last_day=last, days=length, binned=column
     )

@@ -23,8 +23,8 @@ from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter
 from app.people import devices, participants
 from app.people.access.page_rules import STUDY_PAGES
-from app.people.participants import PROFILE_KEYS
 from app.people.participants_api import change_of
+from app.people.profiles import PROFILE_KEYS
 from app.people.schemas import ParticipantPatch
 from app.privacy.erase import Eraser
 from app.privacy.withdraw import withdraw_participant
@@ -75,7 +75,7 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
         day,
         word_of(body),
         expected=expected,
-        whose=diary.Whose(study, participant),
+        participant_ref=diary.ParticipantRef(study, participant),
     )
     target = study_address(study, "participants", participant)
     window = f"?to={quote(shown)}" if shown else ""
@@ -137,6 +137,6 @@ def _participant(
 def _feedback(page: Page, study: str, code: str, day: date | None) -> Feedback | None:
     """What the participant sees, or would see; None: there is no day yet."""
     try:
-        return read_feedback(page.state.database, page.caller, day, diary.Whose(study, code))
+        return read_feedback(page.state.database, page.caller, day, diary.ParticipantRef(study, code))
     except InvalidInputError:
         return None

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import JSONResponse
 
 from app.diary import day_summaries, diary
-from app.diary.diary import Whose, Word
+from app.diary.diary import ParticipantRef
 from app.diary.queries import DayRow
 from app.diary.schemas import (
     DayIn,
@@ -25,6 +25,7 @@ from app.http.paging import Cursor, Limit, next_page, require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay
+from app.meals.day_models import DayEventKind
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 
 router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
@@ -34,7 +35,7 @@ Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
 
 @router.get("/me/days", responses=problem_responses(401, 403, 422))
 def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None) -> DayList:
-    """The participant's days that have a meal or a word; without a range, the last month; a year at most."""
+    """The participant's days that have a meal or a diary entry; without a range, the last month; a year at most."""
     days = diary.list_days(state.database, device, first_day=first_day, last_day=last_day)
     return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
@@ -43,9 +44,9 @@ def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None,
 def put_my_day(
     day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
 ) -> DayOut:
-    """Close a day, tell that nothing was eaten, or open it again. `If-Match` names its version, "0" the first time."""
-    found = diary.set_day(state.database, device, day, word_of(body), expected=expected_versions(if_match))
-    return _tagged(found, response)
+    """Close a day, enter that nothing was eaten, or reopen it. `If-Match` names its version, "0" the first time."""
+    row = diary.set_day(state.database, device, day, word_of(body), expected=expected_versions(if_match))
+    return _tagged(row, response)
 
 
 @router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(401, 403, 404, 422))
@@ -58,8 +59,10 @@ def get_days_of_participant(
     last_day: LastDay = None,
 ) -> DayList:
     """A participant's days, as their phone lists them."""
-    whose = Whose(study, participant)
-    days = diary.list_days(state.database, staff, first_day=first_day, last_day=last_day, whose=whose)
+    participant_ref = ParticipantRef(study, participant)
+    days = diary.list_days(
+        state.database, staff, first_day=first_day, last_day=last_day, participant_ref=participant_ref
+    )
     return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
 
@@ -77,16 +80,16 @@ def put_day_of_participant(
     response: Response,
     if_match: IfMatch = None,
 ) -> DayOut:
-    """A reviewer's word about a day: from then on it holds, whatever the participant says."""
-    found = diary.set_day(
+    """Close or reopen a day as a reviewer; this overrides the participant's entries."""
+    row = diary.set_day(
         state.database,
         staff,
         day,
         word_of(body),
         expected=expected_versions(if_match),
-        whose=Whose(study, participant),
+        participant_ref=ParticipantRef(study, participant),
     )
-    return _tagged(found, response)
+    return _tagged(row, response)
 
 
 @router.get(
@@ -141,8 +144,8 @@ def get_intakes(
     )
 
 
-def word_of(body: DayIn) -> Word:
-    """The diary's word for what is asked."""
+def word_of(body: DayIn) -> DayEventKind:
+    """Return the kind of day event that a request asks for."""
     if body.status == "open":
         return "reopened"
     return "ate_nothing" if body.ate_nothing else "closed"

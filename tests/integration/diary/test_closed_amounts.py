@@ -1,4 +1,4 @@
-"""What people ate on their closed days is the same from the days' sums and from their records, after any history."""
+"""Amounts of closed days are the same from the days' sums and from the records, after any history."""
 
 import random
 import uuid
@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.diary.closed_amounts import amounts_by_column, amounts_by_record
+from app.diary.closed_amounts import StudyWindow, amounts_by_column, amounts_by_record
 from app.diary.day_sums import write_all_sums, write_sums
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
 from app.meals.day_models import DiaryDay
@@ -27,7 +27,7 @@ VITAMIN_C = "401"
 def people(database):
     """Four participants of a study, one without a profile, and one of another; with a phone each."""
     with database.write() as session:
-        session.add_all(Study(id=each, code=str(each), name="a", created_at=NOW) for each in (STUDY, OTHER_STUDY))
+        session.add_all(Study(id=study, code=str(study), name="a", created_at=NOW) for study in (STUDY, OTHER_STUDY))
         session.add(FoodRelease(id=1, source="test", name="t", version="1", released_on=FIRST_DAY, checksum="1",
                                 imported_at=NOW, completed_at=NOW))  # fmt: skip
         session.flush()
@@ -41,27 +41,30 @@ def people(database):
             session.flush()
             if content is not None:
                 session.add(FoodNutrient(food_id=food, component_id=component.id, per_100_g=content))
-        found = [
+        participants = [
             Participant(id=uuid.UUID(int=n), study_id=OTHER_STUDY if n == 14 else STUDY, code=f"P{n}", created_at=NOW,
                         alias=uuid.uuid4(), profile=None if n == 12 else {"birth_year": 1970 + n, "sex": "male"})
             for n in range(10, 15)
         ]  # fmt: skip
-        session.add_all(found)
+        session.add_all(participants)
         session.flush()
-        session.add_all(Device(id=each.id, participant_id=each.id, name="phone", enrolled_at=NOW) for each in found)
-    return [(each.id, each.study_id) for each in found]
+        session.add_all(
+            Device(id=participant.id, participant_id=participant.id, name="phone", enrolled_at=NOW)
+            for participant in participants
+        )
+    return [(participant.id, participant.study_id) for participant in participants]
 
 
-def live_on(session, people, chance):
-    """A meal with some items, or a word about a day, at random."""
+def change_at_random(session, people, chance):
+    """Add a random meal with items, or a random diary entry."""
     person, study = chance.choice(people)
     day = FIRST_DAY + timedelta(days=chance.randrange(DAYS))
     if chance.random() < 0.5:
-        word = session.get(DiaryDay, (person, day))
-        if word is None:
-            word = DiaryDay(participant_id=person, local_date=day, study_id=study, change_seq=1, changed_at=NOW)
-            session.add(word)
-        word.status, word.ate_nothing = chance.choice((("open", False), *3 * [("closed", False)], ("closed", True)))
+        entry = session.get(DiaryDay, (person, day))
+        if entry is None:
+            entry = DiaryDay(participant_id=person, local_date=day, study_id=study, change_seq=1, changed_at=NOW)
+            session.add(entry)
+        entry.status, entry.ate_nothing = chance.choice((("open", False), *3 * [("closed", False)], ("closed", True)))
         return
     captured_at = datetime(day.year, day.month, day.day, 12, tzinfo=UTC)
     meal = Meal(id=uuid.uuid4(), client_id=uuid.uuid4(), study_id=study, participant_id=person, device_id=person,
@@ -88,34 +91,34 @@ def live_on(session, people, chance):
 
 
 def both_ways(database, least_coverage, first_day=None, last_day=None):
-    """What is told of everybody from sums and from records: [(profile, last day, days, amounts)] each."""
-    chosen = {"least_coverage": least_coverage, "first_day": first_day, "last_day": last_day}
+    """Return (profile, last day, days, amounts) of each participant, from sums and from records."""
+    window = StudyWindow(STUDY, first_day, last_day)
     with database.read() as session:
-        quick = amounts_by_column(session, STUDY, "vitamin_c_mg", **chosen)
-        slow = amounts_by_record(session, STUDY, VITAMIN_C, None, **chosen)
-    return [[(one.profile, one.last_day, one.days, one.amounts) for one in way] for way in (quick, slow)]
+        quick = amounts_by_column(session, window, "vitamin_c_mg", least_coverage=least_coverage)
+        slow = amounts_by_record(session, window, VITAMIN_C, None, least_coverage=least_coverage)
+    return [[(row.profile, row.last_day, row.days, row.amounts) for row in way] for way in (quick, slow)]
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_amounts_of_closed_days_are_those_of_their_records(database, people, seed):
+def test_amounts_from_sums_equal_those_from_records(database, people, seed):
     chance = random.Random(seed)
-    seen = set()
+    cases = set()
     for turn in range(4):
         with database.write() as session:
             for _ in range(25):
-                live_on(session, people, chance)
+                change_at_random(session, people, chance)
         for least_coverage in (0.9, 0.3):
             for window in ((None, None), (FIRST_DAY + timedelta(days=2), FIRST_DAY + timedelta(days=4))):
                 quick, slow = both_ways(database, least_coverage, *window)
-                assert [one[:3] for one in quick] == [one[:3] for one in slow]
-                for (*_, days, told), (*_, expected) in zip(quick, slow, strict=True):
-                    assert told == pytest.approx(expected, rel=1e-12)  # in the order of the days
-                    seen.add((len(told) == days, sum(amount > 0.0 for amount in told) > 1))
-        (write_sums, write_all_sums)[turn % 2](database)  # some days marked, or none, in the next turn's beginning
-    assert seen >= {(True, True), (False, True)}  # people with days left out, and without, who ate some on several
+                assert [row[:3] for row in quick] == [row[:3] for row in slow]
+                for (*_, days, amounts), (*_, expected) in zip(quick, slow, strict=True):
+                    assert amounts == pytest.approx(expected, rel=1e-12)  # in the order of the days
+                    cases.add((len(amounts) == days, sum(amount > 0.0 for amount in amounts) > 1))
+        (write_sums, write_all_sums)[turn % 2](database)  # the next round begins with some marked days, or none
+    assert cases >= {(True, True), (False, True)}  # participants with and without unknown days, some of them eaten
 
 
-def test_nobody_is_told_without_a_closed_day(database, people):
+def test_participants_without_a_closed_day_are_left_out(database, people):
     with database.write() as session:
         session.add(DiaryDay(participant_id=people[0][0], local_date=FIRST_DAY, study_id=STUDY, change_seq=1,
                              changed_at=NOW, status="open", ate_nothing=False))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Kept sums of days are what the days come to: after any history, beside writers, and until they are written."""
+"""Stored sums of days equal a recount: after any history, with concurrent writers, and before they are written."""
 
 import random
 import threading
@@ -12,6 +12,7 @@ from app.diary import day_sum_queries as day_sums
 from app.diary import intake_queries as intakes
 from app.diary import queries as days
 from app.diary import study_day_sum_queries as study_day_sums
+from app.diary.closed_amounts import StudyWindow, amounts_by_column
 from app.diary.day_sums import (
     ComparedDays,
     compare_days,
@@ -30,7 +31,7 @@ from app.people.models import Device, Participant, Study
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)
 ONE_DAY = timedelta(days=1)
-HEAD_START_SECONDS = 0.5  # of a writer: they wait for it where one writes at a time, and are through elsewhere
+HEAD_START_SECONDS = 0.5  # of the other writer; where only one may write at a time, it is still waiting then
 STUDY = uuid.UUID(int=1)
 
 
@@ -40,14 +41,17 @@ def people(database):
     with database.write() as session:
         session.add(Study(id=STUDY, code="a", name="a", expects_after_pair=True, created_at=NOW))
         session.flush()
-        found = [
+        participants = [
             Participant(id=uuid.UUID(int=n), study_id=STUDY, code=f"P{n}", created_at=NOW, alias=uuid.uuid4())
             for n in (2, 3)
         ]
-        session.add_all(found)
+        session.add_all(participants)
         session.flush()
-        session.add_all(Device(id=each.id, participant_id=each.id, name="phone", enrolled_at=NOW) for each in found)
-    return [each.id for each in found]
+        session.add_all(
+            Device(id=participant.id, participant_id=participant.id, name="phone", enrolled_at=NOW)
+            for participant in participants
+        )
+    return [participant.id for participant in participants]
 
 
 def new_meal(person, day, **columns):
@@ -75,8 +79,8 @@ def marked(database):
         return {tuple(row) for row in session.execute(sa.select(DayMark.participant_id, DayMark.local_date))}
 
 
-def told(database):
-    """All that is told of days, page by page, of intakes, and of the study's days."""
+def read_figures(database):
+    """Read all figures: rows of days, mean intakes, amounts of closed days, the study's days."""
     with database.read() as session:
         rows, after = [], None
         while page := days.page_of_days(session, RowFilter(), after=after, limit=5):
@@ -85,8 +89,9 @@ def told(database):
         means = intakes.page_of_intakes(
             session, session.get(Study, STUDY), first_day=None, last_day=None, after=None, limit=10
         )
-        of_study = study_day_sums.days_of_study(session, STUDY, FIRST_DAY - ONE_DAY, FIRST_DAY + 9 * ONE_DAY)
-        return rows, means, intakes.closed_days(session, STUDY, None, None), of_study
+        closed = amounts_by_column(session, StudyWindow(STUDY), "energy_kcal", least_coverage=0.0)
+        study_days = study_day_sums.days_of_study(session, STUDY, FIRST_DAY - ONE_DAY, FIRST_DAY + 9 * ONE_DAY)
+        return rows, means, closed, study_days
 
 
 def marked_of_study(database):
@@ -95,17 +100,17 @@ def marked_of_study(database):
 
 
 class History:
-    """What may happen to days, at random."""
+    """Random changes of meals, records, diary entries and participants."""
 
     def __init__(self, database, people, seed):
         self.database, self.people, self.chance = database, people, random.Random(seed)
 
-    def go_on(self, steps):
+    def change_often(self, steps):
         for _ in range(steps):
             with self.database.write() as session:
                 self.chance.choice(
-                    (self.arrive, self.arrive, self.measure, self.measure, self.move_on, self.say, self.correct,
-                     self.lose_record, self.lose_meal, self.begin_or_leave)
+                    (self.arrive, self.arrive, self.measure, self.measure, self.change_status, self.add_entry,
+                     self.correct, self.delete_record, self.delete_meal, self.change_expected_days)
                 )(session)  # fmt: skip
 
     def arrive(self, session):
@@ -117,23 +122,23 @@ class History:
         session.add(meal)
 
     def measure(self, session):
-        if meal := self.one(session, Meal):
+        if meal := self.random_row(session, Meal):
             amounts = {name: self.amount() for name in HEADLINE_COLUMNS}
             add_record(session, meal, status=self.chance.choice(RECORD_STATUSES), consumed_g=self.amount(),
                        left_g=self.amount(), provisional=self.chance.random() < 0.2,
                        origin=self.chance.choice(("pipeline", "declared", "added")), **amounts)  # fmt: skip
 
-    def move_on(self, session):
-        if meal := self.one(session, Meal):
+    def change_status(self, session):
+        if meal := self.random_row(session, Meal):
             meal.status = self.chance.choice(MEAL_STATUSES)
 
     def correct(self, session):
-        if record := self.one(session, EffectiveRecord):
+        if record := self.random_row(session, EffectiveRecord):
             name = self.chance.choice(("consumed_g", "left_g", *HEADLINE_COLUMNS))
             setattr(record, name, self.amount())
             record.status = self.chance.choice(RECORD_STATUSES)
 
-    def say(self, session):
+    def add_entry(self, session):
         key = (self.chance.choice(self.people), FIRST_DAY + timedelta(days=self.chance.randrange(5)))
         day = session.get(DiaryDay, key)
         if day is None:
@@ -142,7 +147,7 @@ class History:
         day.status, day.ate_nothing = self.chance.choice((("open", False), ("closed", False), ("closed", True)))
         day.changed_at = datetime(2026, 10, 1, 18, tzinfo=UTC) + timedelta(hours=self.chance.randrange(96))
 
-    def begin_or_leave(self, session):
+    def change_expected_days(self, session):
         person = session.get(Participant, self.chance.choice(self.people))
         day = FIRST_DAY + timedelta(days=self.chance.randrange(5))
         if self.chance.random() < 0.5:
@@ -150,12 +155,12 @@ class History:
         else:
             person.withdrawn_at = self.chance.choice((None, datetime(2026, 10, day.day, 23, 30, tzinfo=UTC)))
 
-    def lose_record(self, session):
-        if record := self.one(session, EffectiveRecord):
+    def delete_record(self, session):
+        if record := self.random_row(session, EffectiveRecord):
             session.delete(record)
 
-    def lose_meal(self, session):
-        if meal := self.one(session, Meal):
+    def delete_meal(self, session):
+        if meal := self.random_row(session, Meal):
             for model in (EffectiveRecord, Item):
                 session.execute(sa.delete(model).where(model.meal_id == meal.id))
             session.expire_all()
@@ -164,84 +169,85 @@ class History:
     def amount(self):
         return self.chance.choice((None, 0.0, self.chance.uniform(-5.0, 500.0)))
 
-    def one(self, session, model):
-        found = session.scalars(sa.select(model).order_by(*model.__table__.primary_key.columns)).all()
-        return self.chance.choice(found) if found else None
+    def random_row(self, session, model):
+        rows = session.scalars(sa.select(model).order_by(*model.__table__.primary_key.columns)).all()
+        return self.chance.choice(rows) if rows else None
 
 
 def near(rows):
-    """Rows by repr, each number to nine digits: the order in which a database adds is its own."""
+    """Flatten rows and round each number to nine digits: databases add in an order of their own."""
     return [[float(f"{x:.9g}") if isinstance(x, float) else x for x in flat(row)] for row in rows]
 
 
 def flat(value):
     if isinstance(value, dict):
-        value = [each for pair in sorted(value.items()) for each in pair]
+        value = [member for pair in sorted(value.items()) for member in pair]
     if not isinstance(value, list | tuple):
         slots = getattr(value, "__slots__", None)
         if slots is None or isinstance(value, str | uuid.UUID | date):
             return [value]
         value = [getattr(value, name) for name in slots]
-    return [each for part in value for each in flat(part)]
+    return [leaf for part in value for leaf in flat(part)]
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_sums_are_what_days_come_to_after_any_history(database, people, seed):
+def test_stored_sums_equal_a_recount_after_any_history(database, people, seed):
     history = History(database, people, seed)
     for _ in range(5):
-        history.go_on(12)
-        counted = told(database)  # some days kept, some counted
+        history.change_often(12)
+        counted = read_figures(database)  # some days are stored, others are counted
         write_sums(database)
-        for before, after in zip(counted, told(database), strict=True):  # the study's are counted from those kept
+        for before, after in zip(
+            counted, read_figures(database), strict=True
+        ):  # study days are counted from stored days
             assert near(before) == near(after)
         with database.read() as session:
-            every = day_sums.days_after(session, None, 1000)
-            truth = day_sums.counted_sums(session, every) if every else {}
+            all_days = day_sums.days_after(session, None, 1000)
+            truth = day_sums.counted_sums(session, all_days) if all_days else {}
         write_all_sums(database)
         assert marked(database) == set()
         with database.read() as session:
-            kept = {(row.participant_id, row.local_date): row for row in session.scalars(sa.select(DaySum))}
-        assert kept.keys() == truth.keys()
+            stored = {(row.participant_id, row.local_date): row for row in session.scalars(sa.select(DaySum))}
+        assert stored.keys() == truth.keys()
         for day, sums in truth.items():
-            assert near([[getattr(kept[day], name) for name in sums]]) == near([list(sums.values())]), day
-        for before, after in zip(counted, told(database), strict=True):
+            assert near([[getattr(stored[day], name) for name in sums]]) == near([list(sums.values())]), day
+        for before, after in zip(counted, read_figures(database), strict=True):
             assert near(before) == near(after)
         assert marked_of_study(database) == set()
     assert compare_days(database, write=False) == ComparedDays(len(truth), 0)
     assert compare_study_days(database, write=False) == ComparedDays(len({on for _, on in truth}), 0)
 
 
-def test_every_kind_of_change_marks_its_day(database, people):
-    """On SQLite a migration that makes a table anew drops its triggers: they must be there, whatever came later."""
+def test_each_kind_of_change_marks_the_day(database, people):
+    """On SQLite a migration that recreates a table drops its triggers: they must exist after all migrations."""
     person, day = people[0], FIRST_DAY
     meal = new_meal(person, day)
     changes = {
         "meal arrives": lambda session: session.add(meal),
-        "meal moves on": lambda session: setattr(session.get(Meal, meal.id), "status", "failed"),
-        "place is told": lambda session: setattr(session.get(Meal, meal.id), "details", {"location": {"latitude": 1}}),
-        "record is made": lambda session: records.append(add_record(session, session.get(Meal, meal.id)).item_id),
+        "meal changes status": lambda session: setattr(session.get(Meal, meal.id), "status", "failed"),
+        "place is set": lambda session: setattr(session.get(Meal, meal.id), "details", {"location": {"latitude": 1}}),
+        "record is added": lambda session: records.append(add_record(session, session.get(Meal, meal.id)).item_id),
         "record changes": lambda session: setattr(session.get(EffectiveRecord, records[0]), "sodium_mg", 1.0),
-        "record goes": lambda session: session.delete(session.get(EffectiveRecord, records[0])),
-        "word is said": lambda session: session.add(word),
-        "word changes": lambda session: setattr(session.get(DiaryDay, (person, day)), "status", "open"),
-        "word goes": lambda session: session.delete(session.get(DiaryDay, (person, day))),
-        "items go": lambda session: session.execute(sa.delete(Item)),
-        "meal goes": lambda session: session.delete(session.get(Meal, meal.id)),
+        "record is deleted": lambda session: session.delete(session.get(EffectiveRecord, records[0])),
+        "entry is added": lambda session: session.add(entry),
+        "entry changes": lambda session: setattr(session.get(DiaryDay, (person, day)), "status", "open"),
+        "entry is deleted": lambda session: session.delete(session.get(DiaryDay, (person, day))),
+        "items are deleted": lambda session: session.execute(sa.delete(Item)),
+        "meal is deleted": lambda session: session.delete(session.get(Meal, meal.id)),
     }
     records = []
-    word = DiaryDay(participant_id=person, local_date=day, study_id=STUDY, status="closed", ate_nothing=False,
-                    changed_at=NOW, change_seq=1)  # fmt: skip
-    silent = {"items go"}
+    entry = DiaryDay(participant_id=person, local_date=day, study_id=STUDY, status="closed", ate_nothing=False,
+                     changed_at=NOW, change_seq=1)  # fmt: skip
     for name, change in changes.items():
         with database.write() as session:
             change(session)
-        assert marked(database) == (set() if name in silent else {(person, day)}), name
+        assert marked(database) == (set() if name == "items are deleted" else {(person, day)}), name
         write_all_sums(database)
         assert marked(database) == set()
-    assert told(database) == ([], [], [], [])
+    assert read_figures(database) == ([], [], [], [])
 
 
-def test_change_that_no_sum_depends_on_marks_nothing(database, people):
+def test_change_that_affects_no_sum_marks_no_day(database, people):
     with database.write() as session:
         meal = new_meal(people[0], FIRST_DAY)
         session.add(meal)
@@ -254,13 +260,13 @@ def test_change_that_no_sum_depends_on_marks_nothing(database, people):
     assert marked(database) == set()
 
 
-def test_change_beside_the_writing_of_sums_is_not_lost(database, people, monkeypatch):
+def test_change_while_sums_are_written_is_not_lost(database, people, monkeypatch):
     with database.write() as session:
         meal = new_meal(people[0], FIRST_DAY)
         session.add(meal)
         session.flush()
         item_id = add_record(session, meal, energy_kcal=100.0).item_id
-    there, writers = day_sums.people_among, []
+    lock, writers = day_sums.lock_existing_participants, []
 
     def correct():
         with database.write() as session:
@@ -271,20 +277,20 @@ def test_change_beside_the_writing_of_sums_is_not_lost(database, people, monkeyp
             writers.append(threading.Thread(target=correct))
             writers[0].start()
             writers[0].join(HEAD_START_SECONDS)
-        return there(session, ids)
+        return lock(session, ids)
 
-    monkeypatch.setattr(day_sums, "people_among", meanwhile)
+    monkeypatch.setattr(day_sums, "lock_existing_participants", meanwhile)
     write_all_sums(database)
     writers[0].join()
-    assert [row.amounts["energy_kcal"].value for row in told(database)[0]] == [700.0]
+    assert [row.amounts["energy_kcal"].value for row in read_figures(database)[0]] == [700.0]
     write_all_sums(database)
-    assert [row.amounts["energy_kcal"].value for row in told(database)[0]] == [700.0]
+    assert [row.amounts["energy_kcal"].value for row in read_figures(database)[0]] == [700.0]
     assert marked(database) == set()
     assert compare_days(database, write=False) == ComparedDays(1, 0)
 
 
-def test_two_who_write_sums_at_once_leave_none_of_before(database, people, monkeypatch):
-    """The second finds the first at work and leaves it to them, or comes after them."""
+def test_two_concurrent_writers_leave_no_outdated_sum(database, people, monkeypatch):
+    """The second one does not get the lock, or waits for the first."""
     with database.write() as session:
         session.add(new_meal(people[0], FIRST_DAY))
     write, seconds = day_sums.write_sums, []
@@ -303,8 +309,8 @@ def test_two_who_write_sums_at_once_leave_none_of_before(database, people, monke
     assert compare_days(database, write=False) == ComparedDays(1, 0)
 
 
-def test_sums_that_cannot_be_written_are_an_error_and_stay_marked(database, people, monkeypatch):
-    """The worker logs and counts a chore that fails; of one that gives up in silence there would be slow pages."""
+def test_sums_that_cannot_be_written_raise_and_stay_marked(database, people, monkeypatch):
+    """The worker logs a chore that fails; if it failed silently, pages would only get slow."""
     for n in range(2):
         with database.write() as session:
             session.add(new_meal(people[0], FIRST_DAY))
@@ -314,19 +320,19 @@ def test_sums_that_cannot_be_written_are_an_error_and_stay_marked(database, peop
     with pytest.raises(sa.exc.IntegrityError):
         write_all_sums(database)
     assert marked(database) == {(people[0], FIRST_DAY)}
-    assert [row.meals for row in told(database)[0]] == [2]
+    assert [row.meals for row in read_figures(database)[0]] == [2]
 
 
-def test_participant_who_is_erased_by_an_older_server_leaves_neither_sums_nor_marks(database, people):
+def test_participant_erased_by_an_older_server_leaves_neither_sums_nor_marks(database, people):
     person = people[0]
     with database.write() as session:
         session.add(new_meal(person, FIRST_DAY))
     write_all_sums(database)
-    with database.write() as session:  # as 0.2 does it, which knows neither table
+    with database.write() as session:  # as version 0.2 did, which had neither table
         for table in (Meal, Device):
             session.execute(sa.delete(table).where(table.participant_id == person))
         session.execute(sa.delete(Participant).where(Participant.id == person))
-    assert told(database)[0] == []
+    assert read_figures(database)[0] == []
     with database.read() as session:
         assert session.scalars(sa.select(DaySum)).all() == []
     assert marked(database) == {(person, FIRST_DAY)}
@@ -337,25 +343,25 @@ def test_participant_who_is_erased_by_an_older_server_leaves_neither_sums_nor_ma
     assert marked_of_study(database) == set()
 
 
-def test_change_of_who_is_expected_marks_the_study_s_days_that_it_bears_on(database, people):
+def test_change_of_expected_days_marks_the_affected_study_days(database, people):
     with database.write() as session:
         session.add_all(new_meal(person, FIRST_DAY + n * ONE_DAY) for person in people for n in range(5))
     write_all_sums(database)
-    before = [day.counts.told for day in told(database)[3]]
+    before = [day.counts.told for day in read_figures(database)[3]]
     with database.write() as session:
         session.get(Participant, people[0]).starts_on = FIRST_DAY + ONE_DAY
         session.get(Participant, people[1]).withdrawn_at = datetime(2026, 10, 3, 23, 59, tzinfo=UTC)
     assert marked_of_study(database) == {FIRST_DAY + n * ONE_DAY for n in (0, 3, 4)}
-    after = [day.counts.told for day in told(database)[3]]
+    after = [day.counts.told for day in read_figures(database)[3]]
     write_all_sums(database)
     assert (before, after) == ([2, 2, 2, 2, 2], [1, 2, 2, 1, 1])
-    assert [day.counts.told for day in told(database)[3]] == after
+    assert [day.counts.told for day in read_figures(database)[3]] == after
     with database.write() as session:
         session.get(Participant, people[0]).code = "other"
     assert marked_of_study(database) == set()
 
 
-def test_study_s_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
+def test_study_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
     with database.write() as session:
         session.add(new_meal(people[0], FIRST_DAY))
     write_sums(database)
@@ -375,17 +381,17 @@ def test_study_s_day_that_changes_while_it_is_written_stays_marked(database, peo
     monkeypatch.setattr(study_day_sums, "write_day", meanwhile)
     write_study_sums(database)
     writers[0].join()
-    assert [day.counts.meals for day in told(database)[3]] == [2]
+    assert [day.counts.meals for day in read_figures(database)[3]] == [2]
     write_all_sums(database)
-    assert [day.counts.meals for day in told(database)[3]] == [2]
+    assert [day.counts.meals for day in read_figures(database)[3]] == [2]
     assert compare_study_days(database, write=False) == ComparedDays(1, 0)
 
 
-def test_study_s_sums_that_are_wrong_or_missing_are_found_and_put_right(database, people):
+def test_wrong_or_missing_study_sums_are_detected_and_corrected(database, people):
     with database.write() as session:
         session.add_all(new_meal(people[0], FIRST_DAY + n * ONE_DAY) for n in range(3))
     write_all_sums(database)
-    truth = told(database)
+    truth = read_figures(database)
     with database.write() as session:
         session.execute(sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY).values(meals=5))
         delays = session.get(StudyDaySum, (STUDY, FIRST_DAY)).delays
@@ -396,22 +402,22 @@ def test_study_s_sums_that_are_wrong_or_missing_are_found_and_put_right(database
     assert compare_study_days(database, write=False) == ComparedDays(3, 3)
     assert compare_study_days(database, write=True) == ComparedDays(3, 3)
     assert compare_study_days(database, write=False) == ComparedDays(3, 0)
-    assert told(database) == truth
+    assert read_figures(database) == truth
 
 
-def test_sums_that_are_wrong_missing_or_of_no_day_are_found_and_put_right(database, people):
+def test_wrong_missing_or_stray_sums_are_detected_and_corrected(database, people):
     with database.write() as session:
         session.add_all(new_meal(person, FIRST_DAY + timedelta(days=n)) for person in people for n in range(4))
     write_all_sums(database)
-    truth = told(database)
+    truth = read_figures(database)
     assert compare_days(database, write=False) == ComparedDays(8, 0)
     with database.write() as session:
         session.execute(sa.update(DaySum).where(DaySum.participant_id == people[0]).values(meals=5))
         session.execute(sa.delete(DaySum).where(DaySum.local_date == FIRST_DAY))
-        one = session.scalars(sa.select(DaySum)).first()
-        values = {column.name: getattr(one, column.name) for column in DaySum.__table__.columns}
+        row = session.scalars(sa.select(DaySum)).first()
+        values = {column.name: getattr(row, column.name) for column in DaySum.__table__.columns}
         session.execute(sa.insert(DaySum).values(values | {"local_date": date(2020, 1, 1)}))
     assert compare_days(database, write=False) == ComparedDays(9, 6)
     assert compare_days(database, write=True) == ComparedDays(9, 6)
     assert compare_days(database, write=False) == ComparedDays(8, 0)
-    assert told(database) == truth
+    assert read_figures(database) == truth

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.diary.diary import project_day
+from app.diary.diary import effective_event
 from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.meal_time import latest_day
 from app.people.models import Participant, Study
@@ -158,8 +158,8 @@ def test_newest_word_of_the_highest_layer_counts():
         return DayEvent(kind=kind, layer=layer)
 
     words = [event("closed", "participant"), event("reopened", "reviewer"), event("ate_nothing", "participant")]
-    assert project_day(words) is words[1]
-    assert project_day([words[0], words[2]]) is words[2]
+    assert effective_event(words) is words[1]
+    assert effective_event([words[0], words[2]]) is words[2]
 
 
 def test_staff_see_the_days_that_the_phone_sees(phone, client, admin):
