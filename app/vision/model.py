@@ -18,6 +18,7 @@ from app.vision.vessel_library import VesselModel
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
+Int64Array = NDArray[np.int64]
 ImageArray = NDArray[np.uint8]
 MaskArray = NDArray[np.bool_]
 
@@ -49,14 +50,23 @@ class PhotoPair:
 
 @dataclass(frozen=True, slots=True)
 class MarkerObservation:
-    """The marker in one photograph: (n, 2) inner corners, px, row-major in the print's order (CONVENTIONS.md)."""
+    """The marker in one photograph: (n, 2) of the print's points, px, in the print's order (CONVENTIONS.md).
+
+    point_ids: (n,) which of the print's points they are, ascending; None: all of them, as of every checkerboard. A
+    board of tags may be partly covered.
+    """
 
     spec: MarkerSpec
     corners_px: Float64Array
+    point_ids: Int64Array | None = None
+
+    def seen_of(self, points: Float64Array) -> Float64Array:
+        """Those of (m, ...), one row per point of the print, that are observed."""
+        return points if self.point_ids is None else points[self.point_ids]
 
     @property
     def grid_px(self) -> Float64Array:
-        """(rows - 1, columns - 1, 2) the corners."""
+        """(rows - 1, columns - 1, 2) the corners of a checkerboard."""
         return self.corners_px.reshape(self.spec.rows - 1, self.spec.columns - 1, 2)
 
 

@@ -241,7 +241,7 @@ def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:
         points, plane = back_project(rectified, depth_mm), plane_points(rectified)
         is_ignored = ~rectified.is_seen
         if marker is not None:
-            is_ignored |= shows_sheet(marker.spec, plane, rectified.first_centre_mm)
+            is_ignored |= shows_sheet(marker, plane, rectified.first_centre_mm)
     return Reconstruction(rectified, disparity, depth, points, plane, is_ignored)
 
 

@@ -259,7 +259,7 @@ def _over_the_table(table: TableTrend | None, scene: Reconstruction, index: IntA
 
 def _near(items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec) -> MaskArray:
     """(H, W) where a point over the table about the board and the foods was measured."""
-    half = np.array([spec.columns, spec.rows]) * spec.square_mm / 2
+    half = np.array([spec.width_mm, spec.height_mm]) / 2
     seen = [item.points_table[:, :2] for item in items if len(item.points_table)]
     corners = np.concatenate([[-half, half], *seen])
     margin = AROUND_MM if seen else AROUND_BOARD_MM

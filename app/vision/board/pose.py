@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from app.vision.board.tag_layout import tag_corners_mm
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation
@@ -41,13 +42,19 @@ class BoardFit:
 
 
 def board_points(spec: MarkerSpec) -> Float64Array:
-    """(n, 3) inner corners in the table frame, mm, row-major: all at z = thick_mm (CONVENTIONS.md, "Marker")."""
+    """(n, 3) the print's points in the table frame, mm: all at z = thick_mm (CONVENTIONS.md, "Marker").
+
+    Inner corners, row-major; of an ArUco board the corners of its tags, tag by tag, clockwise from the upper left.
+    """
     return _board_points(spec).copy()
 
 
 @functools.lru_cache(maxsize=8)
 def _board_points(spec: MarkerSpec) -> Float64Array:
     """As board_points, which the fits ask for a thousand times a pair."""
+    if spec.kind == "aruco":
+        flat = tag_corners_mm(spec).reshape(-1, 2)
+        return np.column_stack([flat, np.full(len(flat), spec.thick_mm)])
     rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
     x = (columns + 1 - spec.columns / 2) * spec.square_mm
     y = (spec.rows / 2 - rows - 1) * spec.square_mm
@@ -60,7 +67,7 @@ def bent_points(spec: MarkerSpec, bend_mm: Float64Array) -> Float64Array:
     u, v: x, y over half the board's longer side. bend_mm: (3,), a, b, c in mm.
     """
     points = board_points(spec)
-    u, v = points[:, :2].T / (max(spec.columns, spec.rows) * spec.square_mm / 2)
+    u, v = points[:, :2].T / (max(spec.width_mm, spec.height_mm) / 2)
     points[:, 2] += bend_mm[0] * u**2 + bend_mm[1] * v**2 + bend_mm[2] * u * v
     return points
 
@@ -77,7 +84,7 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     Of a plane's two poses (IPPE: Collins and Bartoli, 2014) the one above the table that fits better once refined;
     None if there is none.
     """
-    points = board_points(observation.spec)
+    points = observation.seen_of(board_points(observation.spec))
     raised = np.array([0.0, 0.0, observation.spec.thick_mm])
     # IPPE wants its plane at z = 0: it gives the print's pose, from which the table's origin lies `raised` below.
     _, turns, shifts, _ = cv2.solvePnPGeneric(
@@ -131,8 +138,9 @@ def fit_board(
 
     def corner_residual(index: int, unknowns: Float64Array) -> Float64Array:
         camera = _scaled_lens(cameras[index], *unknowns[lens_at[index] : lens_at[index] + 2])
-        points = bent_points(observations[index].spec, unknowns[12:15])
-        return (project(camera, points, unknowns[6 * index : 6 * index + 6]) - observations[index].corners_px).ravel()
+        seen = observations[index]
+        points = seen.seen_of(bent_points(seen.spec, unknowns[12:15]))
+        return (project(camera, points, unknowns[6 * index : 6 * index + 6]) - seen.corners_px).ravel()
 
     def residual(free: Float64Array) -> Float64Array:
         unknowns = unpack(free)

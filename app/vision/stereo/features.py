@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
+from app.vision.board.tag_layout import common_points, seen_print_mm
 from app.vision.geometry.patch_alignment import align_patches
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
-from app.vision.marker_spec import MarkerSpec
-from app.vision.model import Float32Array, Float64Array, ImageArray, View
+from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerObservation, View
 
 MATCHING_SIDE_PX = 512  # long side where SIFT runs: which point is which; where it is, alignment tells
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
@@ -30,7 +30,6 @@ NOISE_BLUR_PX = 0.8  # before alignment; the noise of phones is finer than what 
 MAX_MOVE_PX = 4.0  # at the aligned size: SIFT's own error at its size
 FOOD_MIN_HEIGHT_MM = 8.0  # over the marker's plane; what lies lower may be table, sheet or plate
 FOOD_MAX_HEIGHT_MM = 250.0  # beyond, a triangulated match is a wrong one
-SHEET_MARGIN_SQUARES = 1.0  # white paper around the squares (CONVENTIONS.md, "Marker")
 MIN_MATCHES = 8  # what the 8-point method needs (paper, section IV.A)
 
 
@@ -62,11 +61,9 @@ def match_features(first: View, second: View) -> Matches | Failure:
     """
     first_px, second_px = _sift_matches(first, second)
     points = triangulate(first, second, first_px, second_px)
-    on_sheet = is_on_sheet(first.marker.spec, points) if first.marker is not None else np.zeros(len(points), np.bool_)
+    on_sheet = is_on_sheet(first.marker, points) if first.marker is not None else np.zeros(len(points), np.bool_)
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
-    corners_px, corners_second_px = (
-        view.marker.corners_px if view.marker is not None else np.empty((0, 2)) for view in (first, second)
-    )
+    corners_px, corners_second_px = _shared_corners(first, second)
     corners = np.ones(len(corners_px), np.bool_)
     keep = ~on_sheet  # the sheet's SIFT matches are the ambiguous ones; its corners stand for it
     matches = Matches(
@@ -78,6 +75,14 @@ def match_features(first: View, second: View) -> Matches | Failure:
     if int((~matches.is_board).sum()) < MIN_MATCHES:
         return too_few_matches(int((~matches.is_board).sum()))
     return matches
+
+
+def _shared_corners(first: View, second: View) -> tuple[Float64Array, Float64Array]:
+    """(n, 2), (n, 2) px of the marker's points that both views have; none without a marker."""
+    if first.marker is None or second.marker is None:
+        return np.empty((0, 2)), np.empty((0, 2))
+    common = common_points(first.marker, second.marker)
+    return common.first_px, common.second_px
 
 
 def too_few_matches(count: int) -> Failure:
@@ -119,35 +124,35 @@ def undistort_to_pinhole(view: View, pixels: Float64Array) -> Float64Array:
     return undistort_to_rays(view, pixels) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
 
 
-def sheet_half_mm(spec: MarkerSpec) -> tuple[float, float]:
-    """Half the printed sheet's width and height, margin included, mm."""
-    half_x, half_y = ((squares / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm for squares in (spec.columns, spec.rows))
-    return half_x, half_y
+def is_on_sheet(marker: MarkerObservation, points_table: Float64Array | Float32Array) -> NDArray[np.bool_]:
+    """(...,) whether (..., 3) points lie over what is seen of the print, margin included; False for NaN."""
+    x, y = points_table[..., 0], points_table[..., 1]
+    is_on = np.zeros(x.shape, np.bool_)
+    for low_x, low_y, high_x, high_y in seen_print_mm(marker):
+        is_on |= (x >= low_x) & (x <= high_x) & (y >= low_y) & (y <= high_y)
+    return is_on
 
 
-def is_on_sheet(spec: MarkerSpec, points_table: Float64Array | Float32Array) -> NDArray[np.bool_]:
-    """(...,) whether (..., 3) points lie over the printed sheet, margin included; False for NaN."""
-    half_x, half_y = sheet_half_mm(spec)
-    return (np.abs(points_table[..., 0]) <= half_x) & (np.abs(points_table[..., 1]) <= half_y)
-
-
-def shows_sheet(spec: MarkerSpec, plane_mm: Float32Array, centre_mm: Float64Array) -> NDArray[np.bool_]:
-    """(...,) whether a line of sight meets the printed sheet or, where it is raised, its sides; False for NaN.
+def shows_sheet(marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Float64Array) -> NDArray[np.bool_]:
+    """(...,) whether a line of sight meets what is seen of the print or, where it is raised, its sides; False for NaN.
 
     plane_mm: (..., 3) where each line of sight meets the table, z = 0. centre_mm: (3,) the camera's. The way from
-    z = thick_mm down to the table is a segment over the table; it crosses the sheet's rectangle (slab method).
+    z = thick_mm down to the table is a segment over the table; it crosses a rectangle of the print (slab method).
     """
-    rise = np.float32(spec.thick_mm / centre_mm[2])  # of the way from the table to the camera
-    enter, leave = np.zeros(plane_mm.shape[:-1], np.float32), np.ones(plane_mm.shape[:-1], np.float32)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for axis, half in enumerate(sheet_half_mm(spec)):
-            low_end = plane_mm[..., axis]
-            along = (np.float32(centre_mm[axis]) - low_end) * rise
-            along = np.where(np.abs(along) < 1e-6, np.float32(1e-6), along)
-            bounds = (np.float32(-half) - low_end) / along, (np.float32(half) - low_end) / along
-            enter = np.maximum(enter, np.minimum(*bounds))
-            leave = np.minimum(leave, np.maximum(*bounds))
-        return enter <= leave
+    rise = np.float32(marker.spec.thick_mm / centre_mm[2])  # of the way from the table to the camera
+    is_shown = np.zeros(plane_mm.shape[:-1], np.bool_)
+    for low_x, low_y, high_x, high_y in seen_print_mm(marker):
+        enter, leave = np.zeros(plane_mm.shape[:-1], np.float32), np.ones(plane_mm.shape[:-1], np.float32)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for axis, (low, high) in enumerate(((low_x, high_x), (low_y, high_y))):
+                low_end = plane_mm[..., axis]
+                along = (np.float32(centre_mm[axis]) - low_end) * rise
+                along = np.where(np.abs(along) < 1e-6, np.float32(1e-6), along)
+                bounds = (np.float32(low) - low_end) / along, (np.float32(high) - low_end) / along
+                enter = np.maximum(enter, np.minimum(*bounds))
+                leave = np.minimum(leave, np.maximum(*bounds))
+            is_shown |= enter <= leave
+    return is_shown
 
 
 def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array]:
@@ -221,16 +226,17 @@ def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
 
 
 def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
-    """(H, W) 255 but on the printed sheet and its sides, in the reduced view. size: (width, height)."""
+    """(H, W) 255 but on what is seen of the print and its sides, in the reduced view. size: (width, height)."""
+    camera = view.camera
     mask = np.full((size[1], size[0]), 255, np.uint8)
     if view.marker is None:
         return mask
-    spec, camera = view.marker.spec, view.camera
-    corners = np.array(list(itertools.product(*((-half, half) for half in sheet_half_mm(spec)), (0.0, spec.thick_mm))))
-    seen = corners @ view.rotation.T + view.translation_mm
-    outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    hull = cv2.convexHull(np.rint((outline + 0.5) / factor - 0.5).astype(np.int32))
-    cv2.fillConvexPoly(mask, hull, 0)
+    for low_x, low_y, high_x, high_y in seen_print_mm(view.marker):
+        sides = (low_x, high_x), (low_y, high_y), (0.0, view.marker.spec.thick_mm)
+        seen = np.array(list(itertools.product(*sides))) @ view.rotation.T + view.translation_mm
+        outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        hull = cv2.convexHull(np.rint((outline + 0.5) / factor - 0.5).astype(np.int32))
+        cv2.fillConvexPoly(mask, hull, 0)
     return mask
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.vision.board.tag_layout import sheet_half_mm
 from app.vision.geometry.topview import (
     CELLS_PER_FACT,
     MIN_POINTS_PER_TABLE_CELL,
@@ -21,7 +22,6 @@ from app.vision.geometry.topview import (
 )
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, Float64Array, MaskArray, View
-from app.vision.stereo.features import sheet_half_mm
 from app.vision.stereo.relative_pose import RefinedViews
 
 MIN_THICK_MM = 1.5  # below, paper that curls and errors of the poses look the same: TREND_SD_MM twice

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.vision.board.pose import bent_points
+from app.vision.board.tag_layout import common_points
 from app.vision.model import Float32Array, Float64Array
 from app.vision.stereo.rectification import RectifiedPair, to_rectified_px
 from app.vision.stereo.relative_pose import RefinedViews
@@ -43,10 +44,11 @@ def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> Depth
 
 
 def fit_to_marker(pair: RectifiedPair, views: RefinedViews) -> DepthModel:
-    """The depth model with the marker's corners as tie points: disparities as seen, depths by the poses."""
-    first_px = to_rectified_px(pair, views.first, views.first.required_marker.corners_px)
-    second_px = to_rectified_px(pair, views.second, views.second.required_marker.corners_px)
-    corners = bent_points(views.first.required_marker.spec, views.bend_mm)
+    """The depth model with the marker's points as tie points: disparities as seen, depths by the poses."""
+    common = common_points(views.first.required_marker, views.second.required_marker)
+    first_px = to_rectified_px(pair, views.first, common.first_px)
+    second_px = to_rectified_px(pair, views.second, common.second_px)
+    corners = common.of(bent_points(views.first.required_marker.spec, views.bend_mm))
     return fit_depth_model(first_px[:, 0] - second_px[:, 0], pair.project(corners)[:, 2])
 
 

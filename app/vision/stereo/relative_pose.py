@@ -119,7 +119,7 @@ def fit_views(
         poses, ideal, focal_px = [], [], []
         for index in (0, 1):
             rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
-            in_camera = points @ rotation.T + translation_mm
+            in_camera = views[index].required_marker.seen_of(points) @ rotation.T + translation_mm
             error = in_camera[:, :2] / in_camera[:, 2:] - _undistort(corners[index], lens)
             # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
             focal_px.append(bases[index].fx * np.exp(lens[0]))

@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.board.tag_layout import sheet_half_mm
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, MaskArray
 from app.vision.stereo.epipolar import surely_on_epipolar_lines
-from app.vision.stereo.features import Matches, sheet_half_mm
+from app.vision.stereo.features import Matches
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.table_matches import points_of_matches
 

@@ -35,4 +35,4 @@ def test_pictures_without_texture_give_too_few_matches():
 def test_sheet_includes_its_margin_and_nothing_beyond():
     half = SPEC.columns * SPEC.square_mm / 2
     points = np.array([[half + 10.9, 0.0, 0.0], [half + 11.1, 0.0, 0.0], [np.nan, np.nan, np.nan]])
-    assert is_on_sheet(SPEC, points).tolist() == [True, False, False]
+    assert is_on_sheet(blank_views()[0].marker, points).tolist() == [True, False, False]

@@ -7,6 +7,7 @@ import pytest
 
 from app.vision.board.pose import bent_points, board_points, solve_pose
 from app.vision.marker_spec import parse_marker
+from app.vision.model import MarkerObservation
 from app.vision.stereo.features import shows_sheet
 from app.vision.stereo.marker_thickness import find_thickness, on_plaque
 from app.vision.stereo.relative_pose import RefinedViews
@@ -61,7 +62,7 @@ def test_lines_of_sight_to_print_and_sides_are_the_plaques(thick_mm):
     shares = np.linspace(0.0, thick_mm / centre[2], 200)[:, None, None, None]
     along = plane[..., :2] + shares * (centre[:2] - plane[..., :2])
     is_hit = (np.abs(along) <= half).all(axis=-1).any(axis=0)
-    assert np.array_equal(shows_sheet(spec, plane, centre), is_hit)
+    assert np.array_equal(shows_sheet(MarkerObservation(spec, np.empty((0, 2))), plane, centre), is_hit)
 
 
 @pytest.mark.parametrize("thick_mm", [2.5, 5.0, 9.0, 11.5])
