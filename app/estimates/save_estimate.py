@@ -1,12 +1,11 @@
-"""The pipeline's answer into the database, in one transaction: run, artefacts, items, candidates, effective records.
+"""Save the pipeline's answer in one transaction: run, artefacts, items, candidates, effective records.
 
-Nothing is updated but the meal's status: a run is written once, under its job's id, and a second save of it is nothing.
+Only the meal's status is updated: a run is written once, under its job's id, and saving it again changes nothing.
 """
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -18,24 +17,24 @@ from app.meals.job_models import Job
 from app.meals.meal_parts import FROM_HINT
 from app.meals.models import HintDetails, Meal
 from app.meals.outline_json import rings_of
-from app.meals.record_models import Item, ItemCandidate, ItemFood, Run, RunArtefact
+from app.meals.record_models import HintedLeftover, Item, ItemCandidate, ItemFood, ItemOrigin, Run, RunArtefact
 from app.meals.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
 from app.records.project_records import project_meal
 from app.records.review.remeasure import save_measures
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
-NOTHING_THERE = "no_food_found"  # of the after-meal pair that is an answer: the plate is empty
+NOTHING_THERE = "no_food_found"  # the after-meal pair then shows an empty plate: no failure
 
 
 def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result_key: str) -> None:
-    """Write what a run found. answer: with the blob keys of its artefacts."""
+    """Write a run's answer, whose artefacts have their blob keys."""
     job = session.get_one(Job, job_id)
     if session.get(Run, job_id) is not None:
-        return  # saved before: the job ran again after its worker died between commit and report
+        return  # saved before: the worker died between commit and report, and the job ran again
     meal = meals.lock_meal(session, job.meal_id)
     if meal is None:
-        return  # the meal went while it was estimated: nothing of it may come back
+        return  # the meal was erased while it was estimated
     now, failure = datetime.now(UTC), answer.failure
     session.add(
         Run(
@@ -68,34 +67,36 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result
     project_meal(session, meal)
 
 
-def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: ItemAnswer, origin: str = "pipeline") -> Item:
-    """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
-    low_ml, high_ml = found.interval_ml
+def item_row(
+    meal_id: uuid.UUID, run_id: uuid.UUID, position: int, answer: ItemAnswer, origin: ItemOrigin = "pipeline"
+) -> Item:
+    """Return the row of an item of the answer. Its id follows from run and position, so a rebuilt row has the same."""
+    low_ml, high_ml = answer.interval_ml
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         meal_id=meal_id,
         run_id=run_id,
         origin=origin,
         position=position,
-        rings=rings_of(found.polygon),
-        volume_ml=found.volume_ml,
+        rings=rings_of(answer.polygon),
+        volume_ml=answer.volume_ml,
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,
-        relative_sd=found.relative_sd,
-        flags=found.flags,
-        traits=found.traits,
+        relative_sd=answer.relative_sd,
+        flags=answer.flags,
+        traits=answer.traits,
     )
 
 
 def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
-    """What was found in the meal's own pair: its items, what the hints say they are, else what the index is sure of."""
+    """Save the items of the meal's own pair, with the foods of their hints, else those that the index is sure of."""
     failure = answer.failure
-    items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer.items)]
-    hints = _answered(answer, meal.details["hints"])
+    items = [item_row(meal.id, run_id, position, item) for position, item in enumerate(answer.items)]
+    hints = _hint_of_each(answer, meal.details["hints"])
     _save_items(session, meal, items, hints)
     likely = save_candidates(session, run_id, list(zip(items, answer.items, strict=True)))
     for item, hint, food in zip(items, hints, likely, strict=True):
-        row = _taken_for(session, meal, item, food, hint.get("lies_as")) if "food" not in hint else None
+        row = _food_assignment(session, meal, item, food, hint.get("lies_as")) if "food" not in hint else None
         if row is not None:
             session.add(row)
     if failure is not None:
@@ -104,12 +105,12 @@ def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswe
 
 
 def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
-    """What was found in the after-meal pair. What it is of which item is matched when the meal is projected."""
+    """Save the items of the after-meal pair. They are matched to the meal's items when the meal is projected."""
     failure = answer.failure
-    items = [item_row(meal.id, run_id, position, found, "after") for position, found in enumerate(answer.items)]
-    hints = _answered(answer, after_hints(meal))
+    items = [item_row(meal.id, run_id, position, item, "after") for position, item in enumerate(answer.items)]
+    hints = _hint_of_each(answer, after_hints(meal))
     for item, hint in zip(items, hints, strict=True):
-        item.traits = item.traits | {"told": {key: hint[key] for key in ("item", "class") if key in hint}}
+        item.traits = {**item.traits, "told": _hinted_leftover(hint)}
     _save_items(session, meal, items, hints)
     if failure is not None and (failure.code != NOTHING_THERE or after_hints(meal)):
         meal.after_status = "failed"
@@ -125,13 +126,22 @@ def after_hints(meal: Meal) -> list[HintDetails]:
     return meal.after_details["hints"] if meal.after_details is not None else []
 
 
-def _answered(answer: RunAnswer, hints: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The hint that each item answers, empty where it answers none."""
+def _hinted_leftover(hint: HintDetails) -> HintedLeftover:
+    hinted: HintedLeftover = {}
+    if "item" in hint:
+        hinted["item"] = hint["item"]
+    if "class" in hint:
+        hinted["class"] = hint["class"]
+    return hinted
+
+
+def _hint_of_each(answer: RunAnswer, hints: Sequence[HintDetails]) -> list[HintDetails]:
+    """Return the hint that each item answers; empty if it answers none."""
     return [hints[item.hint] if item.hint is not None else {} for item in answer.items]
 
 
-def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[Mapping[str, Any]]) -> None:
-    """Write items, and what their hints say they are."""
+def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[HintDetails]) -> None:
+    """Save items with the foods of their hints."""
     session.add_all(items)
     session.flush()
     chosen = _chosen_foods(session, hints)
@@ -140,21 +150,23 @@ def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequ
         for item, food in zip(items, chosen, strict=True)
         if food is not None
     )
-    taken_for = [
-        _taken_for(session, meal, item, food, hint.get("lies_as"))
+    assignments = [
+        _food_assignment(session, meal, item, food, hint.get("lies_as"))
         for item, food, hint in zip(items, chosen, hints, strict=True)
     ]
-    session.add_all(row for row in taken_for if row is not None)
+    session.add_all(row for row in assignments if row is not None)
 
 
-def _chosen_foods(session: Session, hints: Sequence[Mapping[str, Any]]) -> list[Food | None]:
-    """The food of each item's hint; None without a hint or where the tables lack the food."""
+def _chosen_foods(session: Session, hints: Sequence[HintDetails]) -> list[Food | None]:
+    """Return the food of each item's hint; None without a hint or if no table has the food."""
     keys = {hint["food"] for hint in hints if "food" in hint}
-    known = foods.foods_by_key(session, keys) if keys else {}
-    return [known.get(hint.get("food", "")) for hint in hints]
+    foods_by_key = foods.foods_by_key(session, keys) if keys else {}
+    return [foods_by_key.get(hint.get("food", "")) for hint in hints]
 
 
-def _taken_for(session: Session, meal: Meal, item: Item, food: Food | None, lies_as: str | None) -> ItemFood | None:
+def _food_assignment(
+    session: Session, meal: Meal, item: Item, food: Food | None, lies_as: str | None
+) -> ItemFood | None:
     if food is None:
         return None
     return item_food(item.id, food.id, weighing_for(session, food, meal.study_id, lies_as), lies_as)

@@ -50,7 +50,7 @@ class Circumstances:
     eater: str | None = None
 
 
-NOTHING_KNOWN = Circumstances()
+NO_CIRCUMSTANCES = Circumstances()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,9 @@ class Identifier:
         self.version = _version(index, learned)
         self.vcm_version = index.vcm_version
 
-    def identify(self, vector: Vectors, circumstances: Circumstances = NOTHING_KNOWN, most: int = 10) -> Identification:
+    def identify(
+        self, vector: Vectors, circumstances: Circumstances = NO_CIRCUMSTANCES, most: int = 10
+    ) -> Identification:
         """The likeliest foods of a region. vector: (d,) of vcm_version.
 
         Raises ValueError if the vector is of another length or not finite.

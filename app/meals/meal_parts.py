@@ -141,9 +141,9 @@ def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[u
 
 
 def _add_what_is_said_of_items(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> None:
-    taken_for = _of_items(session, ItemFood, by_item)
-    keys = _keys_of(session, {row.food_id for row in taken_for})
-    for row in taken_for:
+    assignments = _of_items(session, ItemFood, by_item)
+    keys = _keys_of(session, {row.food_id for row in assignments})
+    for row in assignments:
         by_item[row.item_id].foods.setdefault(row.item_id, []).append(row)
         by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
     for measure in _of_items(session, ItemMeasure, by_item):

@@ -1,15 +1,17 @@
-"""What the pipeline found and what it was taken for, append-only; the effective record of each item, a projection."""
+"""Runs, items, measures, leftovers, candidates and foods, all append-only; effective records, a projection of them."""
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, TypedDict, get_args
+from typing import Literal, TypedDict, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.event_models import LAYERS
-from app.meals.job_models import JOB_PURPOSES
+from app.meals.job_models import JOB_PURPOSES, JobPurpose
+from app.meals.outline_json import Ring
+from app.meals.run_answer import Json
 from app.nutrition.doubt import Estimate
 from app.nutrition.nutrients import interval_in_proportion
 
@@ -30,8 +32,30 @@ RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
 ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
 ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 LeftoverClass = Literal["food_left", "refuse", "unmatched"]
-CandidateSource = Literal["hint", "index"]  # the phone's hint, or the index of looks
+CandidateSource = Literal["hint", "index"]  # the phone's hint, or the food index
 LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
+
+
+HintedLeftover = TypedDict("HintedLeftover", {"item": str, "class": str}, total=False)  # `class` is a keyword
+
+
+class TraitDetails(TypedDict, total=False):
+    """What leftovers are matched by. centre_mm, radius_mm: in the table frame. told: by the phone's hint."""
+
+    centre_mm: list[float] | None
+    radius_mm: float | None
+    lab: list[float] | None
+    told: HintedLeftover
+
+
+class ColourDetails(TypedDict):
+    """A photograph's colour correction by the marker. matrix: as in vision/model.py, ColourCorrection."""
+
+    kind: str
+    matrix: list[list[float]]
+    delta_e_mean: float | None
+    delta_e_worst: float | None
+    flags: list[str]
 
 
 class MassDoubt(TypedDict):
@@ -44,22 +68,22 @@ class MassDoubt(TypedDict):
 
 
 class RecordDetails(TypedDict):
-    """What a reader of the meal needs beside a record's columns.
+    """What readers of the meal need beside a record's columns.
 
-    rings: the region as it stands; None: the item's own. served, left: the terms of the meal's totals; left: of each
-    piece that was left over. open_probes: of its food, those that nobody has answered.
+    rings: the item's current region; None: the item's own. served, left: the terms of the meal's totals; left: one per
+    leftover. open_probes: unanswered probes of its food.
     """
 
-    rings: list[Any] | None
+    rings: list[Ring] | None
     served: MassDoubt | None
     left: list[MassDoubt]
     open_probes: list[str]
 
 
 class Run(Base):
-    """One execution of the pipeline on a meal. Never updated: a new execution is a new run. id: the job's id.
+    """One execution of the pipeline on a meal, never updated. id, purpose: the job's.
 
-    purpose: the job's. Only a run for "meal" makes the meal's items.
+    Only a run with the purpose "meal" creates the meal's items.
     """
 
     __tablename__ = "run"
@@ -68,26 +92,26 @@ class Run(Base):
 
     id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("job.id"), primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
+    purpose: Mapped[JobPurpose] = mapped_column(sa.String(16), default="meal")
     method: Mapped[str] = mapped_column(sa.String(32))
     pipeline_version: Mapped[str] = mapped_column(sa.String(32))
     marker: Mapped[str] = mapped_column(sa.String(64))
-    camera: Mapped[dict[str, Any] | None]
-    parameters: Mapped[dict[str, Any]]
-    colour: Mapped[dict[str, Any] | None]  # each photograph's colour correction by the marker
-    stages: Mapped[dict[str, Any]]
+    camera: Mapped[Json | None] = mapped_column(JsonValue)
+    parameters: Mapped[Json] = mapped_column(JsonValue)
+    colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(JsonValue)  # by side, "left" and "right"
+    stages: Mapped[dict[str, float]]  # seconds
     seconds: Mapped[float]
-    food_releases: Mapped[list[Any]]  # the tables in force, "name version", the one that goes first at the head
+    food_releases: Mapped[list[str]]  # the tables in force, "name version", in the order of their precedence
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
-    result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the pipeline's whole answer, in the store
+    result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the complete answer, in the blob store
     created_at: Mapped[datetime]
 
     __table_args__ = (one_of("purpose", JOB_PURPOSES),)
 
 
 class RunArtefact(Base):
-    """A picture or point cloud of a run's step, in the blob store."""
+    """A picture or point cloud of one of a run's steps, in the blob store."""
 
     __tablename__ = "run_artefact"
     personal = Personal(("run_id",), "derived_pictures")
@@ -102,13 +126,12 @@ class RunArtefact(Base):
 
 
 class Item(Base):
-    """One food of a meal: found by a run, or told by a person; its outline, its volume and the doubt about it.
+    """One food of a meal, found by a run or entered by a person: its outline and its volume with the uncertainty.
 
     origin: "pipeline", found in the meal's pair; "after", found in the after-meal pair (food left, or refuse);
-    "declared", told and never seen; "added", seen by a person and not by the pipeline; "split" and "merged", made from
-    other items by event_id. Without a volume (flag "not_measurable", or a person told grams) the interval is NULL too,
-    and relative_sd empty. traits: what leftovers are matched by (where it stood, its colour). parent_id: the item that
-    it was split from, or that a declared one answers a probe of.
+    "declared", entered without photographs; "added", seen by a person but not by the pipeline; "split" and "merged",
+    made from other items by event_id. Without a volume (flag "not_measurable", or a person entered grams) the interval
+    is NULL and relative_sd empty. parent_id: the item that it was split from, or whose probe a declared item answers.
     """
 
     __tablename__ = "item"
@@ -121,13 +144,13 @@ class Item(Base):
     parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     position: Mapped[int]
-    rings: Mapped[list[Any]]
+    rings: Mapped[list[Ring]] = mapped_column(JsonValue)
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
     volume_high_ml: Mapped[float | None]
-    relative_sd: Mapped[dict[str, Any]]
-    flags: Mapped[list[Any]]
-    traits: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    relative_sd: Mapped[dict[str, float]]
+    flags: Mapped[list[str]]
+    traits: Mapped[TraitDetails] = mapped_column(JsonValue, default=dict)
 
     __table_args__ = (
         sa.UniqueConstraint("run_id", "position"),
@@ -141,9 +164,9 @@ class Item(Base):
 
 
 class ItemMeasure(Base):
-    """An item's region measured again, as a person drew it; append-only, the one of the newest event that counts holds.
+    """An item's region measured again as a person drew it. Append-only: that of the newest effective event counts.
 
-    Where the run could not measure it the volume is NULL and flags say why.
+    If the run could not measure it, the volume is NULL and flags say why.
     """
 
     __tablename__ = "item_measure"
@@ -152,18 +175,19 @@ class ItemMeasure(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True, index=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
-    rings: Mapped[list[Any]]
+    rings: Mapped[list[Ring]] = mapped_column(JsonValue)
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
     volume_high_ml: Mapped[float | None]
-    relative_sd: Mapped[dict[str, Any]]
-    flags: Mapped[list[Any]]
+    relative_sd: Mapped[dict[str, float]]
+    flags: Mapped[list[str]]
 
 
 class Leftover(Base):
-    """What an item of the after-meal pair is: food left of an item, refuse of it, or nobody knows of which.
+    """The class of an item of the after-meal pair: food left of an item, refuse of it, or unmatched.
 
-    Append-only: the highest version of the highest layer holds. event_id: who said so; NULL: matched by the server.
+    Append-only: the highest version of the highest layer counts. event_id: the event that set it; NULL: the server
+    matched it.
     """
 
     __tablename__ = "leftover"
@@ -175,7 +199,7 @@ class Leftover(Base):
     leftover_class: Mapped[LeftoverClass] = mapped_column(sa.String(16))
     layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
-    flags: Mapped[list[Any]]
+    flags: Mapped[list[str]]
     created_at: Mapped[datetime]
 
     __table_args__ = (
@@ -186,10 +210,10 @@ class Leftover(Base):
 
 
 class ItemCandidate(Base):
-    """A food that an item may be; source tells who says so: the phone's "hint" or the "index".
+    """A food that an item may be, by the phone's "hint" or by the "index", best first within a run.
 
-    Append-only: positions go on where a later run identifies the item again, and its candidates hold; best first in
-    each run. run_id: NULL, the run that found the item. probability: NULL, a hint's.
+    Append-only: if a later run identifies the item again, its candidates get the next positions and replace the earlier
+    ones. run_id: NULL for the run that found the item. probability: NULL for a hint.
     """
 
     __tablename__ = "item_candidate"
@@ -204,11 +228,11 @@ class ItemCandidate(Base):
 
 
 class ItemFood(Base):
-    """Which food an item is taken for, and what turns its volume into grams; append-only.
+    """The food assigned to an item, with the density that turns its volume into grams; append-only.
 
-    The highest version of the highest layer holds, but for those whose event was undone. The density and the edible
-    share are kept as they were chosen, so that a record can always be built again. Without a density (the table knows
-    none) the density's columns are NULL. recompute_id: the recomputation that wrote it.
+    The highest version of the highest layer counts, unless its event was undone. Density and edible share are copied
+    when they are chosen, so that a record can always be rebuilt. If the food table has no density, its columns are
+    NULL. recompute_id: the recomputation that wrote it.
     """
 
     __tablename__ = "item_food"
@@ -217,7 +241,7 @@ class ItemFood(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
-    lies_as: Mapped[str | None] = mapped_column(sa.String(16))  # its form on the plate; NULL: as it usually lies
+    lies_as: Mapped[str | None] = mapped_column(sa.String(16))  # its form on the plate; NULL: the food's usual form
     density_g_per_ml: Mapped[float | None]
     density_sd_g_per_ml: Mapped[float | None]
     density_state: Mapped[str | None] = mapped_column(sa.String(32))
@@ -235,28 +259,28 @@ class ItemFood(Base):
 
 
 class Recompute(Base):
-    """One `tada records recompute --nutrients`: who, when, why, and how many records changed."""
+    """One `tada records recompute --nutrients`: who ran it, when and why."""
 
     __tablename__ = "recompute"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     author: Mapped[str] = mapped_column(sa.String(200))
     reason: Mapped[str] = mapped_column(sa.Text)
-    food_releases: Mapped[list[Any]]
+    food_releases: Mapped[list[str]]
     started_at: Mapped[datetime]
 
 
 class EffectiveRecord(Base):
-    """What holds for an item now: food, grams, ten headline components. Rebuilt from runs and events at any time.
+    """The current state of an item: food, grams, ten headline components. Can be rebuilt from runs and events.
 
-    mass_g and edible_g: as served. left_g: edible grams left over; NULL: nobody has looked. consumed_g: what was eaten,
+    mass_g, edible_g: as served. left_g: edible grams left over; NULL: nobody has checked for leftovers. consumed_g:
     edible less left, times the participant's share of the dish; signed, since clipping would bias means. The components
-    are those of consumed_g. Components that the food table does not know are NULL, never 0; so is all that follows from
-    an unknown amount, and every amount of a rejected item. density_g_per_ml: turned the volume into grams; NULL where a
-    person set the grams. provisional: an after-meal pair may still come. doubt: the
-    review queue's order, the greatest first. The columns of the day's and the page's filters are copied from the meal,
-    which never changes them. food_version: of the row of item_food that holds. run_id: of the run that saw the region
-    as it stands (no foreign key: its index would be for erasures alone, which delete the record first).
+    are those of consumed_g. A component that the food table lacks is NULL, never 0; so is everything that follows from
+    an unknown amount, and every amount of a rejected item. density_g_per_ml: the density used; NULL if a person set the
+    grams. provisional: an after-meal pair may still come. doubt: the review queue's order, greatest first. Columns that
+    filters use are copied from the meal, where they never change. food_version: of the row of item_food that counts.
+    run_id: of the run that saw the current region (no foreign key: only erasures would use its index, and they delete
+    the record first).
     """
 
     __tablename__ = "effective_record"
@@ -271,7 +295,7 @@ class EffectiveRecord(Base):
     status: Mapped[RecordStatus] = mapped_column(sa.String(16))
     origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     provisional: Mapped[bool] = mapped_column(default=False)
-    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer has had the last word
+    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer decided last
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
@@ -297,7 +321,7 @@ class EffectiveRecord(Base):
     sodium_mg: Mapped[float | None]
     potassium_mg: Mapped[float | None]
     vitamin_c_mg: Mapped[float | None]
-    flags: Mapped[list[Any]] = mapped_column(default=list)
+    flags: Mapped[list[str]] = mapped_column(default=list)
     doubt: Mapped[float] = mapped_column(default=0.0)
     food_version: Mapped[int | None]
     run_id: Mapped[uuid.UUID | None]
@@ -322,7 +346,7 @@ class EffectiveRecord(Base):
             postgresql_where=sa.text("provisional IS true"),
         ),
         sa.Index(None, "participant_id", "local_date"),
-        # lists of meals by what holds of their items (exports/lists/meal_page_queries.py)
+        # lists of meals filtered by their items (exports/lists/meal_page_queries.py)
         sa.Index(
             "ix_effective_record_meals_of_food",
             *("food_id", "study_id", "captured_at", "meal_id", "local_date"),
@@ -345,16 +369,16 @@ class EffectiveRecord(Base):
 
     @property
     def eaten_g(self) -> Estimate | None:
-        """The edible grams that were eaten, signed; None where they are not known."""
+        """The edible grams that were eaten, signed; None if unknown."""
         value, low, high = self.consumed_g, self.consumed_low_g, self.consumed_high_g
         return Estimate(value, low, high) if value is not None and low is not None and high is not None else None
 
     def nutrient_interval(self, column: str) -> tuple[float, float] | None:
-        """The 90 % interval of one of HEADLINE_COLUMNS, which follows from that of the grams; None where unknown."""
+        """Return the 90 % interval of one of HEADLINE_COLUMNS, in proportion to that of the grams; None if unknown."""
         amount, grams = getattr(self, column), self.eaten_g
         return interval_in_proportion(amount, grams) if amount is not None and grams is not None else None
 
     def interval(self, name: str, unit: str) -> tuple[float, float] | None:
-        """The 90 % interval of `{name}_{unit}`; None where it is not known."""
+        """Return the 90 % interval of the column `{name}_{unit}`; None if unknown."""
         low, high = getattr(self, f"{name}_low_{unit}"), getattr(self, f"{name}_high_{unit}")
         return (low, high) if low is not None and high is not None else None

@@ -104,7 +104,7 @@ def _told_class(piece: LeftoverState) -> LeftoverClass | None:
 
 def _mass(item: ItemState, of: ItemState) -> Mass | None:
     """Grams of the item, or of a piece of it, by the item's food."""
-    return served_mass(weighing_of(item.taken_for), of.amount) if item.taken_for is not None else None
+    return served_mass(weighing_of(item.food_assignment), of.amount) if item.food_assignment is not None else None
 
 
 def _sight(session: Session, state: ItemState) -> Sight:
@@ -119,5 +119,5 @@ def _sight(session: Session, state: ItemState) -> Sight:
         ),
         volume_ml=state.amount.volume_ml,
         relative_sd=sum(sd**2 for sd in relative_sd.values()) ** 0.5,
-        food=session.get_one(Food, state.taken_for.food_id).key if state.taken_for is not None else None,
+        food=session.get_one(Food, state.food_assignment.food_id).key if state.food_assignment is not None else None,
     )

@@ -88,8 +88,12 @@ class Projector:
         self._read_foods(parts, state)
         left = _Leftovers(parts, state)
         items = tuple(self._item(parts, each, left, state.answers[each.item.id]) for each in state.items)
-        taken_for: dict[uuid.UUID | None, ItemFood | None] = {each.item.id: each.taken_for for each in state.items}
-        pieces = [self._piece(each, taken_for.get(each.of_item_id, each.state.taken_for)) for each in state.leftovers]
+        assignments: dict[uuid.UUID | None, ItemFood | None] = {
+            each.item.id: each.food_assignment for each in state.items
+        }
+        pieces = [
+            self._piece(each, assignments.get(each.of_item_id, each.state.food_assignment)) for each in state.leftovers
+        ]
         return MealProjection(parts, items, pieces, _status(parts, state, items))
 
     def food(self, food_id: int) -> Food:
@@ -110,22 +114,22 @@ class Projector:
 
     def _read_foods(self, parts: MealParts, state: MealState) -> None:
         """Read in two queries what the items of a meal need and is not known yet."""
-        taken_for = {each.taken_for.food_id for each in state.items if each.taken_for is not None}
-        named = taken_for | {row.food_id for candidates in parts.candidates.values() for row in candidates}
+        assigned = {each.food_assignment.food_id for each in state.items if each.food_assignment is not None}
+        named = assigned | {row.food_id for candidates in parts.candidates.values() for row in candidates}
         self._foods |= {food.id: food for food in foods.foods_by_id(self._session, named - self._foods.keys())}
-        self._read_contents(taken_for)
+        self._read_contents(assigned)
 
     def _item(
         self, parts: MealParts, state: ItemState, leftovers: "_Leftovers", answers: frozenset[str]
     ) -> ItemProjection:
-        taken_for, meal = state.taken_for, parts.meal
-        food = self.food(taken_for.food_id) if taken_for is not None else None
+        food_assignment, meal = state.food_assignment, parts.meal
+        food = self.food(food_assignment.food_id) if food_assignment is not None else None
         by_index = self._by_index(parts, state)
         of_food = self._food_flags(state, by_index)
         flags = [*state.flags, *leftovers.flags_of(state), *time_flags(meal.origin, meal.captured_at, meal.received_at)]
         amounts = None
-        if taken_for is not None and food is not None and state.is_live:
-            weighing = weighing_of(taken_for)
+        if food_assignment is not None and food is not None and state.is_live:
+            weighing = weighing_of(food_assignment)
             is_by_volume = state.amount.mass is None
             amounts = food_amounts(
                 food.key,
@@ -148,7 +152,7 @@ class Projector:
             "provisional": is_provisional(meal),
             "reviewed": state.reviewed,
             "food_id": food.id if food is not None else None,
-            "food_version": taken_for.version if taken_for is not None else None,
+            "food_version": food_assignment.version if food_assignment is not None else None,
             "run_id": state.run_id,
             "volume_ml": state.amount.volume_ml,
             "volume_low_ml": state.amount.volume_low_ml,
@@ -163,11 +167,11 @@ class Projector:
             columns["doubt"] = _doubt(self._probability(state, by_index) if of_food else 1.0, amounts, flags)
         return ItemProjection(state, columns, _entry(parts, state, status, food))
 
-    def _piece(self, leftover: LeftoverState, taken_for: ItemFood | None) -> PieceDetails:
-        """A piece of the after-meal pair. taken_for: by which it is weighed."""
+    def _piece(self, leftover: LeftoverState, food_assignment: ItemFood | None) -> PieceDetails:
+        """A piece of the after-meal pair. food_assignment: by which it is weighed."""
         state, amount = leftover.state, leftover.state.amount
-        food = self.food(taken_for.food_id) if taken_for is not None else None
-        mass = served_mass(weighing_of(taken_for), amount) if taken_for is not None else None
+        food = self.food(food_assignment.food_id) if food_assignment is not None else None
+        mass = served_mass(weighing_of(food_assignment), amount) if food_assignment is not None else None
         low_ml, high_ml = amount.volume_low_ml, amount.volume_high_ml
         return {
             "id": str(state.item.id),
@@ -196,20 +200,20 @@ class Projector:
 
     def _food_flags(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> list[str]:
         """Why the food may be another one, as long as no person has said or seen what it is."""
-        if state.taken_for is None or state.food_is_told or not state.is_live:
+        if state.food_assignment is None or state.is_food_confirmed or not state.is_live:
             return []
-        if state.food_is_guessed:
+        if state.is_food_guessed:
             return [FOOD_IDENTIFIED]
         if not by_index or (by_index[0].probability or 0.0) < SURE:
             return []
-        is_other = self.food(by_index[0].food_id).key != self.food(state.taken_for.food_id).key
+        is_other = self.food(by_index[0].food_id).key != self.food(state.food_assignment.food_id).key
         return [FOOD_DOUBTFUL] if is_other else []
 
     def _probability(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> float:
         """Of the food that the item is taken for, by whichever version, as the index sees it."""
-        if state.taken_for is None:
+        if state.food_assignment is None:
             return 0.0
-        key = self.food(state.taken_for.food_id).key
+        key = self.food(state.food_assignment.food_id).key
         return next((row.probability or 0.0 for row in by_index if self.food(row.food_id).key == key), 0.0)
 
 
@@ -371,7 +375,7 @@ def _entry(parts: MealParts, state: ItemState, status: str, food: Food | None) -
     """The columns of the item's entry in the index, None where it has none. status: its record's."""
     item, meal = state.item, parts.meal
     seen = [each for each in parts.identified.get(item.id, ()) if each.run_id == state.run_id]
-    is_learned = state.is_live and state.stands and status in LEARNED and state.food_is_told
+    is_learned = state.is_live and state.stands and status in LEARNED and state.is_food_confirmed
     if not seen or not is_learned or food is None or item.origin in NEVER_LEARNED:
         return None
     newest = seen[-1]
@@ -396,11 +400,11 @@ def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]
 
 
 def _record_status(state: ItemState, amounts: FoodAmounts | None) -> RecordStatus:
-    if state.word == "rejected":
+    if state.decision == "rejected":
         return "rejected"
     if amounts is None or amounts.consumed_g is None:
         return "needs_review"  # whatever was said of it, how much was eaten is not known
-    return state.word or "proposed"
+    return state.decision or "proposed"
 
 
 def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> MealStatus | None:

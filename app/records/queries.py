@@ -52,7 +52,7 @@ class ItemRow(NamedTuple):
 
     record: EffectiveRecord
     item: Item
-    taken_for: ItemFood | None
+    food_assignment: ItemFood | None
     food: Food | None
 
 

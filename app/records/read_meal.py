@@ -35,14 +35,14 @@ NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured ye
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
-    """An item with its effective record; food and taken_for are None where it is no food yet.
+    """An item with its effective record; food and food_assignment are None where it is no food yet.
 
     per_100_g, nutrients: component number -> content of the food, amount in what was eaten.
     """
 
     record: EffectiveRecord
     item: Item
-    taken_for: ItemFood | None
+    food_assignment: ItemFood | None
     food: Food | None
     candidates: ItemCandidates
     per_100_g: Mapping[str, float]
@@ -161,7 +161,7 @@ def open_artefact(
 def _item(row: records.ItemRow, candidates: ItemCandidates, per_100_g: Mapping[str, float]) -> ItemView:
     eaten = row.record.eaten_g
     nutrients = nutrients_in(per_100_g, eaten) if eaten is not None else {}
-    return ItemView(row.record, row.item, row.taken_for, row.food, candidates, per_100_g, nutrients)
+    return ItemView(row.record, row.item, row.food_assignment, row.food, candidates, per_100_g, nutrients)
 
 
 def _portions(view: ItemView) -> Iterator[Portion]:

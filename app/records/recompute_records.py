@@ -99,7 +99,7 @@ class _Recomputation:
         """The differences of the items of these meals, written if so wanted."""
         projector = Projector(session)
         before = [projector.project(parts) for parts in parts_of(session, batch)]
-        keys = {projector.food(row.food_id).key for meal in before for row in _taken_for(meal)}
+        keys = {projector.food(row.food_id).key for meal in before for row in _food_assignments(meal)}
         in_force = foods.foods_by_key(session, keys)
         return [difference for meal in before for difference in self._meal(session, projector, meal, in_force)]
 
@@ -107,7 +107,7 @@ class _Recomputation:
         self, session: Session, projector: Projector, before: MealProjection, in_force: Mapping[str, Food]
     ) -> list[RecordDifference]:
         rows = []
-        for row in _taken_for(before):
+        for row in _food_assignments(before):
             self.done.compared += 1
             key = projector.food(row.food_id).key
             if key in in_force:
@@ -165,9 +165,13 @@ class _Recomputation:
         return self._weighings[key]
 
 
-def _taken_for(meal: MealProjection) -> list[ItemFood]:
-    """What the items are taken for; those that are no food of the meal any more are left as they are."""
-    return [item.state.taken_for for item in meal.items if item.state.taken_for is not None and item.state.is_live]
+def _food_assignments(meal: MealProjection) -> list[ItemFood]:
+    """Return the items' food assignments. Items that are no longer foods of the meal are left unchanged."""
+    return [
+        item.state.food_assignment
+        for item in meal.items
+        if item.state.food_assignment is not None and item.state.is_live
+    ]
 
 
 def _difference(session: Session, projector: Projector, after: MealProjection, row: ItemFood) -> RecordDifference:

@@ -141,13 +141,13 @@ def _artefact(meal: Meal, artefact: RunArtefact, query: str = "") -> ArtefactOut
 
 
 def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
-    record, row = view.record, view.taken_for
+    record, row = view.record, view.food_assignment
     density = row if record.density_g_per_ml is not None else None
     identified, rings = view.candidates.identified, record.details["rings"]
     return ItemOut(
         **{name: getattr(record, name) for name in ITEM_COLUMNS},
         id=record.item_id,
-        polygon=view.item.rings if rings is None else rings,
+        polygon=[[(x, y) for x, y in ring] for ring in (view.item.rings if rings is None else rings)],
         food=food_ref(view.food),
         lies_as=stored_word(row.lies_as, FOOD_FORMS) if row else None,
         candidates=render_candidates(view.candidates),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.foods.models import Food
-from app.meals.item_state import FOOD_DOUBTFUL, FOOD_IDENTIFIED, WORDS
+from app.meals.item_state import FOOD_DOUBTFUL, FOOD_IDENTIFIED, ITEM_DECISIONS
 from app.records.review.meal_history import HistoryRow
 from app.records.review.review_items import ReviewItem
 
@@ -16,7 +16,7 @@ SHARP_PX = 900  # so wide a crop is on a good screen
 WIDTHS_PX = (1600, 2400, 3200, 4096)  # few, so that a picture is made once and kept
 NUMBERED = 9  # candidates that have a key
 
-SETTLING = WORDS | {"split", "merge", "confirm_meal"}  # a reviewer's word that takes an item out of the queue
+SETTLING = ITEM_DECISIONS | {"split", "merge", "confirm_meal"}  # a reviewer's word that takes an item out of the queue
 EVENT_WORDS = {
     "confirm": "confirmed it",
     "reject": "rejected it",

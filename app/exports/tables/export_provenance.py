@@ -82,7 +82,7 @@ class Provenance:
             for state in fold_meal(parts).items:
                 run_id = spellings(state.run_id)[self._spelling] if state.run_id is not None else None
                 item_id = spellings(state.item.id)[self._spelling]
-                folded.append((item_id, self._run(run_id), _weighing(state.taken_for)))
+                folded.append((item_id, self._run(run_id), _weighing(state.food_assignment)))
         return folded
 
     def _run(self, run_id: str | None) -> Told:

@@ -13,7 +13,7 @@ from app.foods.models import Food
 from app.meals.item_state import ItemState
 from app.meals.record_models import Item
 from app.records.review.meal_events import Change, Standing
-from app.records.review.review_item import named_food, taken_for
+from app.records.review.review_item import food_assignment, named_food
 from app.records.review.review_meal import new_item
 from app.records.review.told_amounts import DECLARED_SD, told_amount
 
@@ -24,7 +24,7 @@ def declare(standing: Standing) -> Change:
     """Answer a probe of an item. Raises InvalidInputError (no probe of its food), ConflictError (answered)."""
     state, told, session = standing.item(), standing.event.told, standing.session
     probe, answer = told["probe"], told["answer"]
-    asked = session.get_one(Food, state.taken_for.food_id).probes if state.taken_for is not None else []
+    asked = session.get_one(Food, state.food_assignment.food_id).probes if state.food_assignment is not None else []
     if probe not in asked:
         raise InvalidInputError(
             "The item's food does not ask this: `open_probes` of the item names what it asks.",
@@ -40,7 +40,7 @@ def declare(standing: Standing) -> Change:
         return Change(new=new)
     food = named_food(session, told["food"])
     if probe in ABOUT_THE_FOOD:
-        row = taken_for(standing, state.item.id, food, None, standing.parts.foods.get(state.item.id, ()))
+        row = food_assignment(standing, state.item.id, food, None, standing.parts.foods.get(state.item.id, ()))
         return Change(new=new | {"food": food.key}, rows=[row])
     return _added(standing, state, food, new)
 
@@ -49,5 +49,5 @@ def _added(standing: Standing, state: ItemState, food: Food, new: Mapping[str, A
     told = standing.event.told
     amount = told_amount(standing.session, told["amount"], food, DECLARED_SD)
     item: Item = new_item(standing, "declared", parent_id=state.item.id)
-    rows: list[Base] = [item, taken_for(standing, item.id, food, None)]
+    rows: list[Base] = [item, food_assignment(standing, item.id, food, None)]
     return Change(new={**new, "food": food.key, "item": str(item.id), "share": told["share"], **amount}, rows=rows)

@@ -15,7 +15,7 @@ from app.candidates.save_candidates import save_candidates
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
 from app.meals.event_values import Region
-from app.meals.item_state import ItemState, Word, fold_meal, lies_as_told, read_word, region_drawn
+from app.meals.item_state import ItemState, StatedEvent, drawn_region, fold_meal, read_event, stated_form
 from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import Meal
@@ -42,9 +42,9 @@ class Regions:
 
 def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
     """What the pipeline is asked for the job's event: the regions that it drew, and the other foods as they stand."""
-    word = read_word(session.get_one(MealEvent, job.event_id))
+    stated = read_event(session.get_one(MealEvent, job.event_id))
     states = {state.item.id: state for state in fold_meal(parts_of(session, [meal])[0]).items}
-    drawn = {item.id: region_drawn(word, item) for item in _concerned(session, word.event)}
+    drawn = {item.id: drawn_region(stated, item) for item in _concerned(session, stated.event)}
     hints, items = [], []
     for item_id, region_of_item in drawn.items():
         if region_of_item is not None:
@@ -64,11 +64,11 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
 
     An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
     """
-    word = read_word(session.get_one(MealEvent, job.event_id))
+    stated = read_event(session.get_one(MealEvent, job.event_id))
     found = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
-    drawn = [item for item in _concerned(session, word.event) if region_drawn(word, item) is not None]
+    drawn = [item for item in _concerned(session, stated.event) if drawn_region(stated, item) is not None]
     session.add_all(
-        _measure(item, word, job.id, found.get(item.id), has_failed=answer.failure is not None) for item in drawn
+        _measure(item, stated, job.id, found.get(item.id), has_failed=answer.failure is not None) for item in drawn
     )
     seen = [(item, found[item.id]) for item in drawn if item.id in found]
     likely = save_candidates(session, job.id, seen)
@@ -77,8 +77,10 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
     for (item, _), food in zip(seen, likely, strict=True):
         state = states.get(item.id)
         if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
-            continue  # not sure, or a newer region or a person's word holds
-        lies_as = lies_as_told(word, item) or (state.taken_for.lies_as if state.taken_for is not None else None)
+            continue  # not sure, or a newer region or a person's statement counts
+        lies_as = stated_form(stated, item) or (
+            state.food_assignment.lies_as if state.food_assignment is not None else None
+        )
         before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
         session.add(
             item_food(
@@ -87,15 +89,15 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
                 weighing_for(session, food, meal.study_id, lies_as),
                 lies_as,
                 version=before + 1,
-                event_id=word.event.id,
+                event_id=stated.event.id,
             )
         )
 
 
 def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
     """Whether the server may take the item for this food: it is none yet, or another by the server's own guess."""
-    row = state.taken_for
-    return row is None or (state.food_is_guessed and parts.food_keys[row.food_id] != food.key)
+    row = state.food_assignment
+    return row is None or (state.is_food_guessed and parts.food_keys[row.food_id] != food.key)
 
 
 def _concerned(session: Session, event: MealEvent) -> list[Item]:
@@ -105,13 +107,15 @@ def _concerned(session: Session, event: MealEvent) -> list[Item]:
     return [own] if own is not None else made
 
 
-def _measure(item: Item, word: Word, run_id: uuid.UUID, found: ItemAnswer | None, *, has_failed: bool) -> ItemMeasure:
-    region = region_drawn(word, item)
+def _measure(
+    item: Item, stated: StatedEvent, run_id: uuid.UUID, found: ItemAnswer | None, *, has_failed: bool
+) -> ItemMeasure:
+    region = drawn_region(stated, item)
     if found is None:
         polygon = region.polygon if region is not None else None
         return ItemMeasure(
             item_id=item.id,
-            event_id=word.event.id,
+            event_id=stated.event.id,
             run_id=run_id,
             rings=rings_of(polygon) if polygon is not None else [],
             volume_ml=None,
@@ -123,7 +127,7 @@ def _measure(item: Item, word: Word, run_id: uuid.UUID, found: ItemAnswer | None
     low_ml, high_ml = found.interval_ml
     return ItemMeasure(
         item_id=item.id,
-        event_id=word.event.id,
+        event_id=stated.event.id,
         run_id=run_id,
         rings=rings_of(found.polygon),
         volume_ml=found.volume_ml,
@@ -135,7 +139,7 @@ def _measure(item: Item, word: Word, run_id: uuid.UUID, found: ItemAnswer | None
 
 
 def _with_food(session: Session, region: Region, state: ItemState) -> Hint:
-    row, hint = state.taken_for, region.model_dump(exclude_none=True)
+    row, hint = state.food_assignment, region.model_dump(exclude_none=True)
     if row is None:
         return hint
     named = {"food": session.get_one(Food, row.food_id).key}

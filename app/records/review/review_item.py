@@ -26,7 +26,7 @@ def confirm(standing: Standing) -> Change:
     """The item is right as it stands. Raises ConflictError where there is nothing to confirm yet."""
     state = standing.item()
     require_complete([state])
-    status = "corrected" if state.word == "corrected" else "confirmed"
+    status = "corrected" if state.decision == "corrected" else "confirmed"
     return Change(old={"status": standing.record(state).status}, new={"status": status})
 
 
@@ -40,9 +40,9 @@ def set_food(standing: Standing) -> Change:
     """It is this food, lying so; its volume is weighed anew."""
     state, told = standing.item(), standing.event.told
     food = named_food(standing.session, told["food"])
-    row = taken_for(standing, state.item.id, food, told["lies_as"], standing.parts.foods.get(state.item.id, ()))
+    row = food_assignment(standing, state.item.id, food, told["lies_as"], standing.parts.foods.get(state.item.id, ()))
     return Change(
-        old={"food": key_of(standing.session, state.taken_for), "lies_as": _lies_as(state)},
+        old={"food": key_of(standing.session, state.food_assignment), "lies_as": _lies_as(state)},
         new={"food": food.key, "lies_as": told["lies_as"]},
         rows=[row],
     )
@@ -59,7 +59,7 @@ def set_volume(standing: Standing) -> Change:
 def set_mass(standing: Standing) -> Change:
     """It is so many grams, or so many household measures of its food; also of a piece that was left."""
     state = standing.item_or_piece()
-    food = standing.session.get_one(Food, state.taken_for.food_id) if state.taken_for is not None else None
+    food = standing.session.get_one(Food, state.food_assignment.food_id) if state.food_assignment is not None else None
     new = told_amount(standing.session, standing.event.told["amount"], food, TOLD_SD)
     return Change(old=amount_as_told(state), new=new)
 
@@ -99,7 +99,9 @@ def require_complete(states: Sequence[ItemState]) -> None:
 
 def is_complete(state: ItemState) -> bool:
     """Whether it is known what it is and how much."""
-    return state.taken_for is not None and served_mass(weighing_of(state.taken_for), state.amount) is not None
+    return (
+        state.food_assignment is not None and served_mass(weighing_of(state.food_assignment), state.amount) is not None
+    )
 
 
 def amount_as_told(state: ItemState) -> dict[str, Any]:
@@ -129,7 +131,7 @@ def remeasure_job(standing: Standing) -> Job:
 
 
 def _lies_as(state: ItemState) -> str | None:
-    return state.taken_for.lies_as if state.taken_for is not None else None
+    return state.food_assignment.lies_as if state.food_assignment is not None else None
 
 
 def named_food(session: Session, key: str) -> Food:
@@ -144,12 +146,12 @@ def named_food(session: Session, key: str) -> Food:
     return found
 
 
-def key_of(session: Session, taken_for: ItemFood | None) -> str | None:
+def key_of(session: Session, food_assignment: ItemFood | None) -> str | None:
     """The key of the food that an item is taken for."""
-    return session.get_one(Food, taken_for.food_id).key if taken_for is not None else None
+    return session.get_one(Food, food_assignment.food_id).key if food_assignment is not None else None
 
 
-def taken_for(
+def food_assignment(
     standing: Standing, item_id: uuid.UUID, food: Food, lies_as: str | None, before: Sequence[ItemFood] = ()
 ) -> ItemFood:
     """The row of an item that is this food from now on, weighed as is known by now. before: its rows so far."""

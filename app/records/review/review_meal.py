@@ -15,14 +15,21 @@ from app.core.errors import ConflictError, InvalidInputError, NotAllowedError, N
 from app.db.base import Base
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
-from app.meals.item_state import REMEASURING, ItemState, items_of, live_events, read_word
+from app.meals.item_state import REMEASURING, ItemState, live_events, read_event, required_items
 from app.meals.outline_json import rings_of
 from app.meals.record_models import Item
 from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.mass import Mass
 from app.records.item_foods import served_mass, weighing_of
 from app.records.review.meal_events import Change, Standing
-from app.records.review.review_item import key_of, named_food, remeasure_job, require_complete, same_food, taken_for
+from app.records.review.review_item import (
+    food_assignment,
+    key_of,
+    named_food,
+    remeasure_job,
+    require_complete,
+    same_food,
+)
 from app.records.review.told_amounts import TOLD_SD, told_amount
 
 ITEMS_OF_EVENT = uuid.UUID("b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5")  # drawn once; ids of items are derived under it
@@ -55,7 +62,7 @@ def added(standing: Standing, origin: str, default_sd: float) -> Change:
     item = new_item(standing, origin, rings=rings_of(polygon) if polygon is not None else [])
     rows: list[Base] = [item]
     if food is not None:
-        rows.append(taken_for(standing, item.id, food, told["lies_as"]))
+        rows.append(food_assignment(standing, item.id, food, told["lies_as"]))
     if region is not None:
         rows.append(remeasure_job(standing))
     new = {
@@ -76,14 +83,14 @@ def split(standing: Standing) -> Change:
         item, amount = _part(standing, state, place, told)
         if told["food"] is not None:
             food = named_food(standing.session, told["food"])
-            food_rows.append(taken_for(standing, item.id, food, told["lies_as"]))
-        elif state.taken_for is not None:
-            food_rows.append(same_food(standing, item.id, state.taken_for, is_guessed=state.food_is_guessed))
+            food_rows.append(food_assignment(standing, item.id, food, told["lies_as"]))
+        elif state.food_assignment is not None:
+            food_rows.append(same_food(standing, item.id, state.food_assignment, is_guessed=state.is_food_guessed))
         items.append(item)
         parts.append({"item": str(item.id), **told, **amount})
     jobs = [remeasure_job(standing)] if any(part["polygon"] is not None for part in parts) else []
     return Change(
-        old={"item": str(state.item.id), "food": key_of(standing.session, state.taken_for)},
+        old={"item": str(state.item.id), "food": key_of(standing.session, state.food_assignment)},
         new={"parts": parts, "share": state.share},
         rows=[*items, *food_rows, *jobs],
     )
@@ -111,7 +118,7 @@ def merge(standing: Standing) -> Change:
         "items": list(told["items"]), "item": str(item.id), "food": key_of(session, food),
         "share": states[0].share, **mass,
     }  # fmt: skip
-    old = {"foods": [key_of(session, state.taken_for) for state in states]}
+    old = {"foods": [key_of(session, state.food_assignment) for state in states]}
     return Change(old=old, new=new, rows=[item, food] if food is not None else [item])
 
 
@@ -197,7 +204,9 @@ def _summed_volume(states: Sequence[ItemState]) -> dict[str, Any]:
 
 def _summed_mass(states: Sequence[ItemState]) -> dict[str, Any]:
     """Grams that are the sum of all as seen; empty where one is not known."""
-    masses = [served_mass(weighing_of(s.taken_for), s.amount) if s.taken_for is not None else None for s in states]
+    masses = [
+        served_mass(weighing_of(s.food_assignment), s.amount) if s.food_assignment is not None else None for s in states
+    ]
     known: list[Mass] = [mass for mass in masses if mass is not None]
     if len(known) < len(masses):
         return {}
@@ -221,16 +230,18 @@ def _merged_food(standing: Standing, item: Item, states: Sequence[ItemState]) ->
     key = standing.event.told["food"]
     if key is not None:
         food = named_food(standing.session, key)
-        return taken_for(standing, item.id, food, standing.event.told["lies_as"])
-    known = sorted((state for state in states if state.taken_for is not None), key=lambda each: each.food_is_guessed)
-    rows = [state.taken_for for state in known if state.taken_for is not None]
+        return food_assignment(standing, item.id, food, standing.event.told["lies_as"])
+    known = sorted(
+        (state for state in states if state.food_assignment is not None), key=lambda each: each.is_food_guessed
+    )
+    rows = [state.food_assignment for state in known if state.food_assignment is not None]
     if not rows:
         return None
     if len({_same_as(standing.session, row.food_id) for row in rows}) > 1:
         raise InvalidInputError(
             "The items are different foods: say in `food` which one they are together.", code="merge_needs_food"
         )
-    return same_food(standing, item.id, rows[0], is_guessed=known[0].food_is_guessed)
+    return same_food(standing, item.id, rows[0], is_guessed=known[0].is_food_guessed)
 
 
 def _same_as(session: Session, food_id: int) -> str:
@@ -252,7 +263,7 @@ def _require_unreviewed(standing: Standing, item_ids: set[uuid.UUID]) -> None:
         item_id
         for word in live_events(standing.parts.events)
         if word.event.layer == "reviewer" and word.event.kind not in ("comment", "question")
-        for item_id in items_of(word)
+        for item_id in required_items(word)
     }
     reviewed |= {state.item.id for state in standing.state.items if state.reviewed}
     if reviewed & item_ids:
@@ -262,7 +273,7 @@ def _require_unreviewed(standing: Standing, item_ids: set[uuid.UUID]) -> None:
 def _made_from(standing: Standing, event: MealEvent) -> set[uuid.UUID]:
     """The items that an event made, and those that were made from them since."""
     made = {item.id for item in standing.parts.items if item.event_id == event.id}
-    by_event = {each.id: set(items_of(read_word(each))) for each in standing.parts.events}
+    by_event = {each.id: set(required_items(read_event(each))) for each in standing.parts.events}
     for item in sorted(standing.parts.items, key=lambda each: each.position):
         if item.event_id in by_event and by_event[item.event_id] & made:
             made.add(item.id)

@@ -157,7 +157,7 @@ def test_provenance_of_items_is_what_their_meals_fold_to(talked_over, rows, stat
         assert set(told) <= {str(one) for one in session.scalars(sa.select(Item.id))}
     assert set(told) == set(seen)
     for item_id, row in told.items():
-        its = seen[item_id].taken_for
+        its = seen[item_id].food_assignment
         assert row["run_id"] == (str(seen[item_id].run_id) if seen[item_id].run_id else None)
         assert (row["method"] is None) == (row["run_id"] is None)
         assert row["food_said_by"] == (its.layer if its else None)

@@ -119,7 +119,7 @@ def one():
 def test_item_of_which_nobody_spoke_is_as_the_pipeline_found_it(one):
     history, item = one
     state = history.state(item)
-    assert (state.word, state.share, state.amount.volume_ml, state.flags) == (None, 1.0, 100.0, ())
+    assert (state.decision, state.share, state.amount.volume_ml, state.flags) == (None, 1.0, 100.0, ())
     assert state.is_live
     assert not state.reviewed
 
@@ -140,7 +140,7 @@ def test_last_word_decides_and_a_correction_stays_one(one, words, expected):
     history, item = one
     for kind in words:
         history.say(kind, item, share=0.5, text="")
-    assert history.state(item).word == expected
+    assert history.state(item).decision == expected
 
 
 def test_reviewers_word_holds_whatever_the_participant_says_later(one):
@@ -149,7 +149,7 @@ def test_reviewers_word_holds_whatever_the_participant_says_later(one):
     history.say("set_mass", item, mass_g=90.0, of="edible", relative_sd=0.1)
     history.say("reject", item)
     state = history.state(item)
-    assert (state.amount.mass.mass_g, state.word, state.reviewed) == (50.0, "corrected", True)
+    assert (state.amount.mass.mass_g, state.decision, state.reviewed) == (50.0, "corrected", True)
 
 
 def test_undone_reviewers_word_gives_the_participants_back(one):
@@ -157,7 +157,7 @@ def test_undone_reviewers_word_gives_the_participants_back(one):
     history.set_food(item, 1)
     theirs = history.set_food(item, 2, "reviewer")
     history.undo(theirs, "reviewer")
-    assert history.state(item).taken_for.food_id == 1
+    assert history.state(item).food_assignment.food_id == 1
     assert not history.state(item).reviewed
 
 
@@ -175,7 +175,7 @@ def test_confirmed_meal_confirms_the_items_that_it_had(one):
     history, item = one
     history.say("confirm_meal", items=[str(item.id)])
     later = history.item(20.0)
-    assert (history.state(item).word, history.state(later).word) == ("confirmed", None)
+    assert (history.state(item).decision, history.state(later).decision) == ("confirmed", None)
 
 
 def test_drawn_region_keeps_the_amount_until_it_is_measured(one):
@@ -244,7 +244,7 @@ def test_food_is_guessed_where_only_the_index_says_so(one, sources, word, is_gue
         history.candidate(item, source)
     if word is not None:
         history.say(word, item, volume_ml=50.0, relative_sd=0.1)
-    assert history.state(item).food_is_guessed is is_guessed
+    assert history.state(item).is_food_guessed is is_guessed
 
 
 def test_food_that_somebody_said_is_a_guess_again_once_the_word_is_undone(one):
@@ -252,9 +252,9 @@ def test_food_that_somebody_said_is_a_guess_again_once_the_word_is_undone(one):
     history.food(item, 1)
     history.candidate(item, "index")
     said = history.set_food(item, 2)
-    assert not history.state(item).food_is_guessed
+    assert not history.state(item).is_food_guessed
     history.undo(said)
-    assert history.state(item).food_is_guessed
+    assert history.state(item).is_food_guessed
 
 
 def test_part_that_was_given_a_guessed_food_is_guessed(one):
@@ -262,7 +262,7 @@ def test_part_that_was_given_a_guessed_food_is_guessed(one):
     event, (first, second) = history.split(item)
     history.food(first, 1, "automatic", event.id)
     history.food(second, 1, "participant", event.id)
-    assert [history.state(part).food_is_guessed for part in (first, second)] == [True, False]
+    assert [history.state(part).is_food_guessed for part in (first, second)] == [True, False]
 
 
 def test_told_grams_hold_over_an_older_region_that_is_measured_later(one):
@@ -282,7 +282,7 @@ def test_portion_counts_as_long_as_the_food_that_it_is_of(one):
     assert history.state(item).amount.mass.mass_g == 182.0
     other = history.set_food(item, 2)
     state = history.state(item)
-    assert (state.amount.mass, state.amount.volume_ml, state.word) == (None, 70.0, "corrected")
+    assert (state.amount.mass, state.amount.volume_ml, state.decision) == (None, 70.0, "corrected")
     history.undo(other)
     assert history.state(item).amount.mass.mass_g == 182.0
 
@@ -320,9 +320,9 @@ def test_declared_food_goes_with_the_item_that_it_came_with(one):
     history, item = one
     event = history.say("declare", item, probe="fat_added", answer="yes", mass_g=5.0, of="edible", relative_sd=0.2)
     butter = history.item(None, event.id, origin="declared", parent_id=item.id)
-    assert history.state(butter).word == "confirmed"
+    assert history.state(butter).decision == "confirmed"
     rejected = history.say("reject", item)
-    assert (history.state(butter).word, history.state(butter).flags) == ("rejected", ("of_rejected",))
+    assert (history.state(butter).decision, history.state(butter).flags) == ("rejected", ("of_rejected",))
     history.undo(rejected)
     history.split(item)
     assert history.state(butter).is_live
@@ -492,11 +492,11 @@ def test_fold_says_what_a_slow_fold_by_definition_says(steps):
         amount = state.amount
         known = ("g", amount.mass.mass_g) if amount.mass else ("ml", amount.volume_ml) if amount.volume_ml else None
         assert slow.summary(state.item) == {
-            "word": state.word,
+            "word": state.decision,
             "stands": state.stands,
             "share": state.share,
             "reviewed": state.reviewed,
-            "food": state.taken_for.food_id if state.taken_for else None,
+            "food": state.food_assignment.food_id if state.food_assignment else None,
             "amount": known,
         }
 
@@ -530,5 +530,5 @@ def test_all_undone_is_as_the_pipeline_found_it(steps):
         parts.events.append(undo)
     states = [state for state in fold_meal(parts).items if state.stands]
     for state, before in zip(states, fold_meal(found).items, strict=True):
-        assert (state.word, state.share, state.amount, state.flags) == (None, 1.0, before.amount, ())
-        assert state.taken_for.food_id == 1
+        assert (state.decision, state.share, state.amount, state.flags) == (None, 1.0, before.amount, ())
+        assert state.food_assignment.food_id == 1
