@@ -1,4 +1,4 @@
-"""`tada demo`: one meal from upload to record, over HTTP as a phone would, on throwaway data."""
+"""`tada demo`: one meal from upload to record, over HTTP as a phone does it, on throwaway data."""
 
 import importlib.resources
 import json
@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import httpx2
@@ -25,6 +24,8 @@ from app.db.session import Database
 from app.jobs.supervisor import settings_environment
 from app.operations.prepare import prepare
 from app.people.access.staff import create_admin
+from app.people.schemas import EnrolmentCodeOut, EnrolmentOut
+from app.records.meal_schemas import MealOut
 
 FOOD_POINT = (1092, 620)  # in the bundled left photograph
 MARKER = "plain:9x7:11"
@@ -36,16 +37,16 @@ LISTENING = re.compile(r"listens on (http://\S+)")
 
 
 def run_demo(output: Path) -> int:
-    """Run the demo; pictures go to `output`. Returns the exit status."""
+    """Run the demo, write pictures to `output` and return the exit status."""
     started = time.perf_counter()
     with throwaway_server() as admin:
         study = {"code": "demo", "name": "Demo", "marker": MARKER}
-        answer(admin.post("/v1/studies", json=study))
+        checked(admin.post("/v1/studies", json=study))
         with enrol(admin, "demo", {"code": "P001"}) as phone:
-            say("A study, a participant and a phone with its token are there.")
+            say("Created a study, a participant and a phone with its token.")
             meal = send_meal(phone)
-            if meal["status"] == "failed":
-                say(f"The meal failed: {meal['failure']}")
+            if meal.failure is not None:
+                say(f"The meal failed: {meal.failure.message}")
                 return 1
             meal = identify_items(phone, meal)
             show_meal(meal)
@@ -62,7 +63,7 @@ def say(text: str) -> None:
 
 @contextmanager
 def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
-    """Run a server with its worker on a temporary folder, whatever the environment says; yields an admin's client.
+    """Run a server with its worker on a temporary folder, ignoring the environment; yield an admin's client.
 
     port 0: any free one.
     """
@@ -90,29 +91,29 @@ def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
 
 @contextmanager
 def running_server(settings: Settings) -> Iterator[str]:
-    """Run `tada serve` as a process of its own; yields its address."""
+    """Run `tada serve` in a separate process; yield its address."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
     environment |= settings_environment(settings)
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
     )
     address: list[str] = []
-    found = threading.Event()
+    is_decided = threading.Event()
 
     def read_errors() -> None:
         for line in process.stderr or ():
             match = LISTENING.search(line)
             if match and not address:
                 address.append(match[1])
-                found.set()
+                is_decided.set()
             elif not match:
                 print(line, end="", file=sys.stderr, flush=True)
-        found.set()  # the server ended: stop waiting
+        is_decided.set()  # the server ended: stop waiting
 
     reader = threading.Thread(target=read_errors, daemon=True)
     reader.start()
     try:
-        if not found.wait(START_SECONDS) or not address:
+        if not is_decided.wait(START_SECONDS) or not address:
             raise SystemExit("tada: the demo's server did not start; its messages are above.")
         yield address[0]
     finally:
@@ -131,15 +132,17 @@ def client_of(address: str | httpx2.URL, token: str) -> httpx2.Client:
 
 
 def enrol(admin: httpx2.Client, study: str, participant: Mapping[str, object]) -> httpx2.Client:
-    """Make a participant of the study and enrol a phone: its client."""
+    """Create a participant of the study, enrol a phone and return its client."""
     participants, code = f"/v1/studies/{study}/participants", participant["code"]
-    answer(admin.post(participants, json=participant))
-    enrolment = answer(admin.post(f"{participants}/{code}/enrolment-codes"))
-    device = {"code": enrolment["code"], "device_name": f"phone of {code}", "model": "Sample phone"}
-    return client_of(admin.base_url, answer(admin.post("/v1/enrolments", json=device))["token"])
+    checked(admin.post(participants, json=participant))
+    issued = checked(admin.post(f"{participants}/{code}/enrolment-codes"))
+    enrolment_code = EnrolmentCodeOut.model_validate_json(issued.content).code
+    device = {"code": enrolment_code, "device_name": f"phone of {code}", "model": "Sample phone"}
+    enrolled = checked(admin.post("/v1/enrolments", json=device))
+    return client_of(admin.base_url, EnrolmentOut.model_validate_json(enrolled.content).token)
 
 
-def send_meal(phone: httpx2.Client) -> dict[str, Any]:
+def send_meal(phone: httpx2.Client) -> MealOut:
     """Upload the bundled pair and follow the meal to its end, printing each stage."""
     metadata = {
         "id": str(uuid.uuid4()),
@@ -148,16 +151,16 @@ def send_meal(phone: httpx2.Client) -> dict[str, Any]:
         "hints": [{"point": FOOD_POINT}],
     }
     meal = upload(phone, metadata, {side: bundled_photograph("", side) for side in ("left", "right")})
-    durable = all(image["durable"] for image in meal["images"].values())
-    say(f"Uploaded a meal: both photographs durable: {durable}; hint: a food at {FOOD_POINT}, not which.")
-    deadline, seen = time.monotonic() + ESTIMATE_SECONDS, None
-    while meal["status"] in ("queued", "processing") and time.monotonic() < deadline:
-        state = (meal["status"], meal["stage"])
-        if state != seen:
-            print(f"   {meal['status']}{': ' + meal['stage'] if meal['stage'] else ''}", flush=True)
-            seen = state
-        meal = answer(phone.get(f"/v1/meals/{meal['id']}", params={"wait": 25}))
-    print(f"   {meal['status']}", flush=True)
+    durable = all(image.durable for image in meal.images.values())
+    say(f"Uploaded a meal: both photographs durable: {durable}; hint: an unnamed food at {FOOD_POINT}.")
+    deadline, printed = time.monotonic() + ESTIMATE_SECONDS, ""
+    while meal.status in ("queued", "processing") and time.monotonic() < deadline:
+        state = f"{meal.status}: {meal.stage}" if meal.stage else meal.status
+        if state != printed:
+            print(f"   {state}", flush=True)
+            printed = state
+        meal = meal_of(phone.get(f"/v1/meals/{meal.id}", params={"wait": 25}))
+    print(f"   {meal.status}", flush=True)
     return meal
 
 
@@ -166,75 +169,81 @@ def bundled_photograph(folder: str, slot: str) -> bytes:
     return (importlib.resources.files("app") / "demo_data" / folder / f"{slot}.jpg").read_bytes()
 
 
-def upload(phone: httpx2.Client, metadata: Mapping[str, object], photographs: Mapping[str, bytes]) -> dict[str, Any]:
+def upload(phone: httpx2.Client, metadata: Mapping[str, object], photographs: Mapping[str, bytes]) -> MealOut:
     """Send a meal in one request. photographs: by side."""
     parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
     parts |= {side: (f"{side}.jpg", content, "image/jpeg") for side, content in photographs.items()}
-    return answer(phone.post("/v1/meals", files=parts))
+    return meal_of(phone.post("/v1/meals", files=parts))
 
 
-def send_event(client: httpx2.Client, meal_id: str, **event: object) -> dict[str, Any]:
-    """Send one event about the meal as it is now: the meal after it."""
+def send_event(client: httpx2.Client, meal_id: uuid.UUID, **event: object) -> MealOut:
+    """Send one event for the current version of the meal; return the meal after it."""
     path = f"/v1/meals/{meal_id}"
-    tag = client.get(path).raise_for_status().headers["ETag"]
-    return answer(client.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4()), **event}))
+    tag = checked(client.get(path)).headers["ETag"]
+    return meal_of(client.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4()), **event}))
 
 
-def identify_items(phone: httpx2.Client, meal: dict[str, Any]) -> dict[str, Any]:
+def identify_items(phone: httpx2.Client, meal: MealOut) -> MealOut:
     """Print the candidates of each item, and choose the first, as a participant who ate an apple would."""
-    for item in [each for each in meal["items"] if each["candidates"]]:
-        say(f"Which food is it? By the index {item['index_version']}:")
-        for candidate in item["candidates"][:SHOWN_CANDIDATES]:
-            print(f"   {candidate['probability']:6.1%}  {candidate['food']['name']}")
-        print(f"   {item['none_of_these']:6.1%}  none that the index knows")
-        first = item["candidates"][0]["food"]
-        event = {"kind": "confirm"} if item["food"] == first else {"kind": "set_food", "food": first["key"]}
-        meal = send_event(phone, meal["id"], item=item["id"], **event)
-        say(f"The participant taps {first['name']} ({event['kind']}): the meal is {meal['status']}.")
+    for item in meal.items:
+        if not item.candidates:
+            continue
+        say(f"Which food is it? By the index {item.index_version}:")
+        for candidate in item.candidates[:SHOWN_CANDIDATES]:
+            print(f"   {candidate.probability:6.1%}  {candidate.food.name}")
+        if item.none_of_these is not None:
+            print(f"   {item.none_of_these:6.1%}  none that the index knows")
+        first = item.candidates[0].food
+        event = {"kind": "confirm"} if item.food == first else {"kind": "set_food", "food": first.key}
+        meal = send_event(phone, meal.id, item=str(item.id), **event)
+        say(f"The participant taps {first.name} ({event['kind']}): the meal is {meal.status}.")
     return meal
 
 
-def show_meal(meal: dict[str, Any]) -> None:
+def show_meal(meal: MealOut) -> None:
     """Print each item: food, volume, mass and nutrients."""
-    for item in meal["items"]:
-        food = item["food"]["name"] if item["food"] else "unknown food"
-        print(f"\n   {food}")
-        if item["volume_ml"] is None:
-            print(f"     not measured: {', '.join(item['flags'])}")
+    for item in meal.items:
+        print(f"\n   {item.food.name if item.food is not None else 'unknown food'}")
+        if item.volume_ml is None or item.volume_interval_ml is None:
+            print(f"     not measured: {', '.join(item.flags)}")
             continue
-        low, high = item["volume_interval_ml"]
-        print(f"     volume      {item['volume_ml']:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
-        if item["mass_g"] is None:
+        low, high = item.volume_interval_ml
+        print(f"     volume      {item.volume_ml:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
+        if item.mass_g is None or item.mass_interval_g is None:
             continue
-        low, high = item["mass_interval_g"]
-        print(f"     density     {item['density_g_per_ml']:8.2f} g/ml ({item['density_source']})")
-        print(f"     mass        {item['mass_g']:8.1f} g    (90 % interval {low:.1f} to {high:.1f})")
-        print(f"     edible      {item['edible_g']:8.1f} g")
-        amounts = {nutrient["tagname"]: nutrient for nutrient in item["nutrients"]}
+        low, high = item.mass_interval_g
+        print(f"     density     {item.density_g_per_ml:8.2f} g/ml ({item.density_source})")
+        print(f"     mass        {item.mass_g:8.1f} g    (90 % interval {low:.1f} to {high:.1f})")
+        print(f"     edible      {item.edible_g:8.1f} g")
+        amounts = {nutrient.tagname: nutrient for nutrient in item.nutrients}
         for tagname in SHOWN_NUTRIENTS:
             if tagname in amounts:
                 nutrient = amounts[tagname]
-                print(f"     {nutrient['name']:<31} {nutrient['amount']:8.2f} {nutrient['unit']}")
+                print(f"     {nutrient.name:<31} {nutrient.amount:8.2f} {nutrient.unit}")
     print()
 
 
 def show_records(phone: httpx2.Client) -> None:
     """Print the size of the records as a researcher's CSV."""
-    lines = phone.get("/v1/records", params={"format": "csv"}).text.splitlines()
+    lines = checked(phone.get("/v1/records", params={"format": "csv"})).text.splitlines()
     say(f"GET /v1/records?format=csv: {len(lines) - 1} record, {lines[0].count(',') + 1} columns.")
 
 
-def save_artefacts(phone: httpx2.Client, meal: dict[str, Any], output: Path) -> None:
+def save_artefacts(phone: httpx2.Client, meal: MealOut, output: Path) -> None:
     """Download the pictures of the steps."""
     output.mkdir(parents=True, exist_ok=True)
-    for artefact in meal["run"]["artefacts"]:
-        (output / artefact["name"]).write_bytes(phone.get(artefact["href"]).raise_for_status().content)
-        print(f"   {output / artefact['name']}")
+    for artefact in meal.run.artefacts if meal.run is not None else ():
+        (output / artefact.name).write_bytes(checked(phone.get(artefact.href)).content)
+        print(f"   {output / artefact.name}")
 
 
-def answer(response: httpx2.Response) -> dict[str, Any]:
-    """Return the body of a response. Raises SystemExit with the server's text if it is an error."""
+def meal_of(response: httpx2.Response) -> MealOut:
+    """Return the meal in a response. Raises SystemExit as `checked` does."""
+    return MealOut.model_validate_json(checked(response).content)
+
+
+def checked(response: httpx2.Response) -> httpx2.Response:
+    """Return the response. Raises SystemExit with the server's text if it is an error."""
     if response.is_error:
         raise SystemExit(f"tada: {response.request.url}: {response.status_code} {response.text}")
-    body: dict[str, Any] = response.json() if response.content else {}
-    return body
+    return response

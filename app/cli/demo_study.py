@@ -1,8 +1,8 @@
-"""`tada demo --browse`: a sample study on a throwaway server, to be looked at in a browser until Ctrl-C.
+"""`tada demo --browse`: a sample study on a throwaway server, served to a browser until Ctrl-C.
 
-Made over HTTP as phones and staff do it: `make_study` makes its people, `photograph_meals` uploads what is to be
-measured, `declare_days` fills the days with meals entered as text, `settle` follows the photographs to their estimates
-and sends what participants and reviewers say. Everything is drawn from a seed but ids and passwords.
+Created over HTTP as phones and staff do it: `make_study` creates people, `photograph_meals` uploads photographed meals,
+`declare_days` fills the days with meals entered as text, `settle` waits for the estimates of the photographs and sends
+the events of participants and reviewers. All but ids and passwords is drawn from a seed.
 """
 
 import io
@@ -15,14 +15,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timedelta
 from types import FrameType
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import httpx2
 from PIL import Image
 
-from app.cli.demo import MARKER, answer, bundled_photograph, client_of, enrol, say, send_event, throwaway_server, upload
+from app.cli.demo import (
+    MARKER,
+    bundled_photograph,
+    checked,
+    client_of,
+    enrol,
+    meal_of,
+    say,
+    send_event,
+    throwaway_server,
+    upload,
+)
 from app.cli.demo_menus import APPLE, DOUGHNUT, OCCASIONS, ORANGE, PEOPLE, RICE, SALAD, Person, Plate
+from app.people.access.staff_schemas import SessionIssued
+from app.records.meal_schemas import MealOut
 
 STUDY = "sample"
 ZONE = "Europe/Vienna"
@@ -31,9 +43,9 @@ SPREAD_DEGREES = 0.06
 ADMIN = "admin"  # of the server, not of a study: corrects foods
 ROLES = {"olga": "owner", "rene": "reviewer", "vera": "viewer", "ada": ADMIN}
 DAYS = 14
-AMOUNT_UNKNOWN = 0.01  # share of the declared foods without an amount, so a reviewer looks
+AMOUNT_UNKNOWN = 0.01  # share of the declared foods without an amount, which then need review
 AFTER_MINUTES = 40
-PLATE_HOUR = 12.25  # of the photographed meals of today, and one hour more each
+PLATE_HOUR = 12.25  # local hour of the first of three photographed meals, one hour apart
 WAIT_SECONDS = 25
 SETTLE_SECONDS = 900
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -41,7 +53,7 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """Somebody who may sign in."""
+    """A staff account with its password."""
 
     name: str
     role: str
@@ -50,7 +62,7 @@ class Account:
 
 @dataclass(frozen=True, slots=True)
 class Photographed:
-    """A meal that is photographed. names: the phone says what each food is. then: what its participant says of it."""
+    """A photographed meal. names: the phone names each food. then: the event that follows the estimate."""
 
     plate: Plate
     names: bool = False
@@ -72,7 +84,7 @@ PHOTOGRAPHED: tuple[Photographed, ...] = (
     Photographed(DOUGHNUT, names=True, days_ago=3),
     Photographed(APPLE, is_half=True),
 )
-VESSELS: tuple[Mapping[str, Any], ...] = (  # a study's library; none of the photographs shows one
+VESSELS: tuple[Mapping[str, object], ...] = (  # a study's library; no photograph shows one
     {"name": "Blue mug", "kind": "mug", "rim_diameter_mm": 82, "height_mm": 95, "capacity_ml": 380},
     {
         "name": "Soup bowl",
@@ -94,12 +106,12 @@ VESSELS: tuple[Mapping[str, Any], ...] = (  # a study's library; none of the pho
 
 @dataclass(slots=True)
 class SampleStudy:
-    """What was made. measured: meals that a worker has to estimate, with the phone that sent each."""
+    """The created study. measured: meals that a worker has to estimate, each with the phone that sent it."""
 
     accounts: list[Account]
     people: list[Person]
     phones: dict[str, httpx2.Client]
-    measured: list[tuple[Photographed, str, httpx2.Client]] = field(default_factory=list)
+    measured: list[tuple[Photographed, uuid.UUID, httpx2.Client]] = field(default_factory=list)
 
     def close(self) -> None:
         """Close the phones' connections."""
@@ -108,9 +120,9 @@ class SampleStudy:
 
 
 def browse_demo(seed: int, port: int) -> int:
-    """Run it; port 0: any free one. Returns the exit status."""
+    """Run the demo and return the exit status. port 0: any free one."""
     for number in ENDINGS:
-        signal.signal(number, _interrupt)  # SIGINT too: a process that a shell starts in the background ignores it
+        signal.signal(number, _interrupt)  # SIGINT too, since shells make background processes ignore it
     try:
         with throwaway_server(port) as admin:
             _browse(admin, seed)
@@ -120,19 +132,19 @@ def browse_demo(seed: int, port: int) -> int:
 
 
 def _browse(admin: httpx2.Client, seed: int) -> None:
-    """Fill the server, print where to look, and wait to be interrupted."""
+    """Fill the server, print its address, and wait to be interrupted."""
     study = make_study(admin)
     try:
         photograph_meals(study, seed)
-        say(f"Look at it: {str(admin.base_url).rstrip('/')}/dashboard/studies/{STUDY}")
+        say(f"Open {str(admin.base_url).rstrip('/')}/dashboard/studies/{STUDY}")
         for account in study.accounts:
             print(f"   {account.role:<9} {account.name:<6} password {account.password}")
-        say("Photographed meals are being measured and days filled, as phones send them; the pages show it live.")
+        say("Phones send photographed meals and fill days; the pages show the progress.")
         declare_days(study, seed)
-        say("Two weeks of six people's days are entered.")
+        say("Two weeks of days of six participants are entered.")
         rene = next(account for account in study.accounts if account.role == "reviewer")
-        session = answer(admin.post("/v1/sessions", json={"name": rene.name, "password": rene.password}))
-        with client_of(admin.base_url, session["token"]) as reviewer:
+        session = checked(admin.post("/v1/sessions", json={"name": rene.name, "password": rene.password}))
+        with client_of(admin.base_url, SessionIssued.model_validate_json(session.content).token) as reviewer:
             meals_by_status = settle(study, reviewer)
         measured = ", ".join(f"{count} {status}" for status, count in sorted(meals_by_status.items()))
         say(f"Photographed meals are measured: {measured}; one waits for its other photograph.")
@@ -144,18 +156,18 @@ def _browse(admin: httpx2.Client, seed: int) -> None:
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """End the demo as Ctrl-C does, once: a second signal must not break off the removal of the folder."""
+    """End the demo as Ctrl-C does, once: a second signal must not interrupt the removal of the folder."""
     for number in ENDINGS:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> SampleStudy:
-    """A study with its staff and phones; `admin` sends an admin's token.
+    """Create a study with its staff and phones. admin: a client with an admin's token.
 
-    Raises SystemExit with the server's words if it refuses, as all here do.
+    Raises SystemExit with the server's message if it refuses a request, as all functions here do.
     """
-    answer(
+    checked(
         admin.post(
             "/v1/studies",
             json={
@@ -170,26 +182,26 @@ def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> Sampl
         )
     )
     for vessel in VESSELS:
-        answer(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
+        checked(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
     accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
     phones = {person.code: enrol(admin, STUDY, {"code": person.code, "profile": person.profile}) for person in people}
     return SampleStudy(accounts, list(people), phones)
 
 
 def photograph_meals(study: SampleStudy, seed: int, meals: Sequence[Photographed] = PHOTOGRAPHED) -> None:
-    """Upload these meals, a participant after the other; they go into `study.measured`."""
-    chance = random.Random(seed)  # noqa: S311  where meals are, nothing secret
+    """Upload these meals, participants taking turns, and add them to `study.measured`."""
+    chance = random.Random(seed)  # noqa: S311  draws places of meals, nothing secret
     today = datetime.now(ZoneInfo(ZONE)).date()
     for number, meal in enumerate(meals):
         phone = study.phones[study.people[number % len(study.people)].code]
-        sent = send_photographs(phone, meal, today, number, chance)
+        meal_id = send_photographs(phone, meal, today, number, chance)
         if not meal.is_half:
-            study.measured.append((meal, sent, phone))
+            study.measured.append((meal, meal_id, phone))
 
 
 def declare_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
     """Enter each participant's meals of the last days as text, the newest last."""
-    chance = random.Random(seed)  # noqa: S311  which meals, nothing secret
+    chance = random.Random(seed)  # noqa: S311  draws meals, nothing secret
     today = datetime.now(ZoneInfo(ZONE)).date()
     for ago in range(days - 1, -1, -1):
         for person in study.people:
@@ -197,16 +209,16 @@ def declare_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
 
 
 def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
-    """Somebody with this role in the study, or an admin, and a password at random."""
+    """Create an account with this role in the study, or an admin, and a random password."""
     password = secrets.token_urlsafe(12)
-    answer(admin.post("/v1/staff", json={"name": name, "password": password, "is_admin": role == ADMIN}))
+    checked(admin.post("/v1/staff", json={"name": name, "password": password, "is_admin": role == ADMIN}))
     if role != ADMIN:
-        answer(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
+        checked(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
     return Account(name, role, password)
 
 
 def declare_day(phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool) -> None:
-    """Enter a participant's meals of a day as text, and close the day if they do."""
+    """Enter a participant's meals of a day as text, and close the day with their probability."""
     declared = 0
     for hour, dishes in OCCASIONS:
         dish, is_kept = chance.choice(dishes), chance.random() < person.keeps
@@ -218,14 +230,14 @@ def declare_day(phone: httpx2.Client, person: Person, day: date, chance: random.
             amount = {"mass_g": round(grams * person.appetite * chance.uniform(0.75, 1.25))}
             is_known = chance.random() >= AMOUNT_UNKNOWN
             items.append({"food": food} | ({"amount": amount} if is_known else {}))
-        answer(phone.post("/v1/declared-meals", json=occasion(at, chance) | {"items": items}))
+        checked(phone.post("/v1/declared-meals", json=occasion(at, chance) | {"items": items}))
         declared += 1
     if is_over and declared and chance.random() < person.keeps:
-        answer(phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"}))
+        checked(phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"}))
 
 
-def occasion(at: datetime, chance: random.Random) -> dict[str, Any]:
-    """Id, time and place of a meal."""
+def occasion(at: datetime, chance: random.Random) -> dict[str, object]:
+    """Return metadata of a new meal: id, time and place."""
     places = [round(degrees + chance.gauss(0, SPREAD_DEGREES), 5) for degrees in HOME]
     return {
         "id": str(uuid.uuid4()),
@@ -236,12 +248,14 @@ def occasion(at: datetime, chance: random.Random) -> dict[str, Any]:
 
 
 def instant(day: date, hour: float) -> datetime:
-    """This hour of a day, by the study's clocks."""
+    """Return this hour of a day in the study's time zone."""
     return datetime(day.year, day.month, day.day, tzinfo=ZoneInfo(ZONE)) + timedelta(hours=hour)
 
 
-def send_photographs(phone: httpx2.Client, meal: Photographed, today: date, number: int, chance: random.Random) -> str:
-    """Upload a meal's photographs, those after it too: its id."""
+def send_photographs(
+    phone: httpx2.Client, meal: Photographed, today: date, number: int, chance: random.Random
+) -> uuid.UUID:
+    """Upload a meal's photographs, those after it too, and return its id."""
     at = min(
         instant(today - timedelta(days=meal.days_ago), PLATE_HOUR + number % 3),
         datetime.now(ZoneInfo(ZONE)) - timedelta(minutes=number + 1),
@@ -250,31 +264,31 @@ def send_photographs(phone: httpx2.Client, meal: Photographed, today: date, numb
     metadata = occasion(at, chance) | {"hints": hints}
     path = f"/v1/meals/{metadata['id']}"
     if meal.is_half:
-        answer(phone.put(path, json={key: metadata[key] for key in metadata if key != "id"}))
+        checked(phone.put(path, json={key: metadata[key] for key in metadata if key != "id"}))
         send_part(phone, path, "left", photograph(meal, "left"))
-        return str(metadata["id"])
-    upload(phone, metadata, {side: photograph(meal, side) for side in ("left", "right")})
+        return uuid.UUID(str(metadata["id"]))
+    meal_id = upload(phone, metadata, {side: photograph(meal, side) for side in ("left", "right")}).id
     if meal.plate.left_over:
         after = at + timedelta(minutes=AFTER_MINUTES)
         hints = hints_at(meal.plate.left_over, names=True)
-        answer(phone.put(f"{path}/after", json={"captured_at": after.isoformat(timespec="seconds"), "hints": hints}))
+        checked(phone.put(f"{path}/after", json={"captured_at": after.isoformat(timespec="seconds"), "hints": hints}))
         for slot in ("after_left", "after_right"):
             send_part(phone, path, slot, photograph(meal, slot))
-    return str(metadata["id"])
+    return meal_id
 
 
-def hints_at(points: Sequence[tuple[tuple[int, int], str]], *, names: bool) -> list[dict[str, Any]]:
-    """Where foods are, and what they are if they are named."""
+def hints_at(points: Sequence[tuple[tuple[int, int], str]], *, names: bool) -> list[dict[str, object]]:
+    """Return a hint per food. names: name the food too."""
     return [{"point": list(point)} | ({"food": food} if names else {}) for point, food in points]
 
 
 def send_part(phone: httpx2.Client, path: str, slot: str, content: bytes) -> None:
-    """One photograph by itself."""
-    answer(phone.put(f"{path}/images/{slot}", content=content, headers={"Content-Type": "image/jpeg"}))
+    """Upload one photograph."""
+    checked(phone.put(f"{path}/images/{slot}", content=content, headers={"Content-Type": "image/jpeg"}))
 
 
 def photograph(meal: Photographed, slot: str) -> bytes:
-    """A bundled photograph; `is_cropped`: its right half, where there is no marker."""
+    """Return a bundled photograph; of a cropped meal its right half, without the marker."""
     content = bundled_photograph(meal.plate.folder, slot)
     if not meal.is_cropped:
         return content
@@ -285,29 +299,29 @@ def photograph(meal: Photographed, slot: str) -> bytes:
 
 
 def settle(study: SampleStudy, reviewer: httpx2.Client) -> dict[str, int]:
-    """Wait for the estimates and send what people say of them: the number of meals by status.
+    """Wait for the estimates, send the events that follow, and return the number of meals by status.
 
-    Raises SystemExit where a meal is not estimated in time.
+    Raises SystemExit if a meal is not estimated in time.
     """
-    deadline, ended = time.monotonic() + SETTLE_SECONDS, dict[str, int]()
-    for meal, meal_id, phone in study.measured:
-        seen = wait_for(phone, meal_id, deadline, is_after=bool(meal.plate.left_over))
-        if meal.then == "confirm":
-            for item in seen["items"]:
-                send_event(phone, meal_id, kind="confirm", item=item["id"])
-        elif meal.then == "ask":
+    deadline, meals_by_status = time.monotonic() + SETTLE_SECONDS, dict[str, int]()
+    for photographed, meal_id, phone in study.measured:
+        meal = wait_for(phone, meal_id, deadline, is_after=bool(photographed.plate.left_over))
+        if photographed.then == "confirm":
+            for item in meal.items:
+                send_event(phone, meal_id, kind="confirm", item=str(item.id))
+        elif photographed.then == "ask":
             send_event(reviewer, meal_id, kind="question", text="Was there anything on the doughnut?")
             send_event(phone, meal_id, kind="comment", text="Only the glaze that is on it.")
-        status = answer(phone.get(f"/v1/meals/{meal_id}"))["status"]
-        ended[status] = ended.get(status, 0) + 1
-    return ended
+        status = meal_of(phone.get(f"/v1/meals/{meal_id}")).status
+        meals_by_status[status] = meals_by_status.get(status, 0) + 1
+    return meals_by_status
 
 
-def wait_for(phone: httpx2.Client, meal_id: str, deadline: float, *, is_after: bool) -> dict[str, Any]:
-    """The meal once it moves no more."""
+def wait_for(phone: httpx2.Client, meal_id: uuid.UUID, deadline: float, *, is_after: bool) -> MealOut:
+    """Return the meal once its estimate has ended. is_after: wait for its after-meal pair too."""
     while time.monotonic() < deadline:
-        meal = answer(phone.get(f"/v1/meals/{meal_id}", params={"wait": WAIT_SECONDS}))
-        moving = {meal["status"], meal["after"]["status"] if is_after and meal["after"] else "estimated"}
-        if not moving & {"queued", "processing", "receiving"}:
+        meal = meal_of(phone.get(f"/v1/meals/{meal_id}", params={"wait": WAIT_SECONDS}))
+        statuses = {meal.status, meal.after.status if is_after and meal.after is not None else "estimated"}
+        if not statuses & {"queued", "processing", "receiving"}:
             return meal
     raise SystemExit(f"tada: meal {meal_id} was not estimated in {SETTLE_SECONDS} s")

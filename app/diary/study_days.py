@@ -26,7 +26,7 @@ def person_on(profile: Profile | None, day: date) -> Person | None:
 
 def stage_of(person: Person) -> LifeStage | None:
     """Return a person's life stage; None if it depends on the sex and that is unknown."""
-    return _life_stage(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
+    return _life_stage(person.age_years, person.effective_sex, person.is_pregnant, person.is_lactating)
 
 
 def judge_days(profile: Profile | None, day: date, energy_kcal: float | None, days: int) -> Plausibility:

@@ -38,8 +38,8 @@ def get_foods(
     limit: Limit = 100,
 ) -> FoodList:
     """Foods, best match first; without `q`, in the tables' order. An unknown group has no foods."""
-    found = search_foods(state.database, q, group=group, limit=limit)
-    return FoodList.model_validate({"items": found}, from_attributes=True)
+    matches = search_foods(state.database, q, group=group, limit=limit)
+    return FoodList.model_validate({"items": matches}, from_attributes=True)
 
 
 @router.get("/foods/{key}", responses=problem_responses(401, 404, 422))
@@ -61,12 +61,12 @@ def get_food_groups(state: State, _: CurrentCaller) -> FoodGroupList:
 
 
 def etag_of(view: FoodView) -> str:
-    """The tag of this version of the food: versions never change."""
+    """Return the ETag of this version of the food; versions never change."""
     return f'"{view.food.id}"'
 
 
 def render_food(view: FoodView) -> FoodOut:
-    """A food as the API shows it."""
+    """Return a food as the API shows it."""
     value = {field.name: getattr(view.value, field.name) for field in fields(view.value)}
     return FoodOut.model_validate(
         value

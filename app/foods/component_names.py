@@ -1,4 +1,4 @@
-"""Components as a person names them, by their source's number or INFOODS tagname -> numbers, figures in their unit."""
+"""Resolve component names (source number or INFOODS tagname) to numbers; convert figures to the component's unit."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -24,34 +24,34 @@ class Figure:
     unit: Unit
 
 
-def numbers_called(session: Session, named: Mapping[str, T]) -> dict[str, T]:
-    """Number or tagname -> value, as number -> value.
+def component_numbers(session: Session, values: Mapping[str, T]) -> dict[str, T]:
+    """Return the mapping with its keys, numbers or tagnames, replaced by numbers.
 
     Raises InvalidInputError: `component_unknown`, naming it; `component_repeated` where two names mean the same.
     """
-    known = foods.components_by_number(session)
-    found: dict[str, T] = {}
-    for name, value in named.items():
-        number = _number_called(name, known)
-        if number in found:
+    components = foods.components_by_number(session)
+    by_number: dict[str, T] = {}
+    for name, value in values.items():
+        number = _component_number(name, components)
+        if number in by_number:
             raise InvalidInputError(
                 f"Component {name!r} is there twice, by number and by tagname.",
                 code="component_repeated",
                 component=name,
             )
-        found[number] = value
-    return found
+        by_number[number] = value
+    return by_number
 
 
 def contents_of(session: Session, figures: Mapping[str, Figure]) -> dict[str, float]:
-    """Number -> figure, as number -> content in the component's own unit.
+    """Return number -> content in the component's own unit.
 
-    Raises InvalidInputError `unit_differs` where the figure's unit measures another quantity.
+    Raises InvalidInputError `unit_differs` if the figure's unit measures another quantity.
     """
-    known = foods.components_by_number(session)
+    components = foods.components_by_number(session)
     contents: dict[str, float] = {}
     for number, figure in figures.items():
-        component = COMPONENT_BY_NUMBER.get(number) or known[number]
+        component = COMPONENT_BY_NUMBER.get(number) or components[number]
         try:
             contents[number] = convert(figure.per_100_g, figure.unit, Unit(component.unit))
         except UnitMismatchError:
@@ -64,12 +64,12 @@ def contents_of(session: Session, figures: Mapping[str, Figure]) -> dict[str, fl
 
 
 def add_missing_components(session: Session, numbers: Mapping[str, object]) -> None:
-    """Rows for the components of components.csv that no table has brought yet."""
-    known = foods.components_by_number(session)
+    """Insert the components of components.csv among `numbers` that no table has added yet."""
+    existing = foods.components_by_number(session)
     session.add_all(
         component_row(component)
         for number, component in COMPONENT_BY_NUMBER.items()
-        if number in numbers and number not in known
+        if number in numbers and number not in existing
     )
     session.flush()
 
@@ -80,8 +80,8 @@ def component_row(component: ComponentValue) -> Component:
     return Component(**row | {"name": component.name[:200], "unit": component.unit.value})
 
 
-def _number_called(name: str, known: Mapping[str, Component]) -> str:
-    if name in known or name in COMPONENT_BY_NUMBER:
+def _component_number(name: str, components: Mapping[str, Component]) -> str:
+    if name in components or name in COMPONENT_BY_NUMBER:
         return name
     number = NUMBER_BY_TAGNAME.get(name.upper())
     if number is None:

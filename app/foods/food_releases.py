@@ -1,4 +1,4 @@
-"""Which releases of food tables there are, and which of a name is in force: one row switches, back too."""
+"""List the releases of food tables, and choose which release of a name is in force: one row switches it."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,26 +11,26 @@ from app.foods.models import FoodActivation, FoodRelease
 
 @dataclass(frozen=True, slots=True)
 class ListedRelease:
-    """A release, and whether foods are looked up in it."""
+    """A release, and whether it is in force."""
 
     release: FoodRelease
     is_in_force: bool
 
 
 def list_releases(database: Database) -> list[ListedRelease]:
-    """Those in force first, in the order in which foods are looked up; then the others, the newest first."""
+    """Return the releases in force in lookup order, then the others, the newest first."""
     with database.read() as session:
         in_force = foods.releases_in_force(session)
-        others = [release for release in foods.all_releases(session) if release not in in_force]
-    return [ListedRelease(release, release in in_force) for release in (*in_force, *others)]
+        inactive = [release for release in foods.all_releases(session) if release not in in_force]
+    return [ListedRelease(release, release in in_force) for release in (*in_force, *inactive)]
 
 
 def use_release(database: Database, name: str, version: str | None, author: str) -> None:
     """Put the newest import of this version in force, or none of this name. Raises NotFoundError."""
     with database.write() as session:
-        known = [release for release in foods.all_releases(session) if release.name == name]
-        chosen = [release for release in known if release.version == version and release.completed_at is not None]
-        if not known or (version is not None and not chosen):
+        same_name = [release for release in foods.all_releases(session) if release.name == name]
+        chosen = [release for release in same_name if release.version == version and release.completed_at is not None]
+        if not same_name or (version is not None and not chosen):
             raise NotFoundError(
                 f"There is no complete release {name} {version or ''}".rstrip() + ": see `tada foods releases`.",
                 code="food_release_not_found",

@@ -1,4 +1,4 @@
-"""The food tables in force, for readers: one food with all that is known of it and the density chosen."""
+"""Read one food of the tables in force, with its details and the chosen density."""
 
 import uuid
 from collections.abc import Collection, Sequence
@@ -23,8 +23,8 @@ from app.nutrition.mass import edible_share
 class FoodView:
     """A food with its nutrients per 100 g edible and the release it is of.
 
-    value.densities are those that the density was chosen from, own_densities the food's own. density: the one that its
-    volumes are weighed with, with its alternatives; None if none is known. recipe: of a dish that was made from one.
+    density is chosen from value.densities, with its alternatives; None if none is known. own_densities: the food's own.
+    recipe: None for a food that was not made from one.
     """
 
     food: Food
@@ -38,19 +38,19 @@ class FoodView:
 
 
 def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -> FoodView:
-    """One food in force, by its key or by the number that a published table gives it. Raises NotFoundError.
+    """Return one food in force, by its key or its number in a published table. Raises NotFoundError.
 
-    study_id: whose own density measurements count.
+    study_id: the study whose own density measurements count.
     """
     with database.read() as session:
         return view_of(session, require_food(session, key), study_id)
 
 
 def require_food(session: Session, key: str) -> Food:
-    """The food in force of this key, or of this number in a published table. Raises NotFoundError."""
-    found = foods.foods_by_key(session, [key]).get(key)
-    if found is not None:
-        return found
+    """Return the food in force with this key, or with this number in a published table. Raises NotFoundError."""
+    food = foods.foods_by_key(session, [key]).get(key)
+    if food is not None:
+        return food
     by_code = foods.foods_by_code(session, key)
     if not by_code:
         raise NotFoundError(f"The food table has no food {key!r}: search it for the key.", code="food_not_found")
@@ -58,7 +58,7 @@ def require_food(session: Session, key: str) -> Food:
 
 
 def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodView:
-    """All that is known of a food."""
+    """Return a food with its details."""
     value = food_value(session, food)
     return FoodView(
         food=food,
@@ -73,7 +73,7 @@ def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodVie
 
 
 def food_names(database: Database, keys: Collection[str]) -> dict[str, str]:
-    """Key -> name, of the keys that there are."""
+    """Return key -> name, for the keys that exist."""
     if not keys:
         return {}
     with database.read() as session:

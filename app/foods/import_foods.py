@@ -1,8 +1,8 @@
-"""A published food table into the database: written inactive in short batches, in force by one row at the end.
+"""Import a published food table: write it inactive in short batches, then put it in force by one row.
 
-Uploads and workers go on meanwhile: a batch holds the database for a tenth of a second, and lets others in before the
-next. An interrupted import continues where it stopped when the same files are imported again; a release that was never
-in force is not visible. Importing the same files again changes nothing.
+Uploads and workers continue meanwhile: a batch locks the database for a tenth of a second, and pauses before the next
+one. Importing the same files again resumes an interrupted import; a release that was never in force is not visible.
+Importing files that are in force already changes nothing.
 """
 
 import time
@@ -30,15 +30,14 @@ from app.nutrition.foods import load_starter_table, starter_checksum
 from app.nutrition.search import label_key
 
 BATCH_FOODS = 50
-PAUSE_SHARE = 0.5  # SQLite, one writer at a time: share of a batch's own time, so that other writers get a third of all
-ABANDONED_AFTER = timedelta(
-    seconds=60
-)  # without a batch for so long the importer counts as dead, and another may continue
+# SQLite has one writer at a time: a pause of this share of a batch's duration leaves other writers a third of the time.
+PAUSE_SHARE = 0.5
+ABANDONED_AFTER = timedelta(seconds=60)  # an importer without a batch for this long counts as dead; another may resume
 
 
 @dataclass(frozen=True, slots=True)
 class ImportReport:
-    """What an import did. was_there: the same files had been imported before, and nothing was written."""
+    """Result of an import. was_there: the same files had been imported before, and nothing was written."""
 
     foods: int
     values: int
@@ -51,7 +50,7 @@ Progress = Callable[[int, int], None]  # foods written, foods in all
 def import_foods(
     database: Database, imported: ImportedTable, author: str, on_progress: Progress | None = None
 ) -> ImportReport:
-    """Write the table and put it in force in place of the release of the same name that was.
+    """Write the table and put it in force in place of the previous release of the same name.
 
     Raises ConflictError while another process imports the same files.
     """
@@ -76,8 +75,8 @@ def import_foods(
                     on_progress(start + len(batch), len(table.foods))
                 if database.is_sqlite:
                     time.sleep(PAUSE_SHARE * (time.monotonic() - began))
-        except BaseException:  # Ctrl-C too: whoever comes next need not wait
-            _let_go(database, release.id, importer_id)
+        except BaseException:  # Ctrl-C too: the next importer need not wait
+            _release_import(database, release.id, importer_id)
             raise
     with database.write() as session:
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
@@ -87,9 +86,9 @@ def import_foods(
 
 
 def load_starter(database: Database) -> None:
-    """The table in the package, if this version of it is not there: in one transaction, for it is small.
+    """Load the table in the package unless this version is loaded; one transaction, since the table is small.
 
-    Two processes may do it at once: one of them finds that the other was first.
+    Safe when two processes do it at once: the second one finds the first one's release.
     """
     if is_starter_there(database):
         return
@@ -110,19 +109,19 @@ def load_starter(database: Database) -> None:
 
 
 def is_starter_there(database: Database) -> bool:
-    """Whether this version of the table in the package has been loaded."""
+    """Return whether this version of the table in the package has been loaded."""
     with database.read() as session:
         return foods.release_by_checksum(session, starter_checksum()) is not None
 
 
 def write_food(session: Session, release: FoodRelease, value: FoodValue, *, version: int = 1) -> Food:
-    """One food of a release with all that belongs to it; its components must be there."""
+    """Insert one food of a release with its nutrients, densities and portions; its components must exist."""
     ids = {number: component.id for number, component in foods.components_by_number(session).items()}
     return _write_foods(session, release, [value], ids, version=version)[0]
 
 
 def _begin(session: Session, imported: ImportedTable, importer_id: uuid.UUID | None) -> tuple[FoodRelease, int]:
-    """The release to write into, and how many of its foods are there already."""
+    """Return the release to write into, and how many of its foods are written already."""
     table, now = imported.table, datetime.now(UTC)
     release = foods.release_by_checksum(session, table.checksum, lock=True)
     if release is None:
@@ -157,7 +156,7 @@ def _running() -> ConflictError:
 
 
 def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
-    """Record that the import is alive; an importer that another one has replaced writes nothing more."""
+    """Record that the import is alive. Raises ConflictError if another importer has taken it over."""
     claimed = session.execute(
         sa.update(FoodRelease)
         .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)
@@ -168,7 +167,7 @@ def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
         raise ConflictError("Another process has taken over this import.", code="food_import_running")
 
 
-def _let_go(database: Database, release_id: int, importer_id: uuid.UUID) -> None:
+def _release_import(database: Database, release_id: int, importer_id: uuid.UUID) -> None:
     with database.write() as session:
         session.execute(
             sa.update(FoodRelease)
@@ -181,20 +180,20 @@ def _put_in_force(session: Session, release: FoodRelease, author: str) -> None:
     now = datetime.now(UTC)
     if release.completed_at is None:
         release.completed_at, release.importer_id = now, None
-    if release.id not in {one.id for one in foods.releases_in_force(session)}:
+    if release.id not in {active.id for active in foods.releases_in_force(session)}:
         session.add(FoodActivation(name=release.name, release_id=release.id, author=author, activated_at=now))
 
 
 def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int]:
-    """Number -> id of the table's components; those that are not there yet are added.
+    """Return number -> id of all components, after adding those of the table that are missing.
 
-    Two imports may add the same one at once: the second finds it.
+    Two imports may add the same component at once: the second one retries and finds it.
     """
     for attempt in range(2):
         try:
             with database.write() as session:
-                known = foods.components_by_number(session)
-                missing = [component for component in imported.components if component.number not in known]
+                existing = foods.components_by_number(session)
+                missing = [component for component in imported.components if component.number not in existing]
                 session.add_all(map(component_row, missing))
                 session.flush()
                 return {number: component.id for number, component in foods.components_by_number(session).items()}
@@ -242,11 +241,11 @@ def _write_foods(
 
 
 def _food_row(release_id: int, value: FoodValue, version: int) -> Food:
-    own = ("key", "name", "food_group", "form", "slice_form", "state", "is_mixed_dish")
+    copied = ("key", "name", "food_group", "form", "slice_form", "state", "is_mixed_dish")
     return Food(
         release_id=release_id,
         version=version,
-        **{name: getattr(value, name) for name in own},
+        **{name: getattr(value, name) for name in copied},
         aliases=list(value.aliases),
         refuse=[asdict(part) for part in value.refuse],
         probes=list(value.probes),

@@ -1,7 +1,7 @@
 """The food table: releases, foods, nutrients per 100 g edible portion, densities, portions, recipes, and their changes.
 
-Rows of a release never change. A correction is a new version of a food in the release "local", which goes before all
-imported ones; which release of a table is in force is a row of its own (FoodActivation).
+Rows of a release never change. A correction is a new version of a food in the release "local", which takes precedence
+over all imported ones. The newest FoodActivation of a table's name decides which of its releases is in force.
 """
 
 import uuid
@@ -27,8 +27,8 @@ from app.nutrition.foods import (
 class FoodRelease(Base):
     """One import of one published food table, or the table of local corrections.
 
-    source: the format it was read from. checksum: of what was read. An import that is under way, or was broken off, has
-    no completed_at and is in force for nobody; written_at is the time of its last batch, by the importer importer_id.
+    source: the format it was read from. checksum: of the files that were read. An unfinished or interrupted import has
+    no completed_at and is never in force; written_at is the time of its last batch, written by importer_id.
     """
 
     __tablename__ = "food_release"
@@ -51,7 +51,7 @@ class FoodRelease(Base):
 
 
 class FoodActivation(Base):
-    """From here on this release is the one in force of its name: the newest row of a name counts, one row switches."""
+    """Puts a release in force for its name; the newest row of a name counts."""
 
     __tablename__ = "food_activation"
 
@@ -97,7 +97,7 @@ class Food(Base):
 
 
 class Component(Base):
-    """A nutrient. number: its source's number (nutrition/components.py); tagname: INFOODS, where there is one."""
+    """A nutrient. number: its source's number (nutrition/components.py); tagname: INFOODS, if it has one."""
 
     __tablename__ = "component"
 
@@ -110,7 +110,7 @@ class Component(Base):
 
 
 class FoodNutrient(Base):
-    """How much of a component 100 g of a food's edible portion hold. No row: not known, which is not zero."""
+    """Content of a component in 100 g of a food's edible portion. No row means not known, which is not zero."""
 
     __tablename__ = "food_nutrient"
 
@@ -142,7 +142,7 @@ class FoodDensity(Base):
 
 
 class FoodPortion(Base):
-    """A household measure of a food, of edible mass; sequence: its number in the source."""
+    """A household measure of a food; mass_g: edible mass; sequence: its number in the source."""
 
     __tablename__ = "food_portion"
 
@@ -155,7 +155,7 @@ class FoodPortion(Base):
 
 
 class FoodIngredient(Base):
-    """An ingredient of a recipe: this version of a food, its mass, and what share of each component cooking leaves."""
+    """An ingredient of a recipe: a version of a food, its mass, and the share of each component left after cooking."""
 
     __tablename__ = "food_ingredient"
 
@@ -168,7 +168,7 @@ class FoodIngredient(Base):
 
 
 class FoodChange(Base):
-    """Who made this version of a food, when and why, and what differs from the one before (field -> [old, new])."""
+    """The author, time and reason of a version of a food, and its differences from the previous one: [old, new]."""
 
     __tablename__ = "food_change"
 
@@ -181,9 +181,9 @@ class FoodChange(Base):
 
 
 class StudyDensity(Base):
-    """A study's own measurement of a food's density: it goes before all others there. Withdrawn, not deleted.
+    """A study's own measurement of a food's density, which takes precedence in that study. Withdrawn, never deleted.
 
-    specimens: [volume_ml, mass_g] of each that it was computed from; NULL where the figures came computed.
+    specimens: [volume_ml, mass_g] of each specimen; NULL if the density was entered directly.
     """
 
     __tablename__ = "study_density"

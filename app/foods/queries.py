@@ -1,7 +1,7 @@
 """SQL of the food table: the releases in force, foods by key or code, their nutrients, densities and portions.
 
-A key may stand in several releases: local corrections go before national tables, those before the starter table, then
-FoodData Central, SR28, and last the tables that give densities only.
+Several releases may have the same key. Precedence: local corrections, national tables, the starter table, FoodData
+Central, SR28, and last the tables that have only densities.
 """
 
 import uuid
@@ -42,7 +42,7 @@ class NutrientRow:
 
 
 def releases_in_force(session: Session) -> list[FoodRelease]:
-    """The releases that foods are looked up in, the one that goes first at the head."""
+    """Return the releases in force in order of precedence."""
     newest = sa.select(sa.func.max(FoodActivation.id)).group_by(FoodActivation.name)
     query = (
         sa.select(FoodRelease)
@@ -53,67 +53,67 @@ def releases_in_force(session: Session) -> list[FoodRelease]:
 
 
 def all_releases(session: Session) -> list[FoodRelease]:
-    """Every release, whole or not, the newest import first."""
+    """Return every release, complete or not, the newest import first."""
     return list(session.scalars(sa.select(FoodRelease).order_by(FoodRelease.id.desc())))
 
 
 def release_by_checksum(session: Session, checksum: str, *, lock: bool = False) -> FoodRelease | None:
-    """The release that was made from exactly these files, whole or not; locked until commit if so wanted."""
+    """Return the release made from exactly these files, complete or not; `lock` locks its row until commit."""
     query = sa.select(FoodRelease).where(FoodRelease.checksum == checksum)
     return session.scalars(query.with_for_update() if lock else query).one_or_none()
 
 
 def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
-    """Key -> the food in force, for the keys that there are."""
+    """Return key -> the food in force, for the keys that exist."""
     order = {release.id: position for position, release in enumerate(releases_in_force(session))}
     query = sa.select(Food).where(Food.key.in_(keys), Food.release_id.in_(order), Food.superseded_by_id.is_(None))
-    found: dict[str, Food] = {}
+    by_key: dict[str, Food] = {}
     for food in sorted(session.scalars(query), key=lambda food: order[food.release_id]):
-        found.setdefault(food.key, food)
-    return found
+        by_key.setdefault(food.key, food)
+    return by_key
 
 
 def foods_by_id(session: Session, ids: Collection[int]) -> list[Food]:
-    """These versions of foods, in force or not."""
+    """Return these versions of foods, in force or not."""
     return list(session.scalars(sa.select(Food).where(Food.id.in_(ids))))
 
 
 def foods_by_code(session: Session, code: str) -> list[Food]:
-    """The foods in force that a published table knows by this number, best first."""
+    """Return the foods in force with this number in a published table, best first."""
     query = (
         sa.select(FoodCode.code, Food)
         .join(Food, Food.id == FoodCode.food_id)
         .where(FoodCode.code == code, FoodCode.system != "label")
     )
-    found: dict[str, Food] = {}
+    by_key: dict[str, Food] = {}
     for _, food in _only_in_force(session, query):
-        found.setdefault(food.key, food)  # a correction stands for what it corrects
-    return list(found.values())
+        by_key.setdefault(food.key, food)  # a correction replaces what it corrects
+    return list(by_key.values())
 
 
 def same_foods(session: Session, food_ids: Collection[int]) -> dict[int, list[Food]]:
-    """Food -> others in force that share a code with it, of the systems whose codes are each of one food."""
-    asked, other = aliased(FoodCode), aliased(FoodCode)
+    """Return food id -> other foods in force that share a code of SAME_FOOD_SYSTEMS with it."""
+    code, shared_code = aliased(FoodCode), aliased(FoodCode)
     query = (
-        sa.select(asked.food_id, Food)
-        .join(other, sa.and_(other.system == asked.system, other.code == asked.code))
-        .join(Food, Food.id == other.food_id)
-        .where(asked.food_id.in_(food_ids), asked.system.in_(SAME_FOOD_SYSTEMS), other.food_id != asked.food_id)
+        sa.select(code.food_id, Food)
+        .join(shared_code, sa.and_(shared_code.system == code.system, shared_code.code == code.code))
+        .join(Food, Food.id == shared_code.food_id)
+        .where(code.food_id.in_(food_ids), code.system.in_(SAME_FOOD_SYSTEMS), shared_code.food_id != code.food_id)
     )
-    found: dict[int, dict[str, Food]] = {food_id: {} for food_id in food_ids}
+    by_id: dict[int, dict[str, Food]] = {food_id: {} for food_id in food_ids}
     for food_id, food in _only_in_force(session, query):
-        found[food_id].setdefault(food.key, food)
-    return {food_id: list(others.values()) for food_id, others in found.items()}
+        by_id[food_id].setdefault(food.key, food)
+    return {food_id: list(by_key.values()) for food_id, by_key in by_id.items()}
 
 
 def sources_of(session: Session, release_ids: Collection[int]) -> dict[int, str]:
-    """Release -> the format that it was read from."""
+    """Return release id -> the format that it was read from."""
     query = sa.select(FoodRelease.id, FoodRelease.source).where(FoodRelease.id.in_(release_ids))
     return {row.id: row.source for row in session.execute(query)}
 
 
 def density_rows(session: Session, labels: Collection[str]) -> list[tuple[str, Food]]:
-    """Rows in force of tables that give densities only, each with the folded name of these that it goes by."""
+    """Return the rows in force of tables that have only densities, each with the folded label that it matched."""
     query = (
         sa.select(FoodCode.code, Food)
         .join(Food, Food.id == FoodCode.food_id)
@@ -123,20 +123,20 @@ def density_rows(session: Session, labels: Collection[str]) -> list[tuple[str, F
 
 
 def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:
-    """Food -> its densities in the table's order."""
+    """Return food id -> its densities in the table's order."""
     query = (
         sa.select(FoodDensity)
         .where(FoodDensity.food_id.in_(food_ids))
         .order_by(FoodDensity.food_id, FoodDensity.position)
     )
-    found: dict[int, list[FoodDensity]] = {}
+    by_food: dict[int, list[FoodDensity]] = {}
     for density in session.scalars(query):
-        found.setdefault(density.food_id, []).append(density)
-    return found
+        by_food.setdefault(density.food_id, []).append(density)
+    return by_food
 
 
 def densities_of_studies(session: Session, study_ids: Collection[uuid.UUID], food_key: str) -> list[StudyDensity]:
-    """These studies' own measurements of a food, the newest first, without withdrawn ones."""
+    """Return these studies' own measurements of a food, the newest first, without withdrawn ones."""
     query = (
         sa.select(StudyDensity)
         .where(
@@ -150,12 +150,12 @@ def densities_of_studies(session: Session, study_ids: Collection[uuid.UUID], foo
 
 
 def nutrients_of(session: Session, food_id: int) -> list[NutrientRow]:
-    """All components that are known of a food, in the order of components.csv."""
+    """Return all known components of a food, in the order of components.csv."""
     return nutrients_of_each(session, [food_id])[food_id]
 
 
 def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, list[NutrientRow]]:
-    """Food -> all components that are known of it, in the order of components.csv."""
+    """Return food id -> all its known components, in the order of components.csv."""
     query = (
         sa.select(FoodNutrient.food_id, Component, FoodNutrient.per_100_g)
         .join(Component, Component.id == FoodNutrient.component_id)
@@ -171,9 +171,9 @@ def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, 
 def contents_of(
     session: Session, food_ids: Collection[F], numbers: Collection[str] | None = None
 ) -> dict[F, dict[str, float]]:
-    """Food -> component number -> content of 100 g edible portion; of no food (None) nothing is known.
+    """Return food id -> component number -> content of 100 g edible portion; empty for the food id None.
 
-    numbers: only these components; None: all that are known, in the order of components.csv.
+    numbers: only these components; None: all known ones, in the order of components.csv.
     """
     query = (
         sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
@@ -190,21 +190,21 @@ def contents_of(
 
 
 def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
-    """A food's household measures in the source's order."""
+    """Return a food's household measures in the source's order."""
     query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
     return list(session.scalars(query))
 
 
 def components_by_number(session: Session) -> dict[str, Component]:
-    """Number -> component, all that are there."""
+    """Return number -> component for every component in the database."""
     return {component.number: component for component in session.scalars(sa.select(Component))}
 
 
 def _only_in_force(session: Session, query: sa.Select[T, Food]) -> list[tuple[T, Food]]:
-    """The rows whose food is in force, that of the release that goes first at the head."""
+    """Return the rows whose food is in force, in order of precedence."""
     order = {release.id: position for position, release in enumerate(releases_in_force(session))}
     chosen = query.where(Food.release_id.in_(order), Food.superseded_by_id.is_(None))
-    rows = [(what, food) for what, food in session.execute(chosen)]
+    rows = [(value, food) for value, food in session.execute(chosen)]
     return sorted(rows, key=lambda row: (order[row[1].release_id], row[1].id))
 
 

@@ -1,4 +1,4 @@
-"""A published food table from its file, by the name of its format; a csv table needs name, version and date."""
+"""Read a published food table from its file, by the name of its format; a csv table needs name, version and date."""
 
 from datetime import date
 from pathlib import Path
@@ -18,11 +18,11 @@ CSV = "csv"
 def read_food_release(
     source: str, path: Path, *, name: str | None = None, version: str | None = None, released_on: date | None = None
 ) -> ImportedTable:
-    """The whole table, checked. Raises InvalidInputError (ImportFileError for what is in the files)."""
+    """Return the whole table, validated. Raises InvalidInputError (ImportFileError for the content of the files)."""
     if source == CSV:
         if name is None or version is None or released_on is None:
             raise InvalidInputError(
-                "A csv table needs --name, --version and --released-on: the file tells none of them."
+                "A csv table needs --name, --version and --released-on: the file does not contain them."
             )
         if name == LOCAL:
             raise InvalidInputError(f"{LOCAL!r} is the name of the corrections made here: give the table another one.")
@@ -30,5 +30,5 @@ def read_food_release(
     if source not in _PUBLISHED:
         raise InvalidInputError(f"There is no format {source!r}: give one of {', '.join([*_PUBLISHED, CSV])}.")
     if any((name, version, released_on)):
-        raise InvalidInputError(f"{source} tells its own name, version and date: leave the options out.")
+        raise InvalidInputError(f"{source} states its own name, version and date: leave the options out.")
     return _PUBLISHED[source](path)

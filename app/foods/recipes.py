@@ -1,4 +1,4 @@
-"""Recipes and the food table: what a recipe names -> versions of foods and the dish's figures; and back for readers."""
+"""Resolve recipes to versions of foods and compute the dish's figures; read them back."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError
 from app.foods import queries as foods
-from app.foods.component_names import numbers_called
+from app.foods.component_names import component_numbers
 from app.foods.edits import queries as food_changes
 from app.foods.food_values import bare_value
 from app.foods.models import Component, Food, FoodIngredient
@@ -17,7 +17,7 @@ from app.nutrition.recipe import Dish, Ingredient, cycle_through, prepare_dish
 
 @dataclass(frozen=True, slots=True)
 class NamedIngredient:
-    """An ingredient as a person names it.
+    """An ingredient as a client names it.
 
     retention: number or INFOODS tagname -> share; retention_source: where the shares are from.
     """
@@ -31,7 +31,7 @@ class NamedIngredient:
 
 @dataclass(frozen=True, slots=True)
 class NamedRecipe:
-    """A recipe as a person names it. recipe_yield: the dish's mass / that of its ingredients."""
+    """A recipe as a client names it. recipe_yield: the dish's mass / that of its ingredients."""
 
     recipe_yield: float
     ingredients: Sequence[NamedIngredient]
@@ -39,7 +39,7 @@ class NamedRecipe:
 
 @dataclass(frozen=True, slots=True)
 class PinnedIngredient:
-    """An ingredient as it is kept: this version of a food. retention: component number -> share."""
+    """An ingredient as stored: a version of a food. retention: component number -> share."""
 
     food_id: int
     food_key: str
@@ -72,7 +72,7 @@ class RecipeView:
     """A recipe for readers.
 
     unknown: components that some of the ingredients lack, so that the dish has no figure, each with the share (0 to 1)
-    of the ingredients' mass of which it is known.
+    of the ingredients' mass for which it is known.
     """
 
     recipe_yield: float
@@ -81,48 +81,52 @@ class RecipeView:
 
 
 def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe, Dish]:
-    """The recipe with its foods as they are in force now, and what the dish of this key has then.
+    """Return the recipe pinned to the foods in force now, and the figures of the dish of this key.
 
     Raises InvalidInputError: `ingredient_unknown`, `recipe_cycle`, `component_unknown`, and what prepare_dish raises.
     """
-    rows = _require_foods(session, [named.food for named in recipe.ingredients])
-    way = cycle_through(key, [row.key for row in rows], food_changes.parts_of(session, [row.id for row in rows]))
-    if way is not None:
+    rows = _require_foods(session, [ingredient.food for ingredient in recipe.ingredients])
+    cycle = cycle_through(key, [row.key for row in rows], food_changes.parts_of(session, [row.id for row in rows]))
+    if cycle is not None:
         raise InvalidInputError(
-            f"The dish would be an ingredient of itself: {' > '.join(way)}.", code="recipe_cycle", way=way
+            f"The dish would be an ingredient of itself: {' > '.join(cycle)}.", code="recipe_cycle", way=cycle
         )
     pinned = PinnedRecipe(
         recipe.recipe_yield,
         tuple(
             PinnedIngredient(
-                row.id, row.key, named.mass_g, numbers_called(session, named.retention), named.retention_source
+                row.id,
+                row.key,
+                ingredient.mass_g,
+                component_numbers(session, ingredient.retention),
+                ingredient.retention_source,
             )
-            for row, named in zip(rows, recipe.ingredients, strict=True)
+            for row, ingredient in zip(rows, recipe.ingredients, strict=True)
         ),
     )
     contents = foods.contents_of(session, {row.id for row in rows})
     ingredients = [
-        Ingredient(replace(bare_value(row), per_100_g=contents[row.id]), part.mass_g, named.state, part.retention)
-        for row, part, named in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
+        Ingredient(replace(bare_value(row), per_100_g=contents[row.id]), part.mass_g, ingredient.state, part.retention)
+        for row, part, ingredient in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
     ]
     return pinned, prepare_dish(ingredients, recipe.recipe_yield)
 
 
 def pinned_recipe(session: Session, food: Food) -> PinnedRecipe | None:
-    """The recipe of this version of a food as it is kept; None if it has none."""
+    """Return the stored recipe of this version of a food; None if it has none."""
     if food.recipe_yield is None:
         return None
     return PinnedRecipe(
         food.recipe_yield,
         tuple(
-            PinnedIngredient(row.id, row.key, kept.mass_g, kept.retention, kept.retention_source)
-            for kept, row in food_changes.ingredients_of(session, food.id)
+            PinnedIngredient(row.id, row.key, ingredient.mass_g, ingredient.retention, ingredient.retention_source)
+            for ingredient, row in food_changes.ingredients_of(session, food.id)
         ),
     )
 
 
 def write_recipe(session: Session, food: Food, recipe: PinnedRecipe) -> None:
-    """Keep the recipe with a version of a food that is being made."""
+    """Store the recipe with a new version of a food."""
     food.recipe_yield = recipe.recipe_yield
     session.add_all(
         FoodIngredient(
@@ -138,11 +142,11 @@ def write_recipe(session: Session, food: Food, recipe: PinnedRecipe) -> None:
 
 
 def read_recipe(session: Session, food: Food) -> RecipeView | None:
-    """The recipe of this version of a food, for readers; None if it has none."""
+    """Return the recipe of this version of a food for readers; None if it has none."""
     if food.recipe_yield is None:
         return None
-    kept = food_changes.ingredients_of(session, food.id)
-    in_force = foods.foods_by_key(session, {row.key for _, row in kept})
+    ingredients = food_changes.ingredients_of(session, food.id)
+    in_force = foods.foods_by_key(session, {row.key for _, row in ingredients})
     views = [
         IngredientView(
             row,
@@ -151,26 +155,28 @@ def read_recipe(session: Session, food: Food) -> RecipeView | None:
             part.retention_source,
             is_current=row.key in in_force and in_force[row.key].id == row.id,
         )
-        for part, row in kept
+        for part, row in ingredients
     ]
-    contents = foods.contents_of(session, {food.id, *(row.id for _, row in kept)})
+    contents = foods.contents_of(session, {food.id, *(row.id for _, row in ingredients)})
     known_g: dict[str, float] = {}
-    for part, row in kept:
+    for part, row in ingredients:
         for number in contents[row.id].keys() - contents[food.id].keys():
             known_g[number] = known_g.get(number, 0.0) + part.mass_g
-    whole_g = sum(part.mass_g for part, _ in kept)
+    total_g = sum(part.mass_g for part, _ in ingredients)
     components = sorted(foods.components_by_number(session).values(), key=lambda component: component.id)
-    unknown = [(found, known_g[found.number] / whole_g) for found in components if found.number in known_g]
+    unknown = [
+        (component, known_g[component.number] / total_g) for component in components if component.number in known_g
+    ]
     return RecipeView(food.recipe_yield, views, unknown)
 
 
 def _require_foods(session: Session, keys: Sequence[str]) -> list[Food]:
-    found = foods.foods_by_key(session, set(keys))
-    for key in set(keys) - found.keys():
+    by_key = foods.foods_by_key(session, set(keys))
+    for key in set(keys) - by_key.keys():
         by_code = foods.foods_by_code(session, key)
         if not by_code:
             raise InvalidInputError(
                 f"The food table has no food {key!r}: search it for the key.", code="ingredient_unknown", food=key
             )
-        found[key] = by_code[0]
-    return [found[key] for key in keys]
+        by_key[key] = by_code[0]
+    return [by_key[key] for key in keys]

@@ -88,9 +88,9 @@ class ReferenceIntakesOut(BaseModel):
     food_groups: list[FoodGroupRecommendationOut] = Field(description="Recommended grams of food groups.")
 
 
-def energy_out(found: Energy | LeftOut) -> EnergyOut:
-    """A figure, or why there is none."""
-    if isinstance(found, LeftOut):
+def energy_out(result: Energy | LeftOut) -> EnergyOut:
+    """Return an energy, or the reason why there is none, as the API shows it."""
+    if isinstance(result, LeftOut):
         absent = dict.fromkeys(("kcal_per_day", "sd_kcal", "equation", "source"))
-        return EnergyOut.model_validate(absent | {"left_out": asdict(found)})
-    return EnergyOut.model_validate(asdict(found) | {"kcal_per_day": round(found.kcal_per_day, 1), "left_out": None})
+        return EnergyOut.model_validate(absent | {"left_out": asdict(result)})
+    return EnergyOut.model_validate(asdict(result) | {"kcal_per_day": round(result.kcal_per_day, 1), "left_out": None})

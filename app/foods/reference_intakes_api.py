@@ -54,13 +54,13 @@ def get_reference_intakes(
             height_m=height_m,
             activity=activity,
             is_pregnant=pregnant,
-            trimester=next((known for known in TRIMESTERS if known == trimester), None),
+            trimester=next((option for option in TRIMESTERS if option == trimester), None),
             is_lactating=lactating,
             lactation_months=lactation_months,
         )
     except ValueError as error:
-        words = str(error)
-        raise InvalidInputError(f"{words[:1].upper()}{words[1:]}.") from error
+        message = str(error)
+        raise InvalidInputError(f"{message[:1].upper()}{message[1:]}.") from error
     return ReferenceIntakesOut.model_validate(
         {
             "life_stage": stage,
@@ -75,7 +75,7 @@ def get_reference_intakes(
 
 
 def _age_in_years(age_years: float | None, age_months: float | None) -> float:
-    """The age from whichever is given. Raises InvalidInputError unless exactly one is."""
+    """Return the age in years. Raises InvalidInputError unless exactly one of the two is given."""
     if age_years is not None and age_months is None:
         return age_years
     if age_months is not None and age_years is None:

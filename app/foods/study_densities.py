@@ -1,7 +1,4 @@
-"""A study's own measurements of foods' densities: they go first in that study and nowhere else.
-
-They are withdrawn, not deleted.
-"""
+"""A study's own measurements of foods' densities: they take precedence in that study only; withdrawn, never deleted."""
 
 import uuid
 from collections.abc import Sequence
@@ -23,7 +20,7 @@ from app.people.studies import known_study
 
 
 def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -> tuple[float, float]:
-    """(median, spread) of the specimens, g/ml. Raises InvalidInputError if there are too few or one cannot be."""
+    """Return (median, spread) of the specimens, g/ml. Raises InvalidInputError if they are too few or impossible."""
     for number, specimen in enumerate(specimens, start=1):
         if specimen.g_per_ml > MAX_G_PER_ML:
             raise InvalidInputError(
@@ -37,7 +34,7 @@ def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -
     if g_per_ml < MIN_G_PER_ML or sd_g_per_ml > g_per_ml:
         raise InvalidInputError(
             f"The specimens give {g_per_ml:.3g} +- {sd_g_per_ml:.3g} g/ml, which no food has: are they of one food, "
-            "and their volumes read finely enough?",
+            "and were their volumes read precisely enough?",
             code="density_impossible",
         )
     return g_per_ml, sd_g_per_ml
@@ -48,7 +45,7 @@ DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "state", "kind", "weighs", "source
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A density that a study measured. density.source: how. specimens: what it follows from, if given."""
+    """A density that a study measured. density.source: the method. specimens: the measurements it was computed from."""
 
     food: str
     density: Density
@@ -56,21 +53,21 @@ class Measurement:
     measured_at: datetime | None = None
 
 
-def add_study_density(database: Database, study_code: str, measured: Measurement, editor: Editor) -> StudyDensity:
-    """Keep a study's measurement. Raises NotFoundError if there is no such study or food."""
-    now, density = datetime.now(UTC), measured.density
-    if measured.measured_at is not None and measured.measured_at > now:
-        raise InvalidInputError("A measurement cannot be of the future.", code="time_impossible")
+def add_study_density(database: Database, study_code: str, measurement: Measurement, editor: Editor) -> StudyDensity:
+    """Store a study's measurement. Raises NotFoundError if there is no such study or food."""
+    now, density = datetime.now(UTC), measurement.density
+    if measurement.measured_at is not None and measurement.measured_at > now:
+        raise InvalidInputError("A measurement cannot be in the future.", code="time_impossible")
     with database.write() as session:
         row = StudyDensity(
             id=uuid.uuid4(),
             study_id=known_study(people.find_study(session, study_code)).id,
-            food_key=require_food(session, measured.food).key,
+            food_key=require_food(session, measurement.food).key,
             **{name: getattr(density, name) for name in DENSITY_COLUMNS},
-            specimens=[[specimen.volume_ml, specimen.mass_g] for specimen in measured.specimens] or None,
+            specimens=[[specimen.volume_ml, specimen.mass_g] for specimen in measurement.specimens] or None,
             author=editor.author,
             reason=editor.reason,
-            measured_at=(measured.measured_at or now).astimezone(UTC),
+            measured_at=(measurement.measured_at or now).astimezone(UTC),
             created_at=now,
         )
         session.add(row)
@@ -79,21 +76,22 @@ def add_study_density(database: Database, study_code: str, measured: Measurement
 
 
 def list_study_densities(database: Database, study_code: str, food: str | None = None) -> list[StudyDensity]:
-    """A study's measurements, withdrawn ones too, the newest entry first. Raises NotFoundError."""
+    """Return a study's measurements, withdrawn ones too, the newest entry first. Raises NotFoundError."""
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         return food_changes.all_study_densities(session, study.id, food)
 
 
 def withdraw_study_density(database: Database, study_code: str, density_id: uuid.UUID, editor: Editor) -> StudyDensity:
-    """Take a measurement out of use. Raises NotFoundError; ConflictError if it is withdrawn already."""
+    """Withdraw a measurement. Raises NotFoundError; ConflictError if it is withdrawn already."""
     with database.write() as session:
         study = known_study(people.find_study(session, study_code))
-        done = food_changes.withdraw(session, study.id, density_id, editor.author, editor.reason, datetime.now(UTC))
+        now = datetime.now(UTC)
+        is_withdrawn = food_changes.withdraw(session, study.id, density_id, editor.author, editor.reason, now)
         row = session.get(StudyDensity, density_id)
         if row is None or row.study_id != study.id:
             raise NotFoundError(f"Study {study_code!r} has no density {density_id}.", code="density_not_found")
-        if not done:
+        if not is_withdrawn:
             raise ConflictError("This density is withdrawn already.", code="density_withdrawn")
         note(session, editor.caller, "density.withdraw", study_id=study.id, subject=row.food_key, density=str(row.id))
         return row

@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/densities: a study's own measurements of foods, which go first in that study and nowhere else."""
+"""/v1/studies/{study}/densities: a study's own measurements of foods, which take precedence in that study only."""
 
 import uuid
 from typing import Annotated
@@ -43,8 +43,8 @@ def get_study_densities(
     food: Annotated[str | None, Query(max_length=100, description="Only this food's: its key.")] = None,
 ) -> StudyDensityList:
     """The study's measurements, withdrawn ones too, the newest entry first."""
-    found = study_densities.list_study_densities(state.database, study, food)
-    return StudyDensityList(items=[render_study_density(row) for row in found])
+    rows = study_densities.list_study_densities(state.database, study, food)
+    return StudyDensityList(items=[render_study_density(row) for row in rows])
 
 
 @router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
@@ -61,7 +61,7 @@ def post_density_withdrawal(
 
 
 def render_study_density(row: StudyDensity) -> StudyDensityOut:
-    """A measurement as the API shows it."""
+    """Return a measurement as the API shows it."""
     specimens = None
     if row.specimens is not None:
         specimens = [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in row.specimens]

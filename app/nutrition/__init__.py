@@ -1,1 +1,1 @@
-"""From millilitres to grams to nutrients: pure functions and the starter food table; knows no database."""
+"""Millilitres to grams to nutrients: pure functions and the starter food table, without a database."""

@@ -1,9 +1,9 @@
-"""The components that food tables give figures of: number, INFOODS tagname, unit and expression (components.csv).
+"""The components of food tables: number, INFOODS tagname, unit and expression (components.csv).
 
-The key is the source's number: USDA's nutrient number, shared by SR and FoodData Central, or, for a component that USDA
-has no number for, its INFOODS tagname. A tagname alone is no key: USDA calls both 324 (IU) and 328 (ug) VITD. It says
-how a figure was arrived at, so neighbours stay apart: CHOCDF (carbohydrate by difference, fibre included) is not CHOAVL
-(available), FOL (total folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
+The key is the source's number: USDA's nutrient number, shared by SR and FoodData Central, or the INFOODS tagname of a
+component without a USDA number. A tagname alone is not a key: USDA uses VITD for both 324 (IU) and 328 (ug). A tagname
+implies a definition, so similar components are kept apart: CHOCDF (carbohydrate by difference, fibre included) is not
+CHOAVL (available), FOL (total folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
 """
 
 import re
@@ -22,7 +22,7 @@ T = TypeVar("T")
 class Component:
     """One component: figures are in `unit` per 100 g edible portion.
 
-    tagname: None where INFOODS has none. expression: what kind of figure it is, where the name leaves a choice.
+    tagname: None if INFOODS has none. expression: the definition of the figure, if the name is ambiguous.
     """
 
     number: str
@@ -44,9 +44,9 @@ NUMBER_BY_TAGNAME = MappingProxyType(
     {component.tagname: component.number for component in reversed(COMPONENTS) if component.tagname}
 )
 
-# The ten that an effective record carries as columns (design.md, "HTTP conventions"). FoodData Central's Foundation
-# foods give energy by the Atwater factors, specific or general, in place of 208: all are kilocalories of metabolisable
-# energy.
+# The ten components that an effective record has as columns (design.md, "HTTP conventions"). FoodData Central's
+# Foundation foods have energy by specific or general Atwater factors in place of 208: all are kilocalories of
+# metabolisable energy.
 ENERGY_NUMBERS = ("208", "958", "957")
 HEADLINE_NUMBERS: tuple[tuple[str, ...], ...] = (
     ENERGY_NUMBERS,
@@ -55,7 +55,7 @@ HEADLINE_NUMBERS: tuple[tuple[str, ...], ...] = (
     )),
 )  # fmt: skip
 
-# As a reader looks for them; the members of a group are in the order of their `place`.
+# In reading order; the members of a group are in the order of their `place`.
 OTHERS: Final = "Others"
 COMPONENT_GROUPS: Final = (
     "Energy and macronutrients", "Minerals", "Vitamins", "Starch and single sugars", "Amino acids", "Sterols",
@@ -79,7 +79,7 @@ def component_group(number: str, name: str) -> str:
 
 
 def by_component_group(components: Iterable[tuple[str, str, T]]) -> dict[str, list[T]]:
-    """Sort values of components into groups, both in a reader's order. components: number, name and value of each."""
+    """Group the values of components, both in reading order. components: number, name and value of each."""
     groups: dict[str, list[tuple[int, T]]] = {group: [] for group in (*COMPONENT_GROUPS, FATTY_ACIDS, OTHERS)}
     for number, name, value in components:
         groups[component_group(number, name)].append((_PLACE.get(number, ("", 0))[1], value))

@@ -1,8 +1,8 @@
-"""Doubt in parts: what items share and what is their own, and 90 % intervals of amounts, sums and differences.
+"""Uncertainty in parts, shared between items or independent; 90 % intervals of amounts, sums and differences.
 
 Errors here multiply (a scale, a density), so each part is a factor with a lognormal distribution; an interval is never
 negative and is wider upwards. A part's relative standard deviation r gives the logarithm's, s = sqrt(ln(1 + r^2)).
-The value itself is the median. The doubt about the nutrient figures themselves is not in it.
+The value itself is the median. Uncertainty of the nutrient figures themselves is not included.
 """
 
 import math
@@ -31,7 +31,7 @@ class Doubt:
 
     @property
     def log_variance(self) -> float:
-        """The variance of the logarithm of all parts together."""
+        """Return the variance of the logarithm of all parts together."""
         return _log_variance(self.pair) + _log_variance(self.density) + _log_variance(self.item)
 
 
@@ -44,7 +44,7 @@ class Estimate:
     high: float
 
     def scaled(self, factor: float) -> "Estimate":
-        """The estimate times an exact factor >= 0."""
+        """Return the estimate times an exact factor >= 0."""
         if not 0.0 <= factor < math.inf:
             raise ValueError(f"an estimate is scaled by a finite factor >= 0, not {factor}")
         return Estimate(self.value * factor, self.low * factor, self.high * factor)
@@ -54,7 +54,7 @@ class Estimate:
 class Term:
     """One item's amount in a sum or difference.
 
-    value: >= 0. pair, food: names of the pair and the food, which tell whose parts are shared. sign: -1 to take away.
+    value: >= 0. pair, food: terms with the same pair or food share that part of the doubt. sign: -1 to subtract.
     """
 
     value: float
@@ -69,7 +69,7 @@ class Term:
 
 
 def estimate(value: float, doubt: Doubt) -> Estimate:
-    """A value with the 90 % interval that its doubt gives. Raises ValueError if it is negative or not finite."""
+    """Return a value with its 90 % interval. Raises ValueError if it is negative or not finite."""
     if not 0.0 <= value < math.inf:
         raise ValueError(f"an amount is finite and not negative, not {value}")
     spread = math.exp(Z_90 * math.sqrt(doubt.log_variance))
@@ -77,11 +77,11 @@ def estimate(value: float, doubt: Doubt) -> Estimate:
 
 
 def combine(terms: Sequence[Term]) -> Estimate:
-    """Sum of the terms by their signs, with its 90 % interval; shared parts combine before own ones.
+    """Return the signed sum of the terms with its 90 % interval; shared parts combine before independent ones.
 
-    The covariance of two terms is exact: E_i E_j (exp(s) - 1), s the log variance that they share. A sum is given the
-    lognormal of the same mean and variance (Fenton 1960); one with a sign -1, which may be negative, the normal.
-    An empty sum is 0.
+    The covariance of two terms is exact: E_i E_j (exp(s) - 1), s the log variance that they share. A sum is modelled as
+    the lognormal of the same mean and variance (Fenton 1960); a sum with a negative sign, which may be negative, as the
+    normal. An empty sum is 0.
     """
     total = math.fsum(term.sign * term.value for term in terms)
     means = [term.sign * term.value * math.exp(term.doubt.log_variance / 2.0) for term in terms]
@@ -98,14 +98,14 @@ def combine(terms: Sequence[Term]) -> Estimate:
 
 
 def _covariances(terms: Sequence[Term], means: Sequence[float]) -> Iterator[float]:
-    """Of all pairs of terms, both ways round: each shared part counts with its own size in either term."""
+    """Yield the covariances of all pairs of terms, each doubled; a shared part may differ in size between terms."""
     pair_sds = [math.sqrt(_log_variance(term.doubt.pair)) for term in terms]
     density_sds = [math.sqrt(_log_variance(term.doubt.density)) for term in terms]
-    for i, one in enumerate(terms):
-        yield means[i] ** 2 * math.expm1(one.doubt.log_variance)
+    for i, term in enumerate(terms):
+        yield means[i] ** 2 * math.expm1(term.doubt.log_variance)
         for j in range(i):
-            shared = pair_sds[i] * pair_sds[j] if one.pair == terms[j].pair else 0.0
-            if one.food == terms[j].food:
+            shared = pair_sds[i] * pair_sds[j] if term.pair == terms[j].pair else 0.0
+            if term.food == terms[j].food:
                 shared += density_sds[i] * density_sds[j]
             if shared:
                 yield 2.0 * means[i] * means[j] * math.expm1(shared)

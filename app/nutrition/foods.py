@@ -1,6 +1,6 @@
-"""The values of the food table: foods, their refuse, densities and nutrients; and the starter table in the package.
+"""Values of the food table: foods, refuse, densities and nutrients; and the starter table in the package.
 
-Values only, validated when they are made; choosing a density is density.py's business. Made by tools/starter_table.
+Values are validated on construction; density.py chooses densities. The starter table is built by tools/starter_table.
 """
 
 import csv
@@ -34,14 +34,14 @@ DENSITY_BASES: tuple[DensityBasis, ...] = get_args(DensityBasis)
 WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
 
 
-def food_form(word: str | None) -> FoodForm | None:
-    """A word as one of FOOD_FORMS, or None. Raises ValueError if it is none of them."""
+def food_form(text: str | None) -> FoodForm | None:
+    """Return a text as one of FOOD_FORMS, None for None. Raises ValueError if it is not one of them."""
     for form in FOOD_FORMS:
-        if form == word:
+        if form == text:
             return form
-    if word is None:
+    if text is None:
         return None
-    raise ValueError(f"unknown form {word!r}")
+    raise ValueError(f"unknown form {text!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,12 @@ class RefusePart:
 
 @dataclass(frozen=True, slots=True)
 class Density:
-    """A food's density with its spread: what the next item of this food may differ from it, one standard deviation.
+    """A food's density and spread: the standard deviation of another item of this food from it.
 
-    kind: "solid", of the piece or the liquid itself; "bulk", of a heap with the air between its pieces.
-    state: how the food was when weighed (raw, boiled, mashed, sliced ...). basis: how it was come by, best first in
-    DENSITY_BASES. source: for a person, with the source's ids. weighs: what the grams are of; "edible" where a table
-    gives the edible mass that a volume with its waste in it holds ("1 cup, with pits, yields"): no refuse comes off
-    again.
+    kind: "solid", of the piece or the liquid itself; "bulk", of a heap with the air between its pieces. state: of the
+    food when weighed (raw, boiled, mashed, sliced ...). basis: how the density was obtained; DENSITY_BASES has the best
+    first. source: readable, with the source's ids. weighs: "edible" if a table gives the edible mass in a volume that
+    includes waste ("1 cup, with pits, yields"): refuse is not subtracted again.
     """
 
     g_per_ml: float
@@ -74,14 +73,14 @@ class Density:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.g_per_ml < math.inf and 0.0 <= self.sd_g_per_ml < math.inf):
-            raise ValueError(f"no density: {self.g_per_ml} +- {self.sd_g_per_ml} g/ml ({self.source})")
-        known = self.kind in DENSITY_KINDS and self.basis in DENSITY_BASES and self.weighs in WEIGHED_PARTS
-        if not known:
+            raise ValueError(f"invalid density: {self.g_per_ml} +- {self.sd_g_per_ml} g/ml ({self.source})")
+        is_valid = self.kind in DENSITY_KINDS and self.basis in DENSITY_BASES and self.weighs in WEIGHED_PARTS
+        if not is_valid:
             raise ValueError(f"unknown kind {self.kind!r}, basis {self.basis!r} or {self.weighs!r} ({self.source})")
 
     @property
     def relative_sd(self) -> float:
-        """The spread as a share of the density."""
+        """Return the spread as a share of the density."""
         return self.sd_g_per_ml / self.g_per_ml
 
 
@@ -89,14 +88,14 @@ class Density:
 class Food:
     """One food of a release.
 
-    key: names the same food across releases: a slug, or SOURCE:ID for a food of an imported table. form: how it usually
-    lies on the plate. slice_form: what the paper's method fits to its slices (section V), None where its slices decide.
-    state: raw (dry goods too), cooked, or as_eaten (bread, milk, a dish); None where the source does not tell: raw and
-    cooked are never interchangeable. refuse: parts of the whole food that are not eaten. densities: in the order of
-    their worth. portions: as the source gives them, of edible mass. per_100_g: component number -> content of 100 g
-    edible portion in the component's unit; what is not known is absent, never 0. source_ids: such as {"sr28_ndb":
-    "09003"}. probes: what no camera sees and a participant is asked (fat_added, sweetened, drained, dressing ...).
-    Raises ValueError if the values cannot be.
+    key: identifies the food across releases: a slug, or SOURCE:ID for a food of an imported table. form: its usual form
+    on the plate. slice_form: the shape that the paper's method fits to its slices (section V); None: chosen by fit.
+    state: raw (dry goods too), cooked, or as_eaten (bread, milk, a dish); None if the source does not state it: raw and
+    cooked are never interchangeable. refuse: parts of the whole food that are not eaten. densities: the best first.
+    portions: as the source gives them, of edible mass. per_100_g: component number -> content of 100 g edible portion
+    in the component's unit; an unknown content is absent, never 0. source_ids: such as {"sr28_ndb": "09003"}. probes:
+    questions for the participant about what no camera sees (fat_added, sweetened, drained, dressing ...). Raises
+    ValueError if a value is invalid.
     """
 
     key: str
@@ -130,7 +129,7 @@ class Food:
 
 @dataclass(frozen=True, slots=True)
 class FoodTable:
-    """One release of a food table. checksum: SHA-256 of what it was read from, hex. foods: in the table's order."""
+    """One release of a food table. checksum: SHA-256 of its source files, hex. foods: in the table's order."""
 
     name: str
     version: str
@@ -139,7 +138,7 @@ class FoodTable:
     foods: tuple[Food, ...]
 
     def food(self, key: str) -> Food:
-        """The food with this key. Raises KeyError if there is none."""
+        """Return the food with this key. Raises KeyError if there is none."""
         for food in self.foods:
             if food.key == key:
                 return food
@@ -148,12 +147,12 @@ class FoodTable:
 
 @cache
 def load_starter_table() -> FoodTable:
-    """The table that ships in the package (docs/food-table.md): foods.json and nutrients.csv of starter/."""
+    """Return the table in the package (docs/food-table.md): foods.json and nutrients.csv of starter/."""
     return parse_table(*_starter_files())
 
 
 def starter_checksum() -> str:
-    """Of the table that ships in the package, without making its foods."""
+    """Return the checksum of the table in the package without parsing it."""
     return _checksum(*_starter_files())
 
 
@@ -169,7 +168,7 @@ def _checksum(foods_json: bytes, nutrients_csv: bytes) -> str:
 def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
     """Return the table of the two files that tools/starter_table/build.py writes.
 
-    Raises ValueError, KeyError or TypeError where they are not such files.
+    Raises ValueError, KeyError or TypeError if they are not such files.
     """
     document = json.loads(foods_json)
     contents = {

@@ -1,7 +1,7 @@
-"""Density of a kind of baked food or dish that a name tells (pizza, pie, fries): the median of the starter's of it.
+"""Density of a kind of baked food or dish (pizza, pie, fries), recognised by name: the starter table's median.
 
-Baked foods and dishes of one food group are nothing alike: bread has 0.2 g/ml, pie 0.9. Where a food has no density of
-its own, its kind's median stands before its group's.
+Baked foods and dishes of one food group differ widely: bread has 0.2 g/ml, pie 0.9. For a food without a density of its
+own, the median of its kind takes precedence over that of its group.
 """
 
 import re
@@ -13,10 +13,10 @@ from app.nutrition.density import KIND_OF_FORM, resolve_density
 from app.nutrition.foods import Density, DensityKind, FoodForm, load_starter_table
 from app.nutrition.portion_density import group_median
 
-GROUPS = ("baked", "fast foods", "restaurant foods", "meals, entrees", "snacks")  # by how their names open, lower case
+GROUPS = ("baked", "fast foods", "restaurant foods", "meals, entrees", "snacks")  # lower-case prefixes of group names
 
-# What a food of this kind is called, the first that fits: a cheeseburger on a bun is no bread. What is not yet, or no
-# longer, a piece of the kind is of none.
+# Names of each kind; the first match wins: a cheeseburger on a bun is not bread. Doughs, crumbs and the like are of no
+# kind (_NONE).
 MIN_FOODS = 3
 _ALL = (*GROUPS, "beef", "pork", "poultry", "finfish", "vegetable")  # groups of the starter's fries, steaks, shrimps
 _NONE = re.compile(
@@ -24,7 +24,7 @@ _NONE = re.compile(
     r"rice cakes?|crab|chips|crisps|puffs|egg rolls?|bread, (?:banana|pumpkin|boston|irish|nut))\b",
     re.IGNORECASE,
 )
-_WORDS: Mapping[DensityKind, Mapping[str, str]] = {
+_NAMES: Mapping[DensityKind, Mapping[str, str]] = {
     "solid": {
         "pizza": r"pizzas?",
         "filled tortilla": r"burritos?|wraps?|tacos?(?! shells?)|quesadillas?|enchiladas?",
@@ -49,14 +49,14 @@ _WORDS: Mapping[DensityKind, Mapping[str, str]] = {
 }
 _KINDS: Mapping[DensityKind, Mapping[str, re.Pattern[str]]] = MappingProxyType(
     {
-        density_kind: {kind: re.compile(rf"\b(?:{words})\b", re.IGNORECASE) for kind, words in kinds.items()}
-        for density_kind, kinds in _WORDS.items()
+        density_kind: {kind: re.compile(rf"\b(?:{names})\b", re.IGNORECASE) for kind, names in kinds.items()}
+        for density_kind, kinds in _NAMES.items()
     }
 )
 
 
 def kind_density(name: str, group: str, form: FoodForm) -> tuple[Density, ...]:
-    """The density of the kind that this name tells, in this form; empty where it tells none, or few are known."""
+    """Return the density of the kind that this name and form have; empty if there is none or too few foods."""
     if form == "liquid" or not group.lower().startswith(GROUPS):
         return ()
     median = _medians().get(_kind(name, KIND_OF_FORM[form]) or "")
@@ -66,12 +66,12 @@ def kind_density(name: str, group: str, form: FoodForm) -> tuple[Density, ...]:
 def _kind(name: str, density_kind: DensityKind) -> str | None:
     if _NONE.search(name):
         return None
-    return next((kind for kind, words in _KINDS[density_kind].items() if words.search(name)), None)
+    return next((kind for kind, names in _KINDS[density_kind].items() if names.search(name)), None)
 
 
 @cache
 def _medians() -> Mapping[str, Density]:
-    found: dict[tuple[str, DensityKind], list[float]] = {}
+    densities_of_kind: dict[tuple[str, DensityKind], list[float]] = {}
     for food in load_starter_table().foods:
         choice, density_kind = resolve_density(food), KIND_OF_FORM[food.form]
         kind = _kind(f"{food.name}, {food.source_ids.get('sr28_name', '')}", density_kind)
@@ -83,11 +83,13 @@ def _medians() -> Mapping[str, Density]:
             and choice.chosen.kind == density_kind
             and choice.chosen.basis != "group"
         ):
-            found.setdefault((kind, density_kind), []).append(choice.chosen.g_per_ml)
+            densities_of_kind.setdefault((kind, density_kind), []).append(choice.chosen.g_per_ml)
     return MappingProxyType(
         {
-            kind: group_median(its, density_kind, f"starter table: median of {len(its)} foods of the kind {kind}")
-            for (kind, density_kind), its in found.items()
-            if len(its) >= MIN_FOODS
+            kind: group_median(
+                densities, density_kind, f"starter table: median of {len(densities)} foods of the kind {kind}"
+            )
+            for (kind, density_kind), densities in densities_of_kind.items()
+            if len(densities) >= MIN_FOODS
         }
     )

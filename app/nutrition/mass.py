@@ -1,4 +1,4 @@
-"""Millilitres to grams: volume x density -> the mass as seen, less its refuse -> the edible mass, with their doubt."""
+"""Millilitres to grams: volume x density -> mass as seen, minus refuse -> edible mass, each with its doubt."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -13,7 +13,7 @@ BEFORE, AFTER = "before", "after"  # the two pairs of photographs of one meal
 
 @dataclass(frozen=True, slots=True)
 class Mass:
-    """One item's mass: as it was photographed, and what of it is eaten; grams with 90 % intervals, doubt by parts."""
+    """One item's mass as photographed and its edible mass: grams with 90 % intervals, and the doubt by part."""
 
     as_seen_g: Estimate
     edible_g: Estimate
@@ -22,11 +22,11 @@ class Mass:
 
 
 def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, edible_share: float = 1.0) -> Mass:
-    """Mass of an item: volume (ml) x density (g/ml), and its edible share (0 to 1, from `edible_share`).
+    """Return the mass of an item: volume (ml) x density (g/ml), and its edible share (0 to 1, from `edible_share`).
 
     The density's spread is added to the doubt's part "density". A density of edible mass (Density.weighs) gives the
-    edible grams, from which the mass as seen follows. The refuse figures have no published spread; none is made up.
-    Raises ValueError if volume or share is not positive and finite, or the share passes 1.
+    edible grams, from which the mass as seen is computed. Refuse has no published spread, and none is assumed.
+    Raises ValueError if volume or share is not positive and finite, or the share exceeds 1.
     """
     if not 0.0 < volume_ml < math.inf:
         raise ValueError(f"a volume is positive and finite, not {volume_ml} ml")
@@ -37,9 +37,9 @@ def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, ed
 
 
 def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0) -> Mass:
-    """Mass of an item whose grams a person tells. is_edible: without its refuse; else as seen.
+    """Return the mass of an item whose grams a person states. is_edible: without refuse; otherwise as seen.
 
-    relative_sd: how far off the person may be. Raises ValueError if the mass is not positive and finite.
+    relative_sd: error of the person's figure. Raises ValueError if the mass is not positive and finite.
     """
     if not 0.0 < mass_g < math.inf:
         raise ValueError(f"a mass is positive and finite, not {mass_g} g")
@@ -47,24 +47,24 @@ def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_s
 
 
 def consumed_mass(served: Mass, left: Sequence[Mass], *, food_key: str, share: float = 1.0) -> Estimate:
-    """Edible grams eaten: served less left, times the eater's share (above 0, at most 1) of the dish.
+    """Return the edible grams eaten: served minus left, times the eater's share (above 0, at most 1) of the dish.
 
-    Signed: where the doubt is greater than what was eaten it may come out below 0, and stays so, since means over many
-    meals would be biased by clipping. The two pairs of photographs have their own doubt, the food's density is shared.
+    Signed: if the doubt exceeds the amount eaten it may be below 0 and is not clipped, which would bias means over many
+    meals. The two pairs of photographs have independent doubt; the doubt of the food's density is shared.
     """
     if not 0.0 < share <= 1.0:
         raise ValueError(f"a share is above 0 and at most 1, not {share}")
     terms = [Term(served.edible_g.value, served.doubt, BEFORE, food_key)]
-    terms += [Term(one.edible_g.value, one.doubt, AFTER, food_key, sign=-1) for one in left]
+    terms += [Term(piece.edible_g.value, piece.doubt, AFTER, food_key, sign=-1) for piece in left]
     return combine(terms).scaled(share) if left else served.edible_g.scaled(share)
 
 
 def edible_share(food: Food, *, form: FoodForm | None = None, without: Collection[str] | None = None) -> float:
-    """What share of an item's mass as seen is eaten, by the food's refuse.
+    """Return the edible share of an item's mass as seen, from the food's refuse.
 
-    form: how the item lies (None: as usual). A food of solid pieces that is met as a heap or in a vessel was peeled
-    and cut: nothing is refused. without: the parts that are off already (None: those that are not usually served): a
-    pineapple without its crown is (100 - 49) / (100 - 16) edible.
+    form: of the item (None: the usual one). A food of solid pieces in a heap or a vessel was peeled and cut, so it has
+    no refuse. without: parts already removed (None: those not usually served): a pineapple without its crown is
+    (100 - 49) / (100 - 16) edible.
     Raises ValueError if `without` names a part that the food does not have.
     """
     if form is not None and KIND_OF_FORM[form] == "bulk" and KIND_OF_FORM[food.form] == "solid":

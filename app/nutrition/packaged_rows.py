@@ -1,4 +1,4 @@
-"""The tables that ship beside this package's modules, as CSV."""
+"""Read the CSV tables that ship in this package."""
 
 import csv
 from importlib import resources

@@ -1,4 +1,4 @@
-"""Figures that no food can have: more than 100 g in 100 g, more energy than pure fat, more weight than salt."""
+"""Limits of possible figures: at most 100 g in 100 g, the energy of pure fat, the density of salt."""
 
 import math
 from collections.abc import Mapping
@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from app.core.units import Unit, convert
 from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME, Component
 
-LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed each on its own, those of a salmon in SR28 make 106.5
+LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed separately, those of a salmon in SR28 add up to 106.5
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
-MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0  # spun sugar has some ten times the one, crystals of salt 2.2
+MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0  # spun sugar has some ten times the minimum, crystals of salt 2.2
 
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
 _OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))
@@ -17,7 +17,7 @@ _ENERGIES = (Unit.KCAL, Unit.KJ)
 
 
 def most_in_100_g(component: Component) -> float:
-    """The most that 100 g of any food can hold of a component, in its unit; no limit in international units."""
+    """Return the maximum content of a component in 100 g of any food, in its unit; infinite for international units."""
     if component.unit in _MASSES:
         return convert(100.0, Unit.G, component.unit)
     if component.unit in _ENERGIES:
@@ -26,7 +26,7 @@ def most_in_100_g(component: Component) -> float:
 
 
 def why_impossible(per_100_g: Mapping[str, float]) -> str | None:
-    """Why no food can hold this, in a sentence; None if one can. What is not known is taken for nothing."""
+    """Return why these contents are impossible, as a sentence; None if possible. Unknown contents count as 0."""
     for number, content in per_100_g.items():
         component = COMPONENT_BY_NUMBER.get(number)
         if component is not None and content > most_in_100_g(component):

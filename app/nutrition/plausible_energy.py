@@ -1,8 +1,8 @@
-"""Whether a reported energy can be what a person eats: its ratio to the basal metabolic rate (Goldberg cut-offs).
+"""Judge whether a reported energy is plausible by its ratio to the basal metabolic rate (Goldberg cut-offs).
 
-Somebody whose weight stays spends their basal metabolic rate times their physical activity level (PAL), and eats as
-much. A mean of d days that lies outside the 95 % limits of that is hardly the habitual intake: meals were left out
-(low), or too much was told (high). It judges the report, never the person, and finds gross misreporting only.
+A person of stable weight spends, and eats, their basal metabolic rate times their physical activity level (PAL). A mean
+of d days outside the 95 % limits of that is unlikely to be the habitual intake: meals were left out (low), or too much
+was reported (high). It judges the report, not the person, and detects only gross misreporting.
 
 Goldberg et al. 1991 (Eur J Clin Nutr 45:569), with the variations of Black 2000 (Int J Obes 24:1119):
 
@@ -22,7 +22,7 @@ CV_ACTIVITY_PERCENT = 15.0  # CVtP: of the physical activity level between peopl
 SD_LIMITS = 2.0  # 95 % limits
 ADULT_YEARS = 18.0  # the cut-offs and their variations are for adults
 
-USUAL_PAL = 1.55  # where the activity is not known: the light activity that Goldberg et al. take
+USUAL_PAL = 1.55  # if the activity is not known: the light activity that Goldberg et al. assume
 PAL: Mapping[Activity, float] = {  # IOM 2002/2005: the levels that stand for its four classes
     "sedentary": 1.25,
     "low_active": 1.5,
@@ -36,7 +36,7 @@ WhyUnknown = Literal["profile_unknown", "no_whole_day", "basal_rate_unknown", "n
 
 @dataclass(frozen=True, slots=True)
 class Plausibility:
-    """A verdict with what it follows from. Where it is unknown, reason says why and the numbers may be None.
+    """A verdict with its basis. If it is "unknown", reason says why and the numbers may be None.
 
     ratio: energy intake / basal metabolic rate; low, high: the limits within which it is plausible.
     """
@@ -50,7 +50,7 @@ class Plausibility:
 
 
 def cut_offs(days: int, pal: float = USUAL_PAL) -> tuple[float, float]:
-    """The 95 % limits of energy intake / basal metabolic rate for one person's mean of so many days.
+    """Return the 95 % limits of energy intake / basal metabolic rate for one person's mean of `days` days.
 
     Raises ValueError for less than one day or a PAL that is not positive.
     """
@@ -69,7 +69,7 @@ def judge_energy(
     age_years: float | None,
     activity: Activity | None = None,
 ) -> Plausibility:
-    """Judge a mean daily energy (kcal) of so many whole days.
+    """Judge a mean daily energy (kcal) of `days` whole days.
 
     basal_rate: kcal a day, of the same person (energy_requirement.py).
     """

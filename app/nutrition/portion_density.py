@@ -1,8 +1,8 @@
-"""Densities from household volumes: which kind and state a portion's words say, and a food group's median of them.
+"""Densities from household volumes: the kind and state that a portion's text states, and a food group's median.
 
-A portion counts only for the form that its words fit: mashed, pureed and melted food and the cubic inch give the
+A portion counts only for the kind that its text states: mashed, pureed and melted food and the cubic inch give the
 density of the food itself, chopped and sliced food that of a heap. Portion weights are of edible food, so a heap's
-density is of what is eaten.
+density is of its edible part.
 """
 
 import re
@@ -14,13 +14,13 @@ from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import Density, DensityBasis, DensityKind, FoodForm, WeighedPart
 from app.nutrition.portions import Portion
 
-# No table publishes a spread. Judged (docs/food-table.md, "Spread"): liquids differ little; two tables' figures for the
-# same cooked, heaped food differ by 2 to 12 %, to which the next heap's own packing is added.
+# No table publishes a spread; these are judgements (docs/food-table.md, "Spread"): liquids differ little; two tables'
+# figures for the same cooked, heaped food differ by 2 to 12 %, plus the variation in packing between heaps.
 _RELATIVE_SD: Mapping[str, float] = {"liquid": 0.02, "solid": 0.08, "bulk": 0.12}
 GROUP_RELATIVE_SD = 0.25  # at least
 MIN_GROUP_FOODS = 5
 SMALL_UNITS = frozenset({Unit.TABLESPOON, Unit.FLUID_OUNCE})  # their weights are rounded more coarsely than a cup's
-_ROBUST_SD = 0.7413  # standard deviation of a normal distribution a unit of interquartile range
+_ROBUST_SD = 0.7413  # standard deviation of a normal distribution per unit of interquartile range
 POSSIBLE_G_PER_ML = (0.012, 1.6)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
 
 _SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
@@ -32,7 +32,7 @@ _MEASURE_NOISE = re.compile(r'\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|
 
 
 def usual_relative_sd(form: FoodForm, kind: DensityKind) -> float:
-    """The judged spread of a density of this kind, as a share of it."""
+    """Return the assumed spread of a density of this kind, as a share of it."""
     return _RELATIVE_SD["liquid" if form == "liquid" else kind]
 
 
@@ -45,29 +45,29 @@ def portion_densities(
     usual_portion: str | None = None,
     cup_kind: DensityKind | None = None,
 ) -> list[Density]:
-    """One density a kind and state, the usual portion's first; of a cup and a tablespoon of the same, the cup's.
+    """Return one density per kind and state, the usual portion's first; a cup takes precedence over a tablespoon.
 
-    state: how the food usually is, and so what a plain cup of it holds. source: whose portions, with the id.
-    usual_portion: the sequence of the one whose state is nearest to that. cup_kind: the kind of a plain cup's density
-    where it is not the one that the form takes.
+    state: the food's usual state, which a plain cup of it has too. source: source of the portions, with the id.
+    usual_portion: sequence of the portion whose state is closest to it. cup_kind: kind of a plain cup's density if it
+    differs from the form's.
     """
-    found: dict[tuple[DensityKind, str], Density] = {}
-    for portion in sorted(portions, key=lambda one: (one.sequence != usual_portion, _is_small(one))):
+    densities: dict[tuple[DensityKind, str], Density] = {}
+    for portion in sorted(portions, key=lambda portion: (portion.sequence != usual_portion, _is_small(portion))):
         if portion.density_g_per_ml is None or not is_possible(portion.density_g_per_ml):
             continue
-        kind, its_state = kind_and_state(portion, form, state, cup_kind)
-        density = portion_density(portion, source, kind, its_state, "portion", usual_relative_sd(form, kind))
-        found.setdefault((kind, its_state), density)
-    return list(found.values())
+        kind, portion_state = kind_and_state(portion, form, state, cup_kind)
+        density = portion_density(portion, source, kind, portion_state, "portion", usual_relative_sd(form, kind))
+        densities.setdefault((kind, portion_state), density)
+    return list(densities.values())
 
 
 def portion_density(
     portion: Portion, source: str, kind: DensityKind, state: str, basis: DensityBasis, relative_sd: float
 ) -> Density:
-    """The density that a volume portion gives. Raises ValueError if its measure is no volume."""
+    """Return the density of a volume portion. Raises ValueError if its measure is not a volume."""
     volume, g_per_ml = portion.volume, portion.density_g_per_ml
     if volume is None or g_per_ml is None:
-        raise ValueError(f"{source}, portion {portion.sequence} ({portion.measure}) is no volume")
+        raise ValueError(f"{source}, portion {portion.sequence} ({portion.measure}) is not a volume")
     text = f"{source}, portion {portion.sequence}: {volume[0]:g} {volume[1]} ({portion.measure}) {portion.mass_g:g} g"
     return Density(
         round(g_per_ml, 3), round(relative_sd * g_per_ml, 4), state, kind, basis, text[:300], weighed_part(kind)
@@ -77,33 +77,33 @@ def portion_density(
 def group_medians(
     foods: Iterable[tuple[str, Sequence[Portion]]], source: str
 ) -> Mapping[tuple[str, DensityKind], Density]:
-    """(food group, portions) of all foods -> (group, kind) -> the group's density, with a wide spread.
+    """Return (group, kind) -> the group's density, with a wide spread. foods: (food group, portions) of all foods.
 
-    A food counts once, by its median; a group with fewer than MIN_GROUP_FOODS such foods has none.
+    A food counts once, by its median; a group with fewer than MIN_GROUP_FOODS such foods has no density.
     """
-    found: dict[tuple[str, DensityKind], list[float]] = {}
+    medians: dict[tuple[str, DensityKind], list[float]] = {}
     for group, portions in foods:
-        for kind, words in _GROUP_WORDS.items():
-            its = [
+        for kind, pattern in _GROUP_WORDS.items():
+            food_densities = [
                 g_per_ml
                 for portion in portions
                 if (g_per_ml := portion.density_g_per_ml) is not None
                 and is_possible(g_per_ml)
-                and words.search(portion.measure)
+                and pattern.search(portion.measure)
             ]
-            if its:
-                found.setdefault((group, kind), []).append(statistics.median(its))
+            if food_densities:
+                medians.setdefault((group, kind), []).append(statistics.median(food_densities))
     return {
         (group, kind): group_median(
             densities, kind, f"{source}, volume portions: median of {len(densities)} foods of the group {group}"
         )
-        for (group, kind), densities in found.items()
+        for (group, kind), densities in medians.items()
         if len(densities) >= MIN_GROUP_FOODS
     }
 
 
 def group_median(densities: Sequence[float], kind: DensityKind, source: str) -> Density:
-    """The median of at least two foods' densities, g/ml, with a spread that is never small."""
+    """Return the median of at least two foods' densities, g/ml, with a spread of at least GROUP_RELATIVE_SD."""
     lower, median, upper = statistics.quantiles(densities, n=4)
     sd = max(GROUP_RELATIVE_SD * median, _ROBUST_SD * (upper - lower))
     return Density(round(median, 3), round(sd, 3), "any", kind, "group", source[:300], weighed_part(kind))
@@ -112,26 +112,26 @@ def group_median(densities: Sequence[float], kind: DensityKind, source: str) -> 
 def kind_and_state(
     portion: Portion, form: FoodForm, state: str, cup_kind: DensityKind | None = None
 ) -> tuple[DensityKind, str]:
-    """What a volume portion's words say: mashed is solid, chopped a heap, a plain cup the food as it usually is."""
+    """Return kind and state by a volume portion's text: mashed is solid, chopped a heap, a plain cup as usual."""
     if portion.volume is not None and portion.volume[1] == Unit.CUBIC_INCH:
         return "solid", state
     pressed = _SOLID_WORDS.search(portion.measure)
     if pressed:
         return "solid", pressed[1].lower()
-    words = " ".join(_MEASURE_NOISE.sub(" ", portion.measure).split())
-    if words:
-        return "bulk", words[:32]
+    preparation = " ".join(_MEASURE_NOISE.sub(" ", portion.measure).split())
+    if preparation:
+        return "bulk", preparation[:32]
     usual = KIND_OF_FORM[form] if form in {"liquid", "heap", "in_vessel"} else "bulk"
     return cup_kind or usual, state
 
 
 def weighed_part(kind: DensityKind) -> WeighedPart:
-    """What the grams of a portion's density are of: of a heap, its edible part; of pressed food, the food itself."""
+    """Return the mass that a portion's density refers to: a heap's edible part, or the food itself if pressed."""
     return "edible" if kind == "bulk" else "as_seen"
 
 
 def is_possible(g_per_ml: float) -> bool:
-    """Whether a household measure of food can weigh so: what a person measured may (plausible.py) lie beyond."""
+    """Return whether a household measure can have this density; measured ones have wider limits (plausible.py)."""
     return POSSIBLE_G_PER_ML[0] <= g_per_ml <= POSSIBLE_G_PER_ML[1]
 
 

@@ -1,6 +1,6 @@
-"""Household measures: "1 cup, sliced" weighs 109 g; and what volume such a measure is, where it is one.
+"""Household measures, such as "1 cup, sliced" of 109 g, and their volume if they are one.
 
-The words of USDA's tables: SR's Msre_Desc, FoodData Central's measure unit, portion description and modifier.
+Recognises the texts of USDA's tables: SR's Msre_Desc, FoodData Central's measure unit, portion description, modifier.
 """
 
 import math
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from app.core.units import Unit, density_from_portion
 
-# Measures that open with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
+# Measures that start with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
 _VOLUMES = (
     (re.compile(r"(?:serving )?cups?\b", re.IGNORECASE), Unit.CUP, 1.0),
     (re.compile(r"(?:serving )?1/2 cup\b", re.IGNORECASE), Unit.CUP, 0.5),
@@ -18,7 +18,7 @@ _VOLUMES = (
     (re.compile(r"cubic inch(?:es)?\b", re.IGNORECASE), Unit.CUBIC_INCH, 1.0),
     (re.compile(r"(?:ml|milliliters?|millilitres?)\b", re.IGNORECASE), Unit.ML, 1.0),
 )
-# A cup that tells of something else than what it holds: the dry food before cooking, or a drink together with its ice.
+# A cup of something other than the food: the dry food before cooking, or a drink together with its ice.
 _NOT_THE_FOOD = re.compile(
     r"\b(?:dry|raw|uncooked|unprepared|frozen|unpopped)\b.*\byields?\b|with ice|\(NFS\)|guideline", re.IGNORECASE
 )
@@ -27,7 +27,7 @@ _SERVING = re.compile(r"^serving 1 (?=cup\b)")
 
 @dataclass(frozen=True, slots=True)
 class Portion:
-    """`amount` of `measure` hold mass_g grams of edible food. sequence: the portion's number in its source."""
+    """`amount` of `measure` holds mass_g grams of edible food. sequence: the portion's number in its source."""
 
     sequence: str
     amount: float
@@ -36,11 +36,11 @@ class Portion:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.amount < math.inf and 0.0 < self.mass_g < math.inf):
-            raise ValueError(f"no portion: {self.amount} {self.measure} of {self.mass_g} g")
+            raise ValueError(f"invalid portion: {self.amount} {self.measure} of {self.mass_g} g")
 
     @property
     def volume(self) -> tuple[float, Unit] | None:
-        """How many of which unit of volume the portion fills; None where the measure is no volume (a slice)."""
+        """Return the portion's volume as (amount, unit); None if the measure is not a volume (a slice)."""
         if _NOT_THE_FOOD.search(self.measure):
             return None
         measure = _SERVING.sub("", self.measure)
@@ -51,6 +51,6 @@ class Portion:
 
     @property
     def density_g_per_ml(self) -> float | None:
-        """Grams of edible portion a millilitre of the measure; None where it is no volume."""
+        """Return grams of edible portion per millilitre of the measure; None if it is not a volume."""
         volume = self.volume
         return None if volume is None else density_from_portion(self.mass_g, *volume)

@@ -1,15 +1,15 @@
 """A dish's composition from its recipe: ingredients, yield and retention -> content of 100 g of the dish as eaten.
 
-The method that FAO/INFOODS teaches as the mixed one and EuroFIR recommends: the yield at the recipe's level, retention
-at each ingredient's (Vasquez-Caicedo, Bell and Hartmann, EuroFIR D2.2.9, 2008; Bognar and Piekarski, J. Food Compos.
-Anal. 13 (2000) 391). With ingredients of m_i grams that hold c_i per 100 g and keep the share r_i, and a dish of Y
+The "mixed" method of FAO/INFOODS, which EuroFIR recommends: yield at the recipe's level, retention at each ingredient's
+level (Vasquez-Caicedo, Bell and Hartmann, EuroFIR D2.2.9, 2008; Bognar and Piekarski, J. Food Compos. Anal. 13 (2000)
+391). With ingredients of m_i grams that contain c_i per 100 g and retain the share r_i, and a dish of Y
 sum(m_i) grams,
 
-    100 g of the dish hold sum(m_i c_i r_i) / (Y sum(m_i)).
+    100 g of the dish contain sum(m_i c_i r_i) / (Y sum(m_i)).
 
-Water has no factor, it follows from the masses: what the dish weighs less than its ingredients is water, but for the
-fat, alcohol, protein, carbohydrate and ash that a retention says are lost. Energy falls by what those would have given.
-Factors are the caller's; none is made up here. Figures that an ingredient lacks are unknown for the dish, never 0.
+Water has no factor but follows from the masses: the weight that the dish loses against its ingredients is water, except
+for the fat, alcohol, protein, carbohydrate and ash lost by retention. Energy falls by the energy of what is lost.
+The caller gives all factors; none is assumed here. Contents that an ingredient lacks are unknown for the dish, never 0.
 """
 
 import math
@@ -25,10 +25,10 @@ from app.nutrition.foods import Food, FoodState
 WATER = NUMBER_BY_TAGNAME["WATER"]
 FAT = NUMBER_BY_TAGNAME["FAT"]
 KILOJOULES = NUMBER_BY_TAGNAME["ENERC_KJ"]
-DERIVED = frozenset({WATER, KILOJOULES, *ENERGY_NUMBERS})  # they follow from the rest, so no factor is theirs
+DERIVED = frozenset({WATER, KILOJOULES, *ENERGY_NUMBERS})  # computed from the others, so they take no factor
 
-# kcal/g of what makes up a food's mass beside water: the Atwater general factors (FAO Food and Nutrition Paper 77,
-# 2003); 0 for ash. They price only what cooking takes away.
+# kcal/g of the constituents of a food beside water: the Atwater general factors (FAO Food and Nutrition Paper 77,
+# 2003); 0 for ash. They apply only to what cooking removes.
 _KCAL_PER_G = MappingProxyType(
     {
         NUMBER_BY_TAGNAME["PROCNT"]: 4.0,
@@ -45,8 +45,8 @@ _WATER_SLACK_G = 1.0  # in 100 g: published figures do not add up to 100 exactly
 class Ingredient:
     """Edible grams of a food in the state in which it goes into the dish.
 
-    retention: component number -> share (0 to 1) that cooking leaves; 1 where not named, but a fatty acid shares the
-    fate of the fat. Only of food that is not cooked yet.
+    retention: component number -> share (0 to 1) left after cooking; 1 if not given, except that a fatty acid takes the
+    share of the fat. Only for food that is not cooked yet.
     """
 
     food: Food
@@ -57,11 +57,11 @@ class Ingredient:
 
 @dataclass(frozen=True, slots=True)
 class Dish:
-    """What the recipe gives.
+    """Contents of a dish.
 
-    per_100_g: component number -> content of 100 g as eaten, of the components that all ingredients know. coverage:
-    component number -> the share (0 to 1) of the ingredients' mass of which it is known, for every component that at
-    least one of them knows; 1 for those in per_100_g.
+    per_100_g: component number -> content of 100 g as eaten, of the components known for all ingredients. coverage:
+    component number -> the share (0 to 1) of the ingredients' mass for which it is known, for every component known for
+    at least one of them; 1 for those in per_100_g.
     """
 
     per_100_g: Mapping[str, float]
@@ -69,12 +69,12 @@ class Dish:
 
 
 def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish:
-    """The dish of these ingredients. recipe_yield: its mass / theirs, below 1 where water boils off.
+    """Return the dish of these ingredients. recipe_yield: its mass / theirs, below 1 if water boils off.
 
     Raises InvalidInputError: `ingredient_state_differs` (raw and cooked are never interchangeable),
-    `ingredient_is_cooked` (retention or a yield asked of what is cooked already), `retention_invalid`,
+    `ingredient_is_cooked` (retention or a yield for food that is cooked already), `retention_invalid`,
     `recipe_impossible` (it loses more water than there is); ValueError if there is no ingredient or a mass, yield or
-    share cannot be.
+    share is invalid.
     """
     _check_values(ingredients, recipe_yield)
     for ingredient in ingredients:
@@ -83,21 +83,21 @@ def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish
         raise InvalidInputError(
             "All ingredients are cooked already, so no yield applies: leave it at 1.", code="ingredient_is_cooked"
         )
-    whole_g = math.fsum(ingredient.mass_g for ingredient in ingredients)
+    total_g = math.fsum(ingredient.mass_g for ingredient in ingredients)
     contents: dict[str, float] = {}
     coverage: dict[str, float] = {}
     for number in dict.fromkeys(n for n in (*COMPONENT_BY_NUMBER, *_other_numbers(ingredients))):
         amounts = [_amount(ingredient, number) for ingredient in ingredients]
         known_g = math.fsum(i.mass_g for i, amount in zip(ingredients, amounts, strict=True) if amount is not None)
-        known = [amount for amount in amounts if amount is not None]
-        if known:
-            coverage[number] = 1.0 if len(known) == len(amounts) else known_g / whole_g
-        if len(known) == len(amounts):
-            total = math.fsum(known) + ((recipe_yield - 1.0) * whole_g if number == WATER else 0.0)
-            contents[number] = 100.0 * total / (recipe_yield * whole_g)
+        known_amounts = [amount for amount in amounts if amount is not None]
+        if known_amounts:
+            coverage[number] = 1.0 if len(known_amounts) == len(amounts) else known_g / total_g
+        if len(known_amounts) == len(amounts):
+            total = math.fsum(known_amounts) + ((recipe_yield - 1.0) * total_g if number == WATER else 0.0)
+            contents[number] = 100.0 * total / (recipe_yield * total_g)
     if contents.get(WATER, 0.0) < -_WATER_SLACK_G:
         raise InvalidInputError(
-            f"A yield of {recipe_yield:g} takes more water out of the ingredients than they have.",
+            f"A yield of {recipe_yield:g} removes more water from the ingredients than they contain.",
             code="recipe_impossible",
         )
     return Dish(
@@ -107,19 +107,19 @@ def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish
 
 
 def cycle_through(key: str, ingredients: Collection[str], parts: Mapping[str, Collection[str]]) -> list[str] | None:
-    """The way by which a dish of these ingredients would contain itself, from `key` to `key`; None if it does not.
+    """Return the path by which a dish of these ingredients would contain itself, from `key` to `key`, or None.
 
-    parts: food key -> the keys of what it is made of, for every food that can be reached.
+    parts: food key -> the keys of its ingredients, for every reachable food.
     """
-    ways = [[key, ingredient] for ingredient in ingredients]
-    seen: set[str] = set()
-    while ways:
-        way = ways.pop()
-        if way[-1] == key:
-            return way
-        if way[-1] not in seen:
-            seen.add(way[-1])
-            ways.extend([*way, part] for part in parts.get(way[-1], ()))
+    paths = [[key, ingredient] for ingredient in ingredients]
+    visited: set[str] = set()
+    while paths:
+        path = paths.pop()
+        if path[-1] == key:
+            return path
+        if path[-1] not in visited:
+            visited.add(path[-1])
+            paths.extend([*path, part] for part in parts.get(path[-1], ()))
     return None
 
 
@@ -138,10 +138,10 @@ def _check_values(ingredients: Sequence[Ingredient], recipe_yield: float) -> Non
 def _check_ingredient(ingredient: Ingredient) -> None:
     food = ingredient.food
     if food.state != ingredient.state:
-        known = f"is {food.state}" if food.state else "does not tell its state"
+        table_state = f"is {food.state}" if food.state else "has no state"
         raise InvalidInputError(
-            f"{food.key!r} {known} in the food table, and the recipe takes it {ingredient.state}: choose the food in "
-            "the state in which it was weighed. Raw and cooked are never interchangeable.",
+            f"{food.key!r} {table_state} in the food table, and the recipe takes it {ingredient.state}: choose the "
+            "food in the state in which it was weighed. Raw and cooked are never interchangeable.",
             code="ingredient_state_differs",
             food=food.key,
         )
@@ -155,7 +155,7 @@ def _check_ingredient(ingredient: Ingredient) -> None:
     if derived:
         name = COMPONENT_BY_NUMBER[derived[0]].name.lower()
         raise InvalidInputError(
-            f"{food.key!r}: {name} takes no retention factor, it follows from the masses and from what else is lost.",
+            f"{food.key!r}: {name} takes no retention factor: it is computed from the masses and the other losses.",
             code="retention_invalid",
             food=food.key,
             component=derived[0],
@@ -167,7 +167,7 @@ def _other_numbers(ingredients: Sequence[Ingredient]) -> list[str]:
 
 
 def _amount(ingredient: Ingredient, number: str) -> float | None:
-    """What is left of a component of the ingredient, in its unit; None if not known. Water: before the yield."""
+    """Return the amount of a component left in the ingredient, in its unit; None if not known. Water: before yield."""
     content = ingredient.food.per_100_g.get(number)
     if content is None:
         return None
@@ -193,7 +193,7 @@ def _share_kept(ingredient: Ingredient, number: str) -> float:
 
 
 def _lost_g(ingredient: Ingredient) -> dict[str, float] | None:
-    """Grams of each macronutrient that a retention says are lost; None if nobody knows how much of one there was."""
+    """Return the grams of each macronutrient lost by retention; None if the content of one is not known."""
     lost: dict[str, float] = {}
     for number in _KCAL_PER_G.keys() & ingredient.retention.keys():
         if ingredient.retention[number] == 1.0:

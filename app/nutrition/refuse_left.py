@@ -1,8 +1,8 @@
-"""Whether what was left of a food is its refuse (peel, core, bone): by how much refuse the food as served can have had.
+"""Classify leftovers as refuse (peel, core, bone) or food left, by how much refuse the food as served can have had.
 
-A piece is weighed as if it were the whole food. Peel is lighter than that and lies hollow, so its mass comes out too
-great, seldom too small: what passes for refuse hardly is more than refuse, but a peel may be taken for food left. Both
-are proposals, and flagged.
+A piece is weighed with the density of the whole food. Peel is lighter and lies hollow, so its mass is overestimated,
+seldom underestimated: a piece classified as refuse is rarely food, but a peel may be classified as food left. Both are
+proposals and are flagged.
 """
 
 import math
@@ -12,40 +12,40 @@ from typing import Literal
 from app.nutrition.doubt import Z_90
 from app.nutrition.mass import Mass
 
-REFUSE_ASSUMED = "refuse_assumed"  # taken for refuse by its amount: it may be a small piece of food
-REFUSE_POSSIBLE = "refuse_possible"  # taken for food by its amount: it may be, or hold, refuse
+REFUSE_ASSUMED = "refuse_assumed"  # classified as refuse by its amount: it may be a small piece of food
+REFUSE_POSSIBLE = "refuse_possible"  # classified as food by its amount: it may be, or contain, refuse
 
-HOLLOW = 2.0  # of what a peel weighs when it is measured as if it were whole: at worst, an assumption without a source
+HOLLOW = 2.0  # largest factor by which a hollow peel's mass is overestimated: an assumption without a source
 
 LeftoverClass = Literal["food_left", "refuse"]
 
 
 def classify_left(
-    served: Mass | None, pieces: Sequence[Mass | None], told: Sequence[LeftoverClass | None]
+    served: Mass | None, pieces: Sequence[Mass | None], reviewed: Sequence[LeftoverClass | None]
 ) -> list[tuple[LeftoverClass, str | None]]:
-    """(class, flag or None) of each piece left of one item. served: as it was served; told: what a person said.
+    """Return (class, flag or None) of each leftover piece of one item. reviewed: a person's class of each, or None.
 
-    From the lightest piece on they are refuse as long as all refuse together is no more than the served food's, given
-    the 90 % doubt of both. A food that is eaten whole leaves no refuse.
+    From the lightest piece on, pieces are refuse as long as all refuse together does not exceed the served food's,
+    given the 90 % doubt of both. A food that is eaten whole leaves no refuse.
     """
-    out: list[tuple[LeftoverClass, str | None]] = [(each or "food_left", None) for each in told]
+    classes: list[tuple[LeftoverClass, str | None]] = [(label or "food_left", None) for label in reviewed]
     if served is None or served.edible_share >= 1.0:
-        return out
+        return classes
     refuse_g = served.as_seen_g.value * (1.0 - served.edible_share)
     weighed = [(piece, place) for place, piece in enumerate(pieces) if piece is not None]
-    taken_g = math.fsum(piece.as_seen_g.value for piece, place in weighed if told[place] == "refuse")
-    open_ones = [(piece, place) for piece, place in weighed if told[place] is None]
-    for piece, place in sorted(open_ones, key=lambda each: each[0].as_seen_g.value):
+    refuse_so_far_g = math.fsum(piece.as_seen_g.value for piece, place in weighed if reviewed[place] == "refuse")
+    unreviewed = [(piece, place) for piece, place in weighed if reviewed[place] is None]
+    for piece, place in sorted(unreviewed, key=lambda entry: entry[0].as_seen_g.value):
         sd = math.sqrt(_own_log_variance(served) + _own_log_variance(piece))
-        most_g = refuse_g * math.exp(Z_90 * sd) - taken_g
-        if piece.as_seen_g.value <= most_g:
-            taken_g += piece.as_seen_g.value
-            out[place] = ("refuse", REFUSE_ASSUMED)
-        elif piece.as_seen_g.value <= HOLLOW * most_g:
-            out[place] = ("food_left", REFUSE_POSSIBLE)
-    return out
+        limit_g = refuse_g * math.exp(Z_90 * sd) - refuse_so_far_g
+        if piece.as_seen_g.value <= limit_g:
+            refuse_so_far_g += piece.as_seen_g.value
+            classes[place] = ("refuse", REFUSE_ASSUMED)
+        elif piece.as_seen_g.value <= HOLLOW * limit_g:
+            classes[place] = ("food_left", REFUSE_POSSIBLE)
+    return classes
 
 
 def _own_log_variance(mass: Mass) -> float:
-    """Of the volume alone: served and left are weighed by the same density, whose error cancels."""
+    """Return the log variance of the volume alone: served and left have the same density, whose error cancels."""
     return math.log1p(mass.doubt.pair**2) + math.log1p(mass.doubt.item**2)

@@ -1,6 +1,6 @@
-"""Weighed and measured specimens of a food -> its density and spread.
+"""Compute a food's density and spread from weighed and measured specimens.
 
-As a study measures its own foods, and as those of ECUSTFD are read (tools/ecustfd.py).
+Used for a study's own measurements and for those of ECUSTFD (tools/ecustfd.py).
 """
 
 import math
@@ -19,23 +19,22 @@ class Specimen:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.volume_ml < math.inf and 0.0 < self.mass_g < math.inf):
-            raise ValueError(f"no specimen: {self.mass_g} g in {self.volume_ml} ml")
+            raise ValueError(f"invalid specimen: {self.mass_g} g in {self.volume_ml} ml")
 
     @property
     def g_per_ml(self) -> float:
-        """Its density."""
+        """Return the density."""
         return self.mass_g / self.volume_ml
 
 
 def median_density(specimens: Sequence[Specimen], *, volume_step_ml: float) -> tuple[float, float]:
-    """(median density, what the next specimen may differ from it), g/ml.
+    """Return (median density, standard deviation of another specimen from it), g/ml.
 
-    The spread is the specimens' standard deviation, and never less than what rounding the volume to steps of
-    volume_step_ml can do to all of them alike (uniform, step / sqrt(12) of the mean volume). Raises ValueError if there
-    are fewer than two.
+    The spread is the specimens' standard deviation, but at least the error of rounding their volumes to steps of
+    volume_step_ml (uniform, step / sqrt(12) of the mean volume). Raises ValueError if there are fewer than two.
     """
     if len(specimens) < 2:
-        raise ValueError(f"{len(specimens)} specimens; a spread takes two")
+        raise ValueError(f"{len(specimens)} specimens; a spread needs two")
     densities = [specimen.g_per_ml for specimen in specimens]
     g_per_ml = statistics.median(densities)
     rounding = volume_step_ml / math.sqrt(12.0) / statistics.fmean(specimen.volume_ml for specimen in specimens)

@@ -1,7 +1,7 @@
-"""How a food of an imported table usually lies on the plate, and how it was prepared, judged by its group and words.
+"""Infer the usual form on the plate and the state of a food of an imported table from its group and name.
 
-Published tables say neither. A judgement, not a measurement: a curated table (the starter's, a study's own) says
-better, and a person who knows the item overrules it. Words are those of USDA's food names and groups.
+Published tables state neither. The inference is a judgement: a curated table (the starter's, a study's own) is better,
+and a person who knows the item overrules it. The patterns are for USDA's food names and groups.
 """
 
 import re
@@ -25,7 +25,7 @@ _DRINK = _words(
     "lemonade|eggnog|cocoa|liqueur|whiskey|vodka"
 )
 _JUICE = _words("juices?|smoothie|drink")
-# What a food was packed in, or made with, is not what it is: pineapple in juice is no juice, ham with water no water.
+# What a food is packed in or made with is not the food: pineapple in juice is not juice, ham with water not water.
 _PACKED_IN = re.compile(
     r"\b(?:(?:in|with|from|plus|of)\s[^,]*|(?:juice|water|syrup) pack(?:ed)?\b|water[- ]added|added water)",
     re.IGNORECASE,
@@ -72,9 +72,9 @@ _DISH_GROUPS = ("fast foods", "restaurant foods")
 
 
 def usual_state(name: str) -> FoodState:
-    """Whether a food is raw (dry goods and dough too), cooked or as_eaten, by the words of its name.
+    """Return whether a food is raw (dry goods and dough too), cooked or as_eaten, by its name.
 
-    "uncooked" and "dry" win over "cooked": "Rice, white, long-grain, parboiled, dry".
+    "uncooked" and "dry" take precedence over "cooked": "Rice, white, long-grain, parboiled, dry".
     """
     if _UNCOOKED.search(name):
         return "raw"
@@ -82,29 +82,29 @@ def usual_state(name: str) -> FoodState:
 
 
 def usual_form(name: str, group: str) -> FoodForm:
-    """The form that a portion of the food most often has on a plate or in a glass."""
-    of = group.lower()
-    if _POWDER.search(name) and not _COOKED.search(name) and not of.startswith("baked"):
+    """Return the most common form of a portion of the food on a plate or in a glass."""
+    group_name = group.lower()
+    if _POWDER.search(name) and not _COOKED.search(name) and not group_name.startswith("baked"):
         return "heap"
     for prefix, form_of in _FORM_OF_GROUP.items():
-        if of.startswith(prefix):
+        if group_name.startswith(prefix):
             return form_of(name)
     return _dish(name)
 
 
 def is_mixed_dish(name: str, group: str) -> bool:
-    """Whether the food is a dish of several foods, as eaten."""
-    of = group.lower()
-    if "meals, entrees" in of or "mixed dish" in of:
+    """Return whether the food is a dish of several foods, as eaten."""
+    group_name = group.lower()
+    if "meals, entrees" in group_name or "mixed dish" in group_name:
         return True
-    return of.startswith(_DISH_GROUPS) and _DISH.search(name) is not None
+    return group_name.startswith(_DISH_GROUPS) and _DISH.search(name) is not None
 
 
 def is_served(part: str, name: str, form: FoodForm) -> bool:
-    """Whether a part that nobody eats of a food of this name lies on the plate all the same.
+    """Return whether a refuse part of a food of this name is usually on the plate.
 
-    A piece has its peel, core and bone, unless the name says that it is without ("meat only"). What lies as a heap was
-    trimmed, podded, shelled or cut first: of it only pits are left.
+    A piece has its peel, core and bone, unless the name excludes them ("meat only"). Food in a heap was trimmed,
+    podded, shelled or cut first, so only pits remain.
     """
     if _FREED.search(name):
         return False
@@ -112,9 +112,9 @@ def is_served(part: str, name: str, form: FoodForm) -> bool:
 
 
 def cup_kind(name: str, group: str, form: FoodForm) -> DensityKind | None:
-    """The kind of density that a plain cup or spoon of the food gives, where it is not the one that is usual for cups.
+    """Return the kind of density of a plain cup or spoon of the food, if it differs from the usual one for cups.
 
-    A cup of butter or of peanut butter holds no air: its weight gives the density of a slab of it.
+    A cup of butter or of peanut butter contains no air: its weight gives the density of a slab.
     """
     if form in {"whole", "lying", "slab"} and (group.lower().startswith("fats") or _PACKS.search(name)):
         return "solid"
@@ -199,7 +199,7 @@ def _is_drink(name: str) -> bool:
     return "salad" not in name.lower() and _DRINK.search(_PACKED_IN.sub("", name)) is not None
 
 
-# By how the group's name opens, lower case.
+# Lower-case prefix of the group's name -> form.
 _FORM_OF_GROUP: dict[str, Callable[[str], FoodForm]] = {
     **dict.fromkeys(("beef", "pork", "lamb", "poultry", "finfish", "sausages", "meat"), _meat),
     "baked": _baked,

@@ -1,17 +1,19 @@
-"""Words of labels and of queries: folded alike whatever their case, accents, plural or script, and compared for typos.
+"""Fold the words of labels and queries regardless of case, accents, plural and script, and compare them for typos.
 
-Text -> words; a word -> its forms, its trigrams, its distance from another. Knows nothing of foods.
+Text -> words; a word -> its forms, its trigrams, its distance from another. Independent of foods.
 """
 
 import re
 import unicodedata
 from functools import lru_cache
 
-MAX_WORD_LETTERS = 64  # what is longer counts by its beginning
+MAX_WORD_LETTERS = 64  # longer words are truncated
 
 _ASCII_WORD = re.compile(r"[a-z0-9]+")
 _APOSTROPHES = re.compile("['\u2019\u02bc`]")  # "McDonald's" is one word
-_VOICED_AND_VIRAMA = 9  # combining classes up to here (kana's voicing, Indic virama) make another letter, no accent
+_VOICED_AND_VIRAMA = (
+    9  # combining classes up to this (kana voicing, Indic virama) change the letter and are not accents
+)
 _WITHOUT_DECOMPOSITION = str.maketrans(
     {"\u00f8": "o", "\u0142": "l", "\u0111": "d", "\u00e6": "ae", "\u0153": "oe", "\u0131": "i"}
 )  # ø ł đ æ œ ı
@@ -22,10 +24,10 @@ _UNSPACED = re.compile(
 
 
 def split_words(text: str) -> list[str]:
-    """The folded words of a text in its order; [] for a text without letters or digits.
+    """Return the folded words of a text in order; [] for a text without letters or digits.
 
-    Lower case, without accents ("Äpfel" gives "apfel"); of a script without blanks each character is a word, so that
-    parts match; the letters of all others stay together, and so do figures.
+    Lower case, without accents ("Äpfel" gives "apfel"). In a script without blanks each character is a word, so that
+    parts match; in all others letters stay together, as do digits.
     """
     folded = _APOSTROPHES.sub("", text.casefold())
     if folded.isascii():
@@ -37,13 +39,13 @@ def split_words(text: str) -> list[str]:
 
 
 def is_unspaced(word: str) -> bool:
-    """Whether the word is of a script in which each character is a word."""
+    """Return whether the word is of a script in which each character is a word."""
     return _UNSPACED.match(word) is not None
 
 
 @lru_cache(maxsize=16384)
 def word_forms(word: str) -> tuple[str, ...]:
-    """The word, then what it may be the plural of: English rules, with a wrong form or two that nobody looks for."""
+    """Return the word, then its possible singulars by English rules; a few are wrong, which does no harm."""
     if len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
         return (word,)
     if word.endswith("ies"):
@@ -56,20 +58,20 @@ def word_forms(word: str) -> tuple[str, ...]:
 
 
 def singular(word: str) -> str:
-    """The word's likeliest singular; the word itself where it is none."""
+    """Return the word's most likely singular; the word itself if it is not a plural."""
     return word_forms(word)[:2][-1]
 
 
 def trigrams(word: str) -> set[str]:
-    """Three letters in a row, the word's ends marked by blanks, so that its beginning counts more."""
+    """Return the word's trigrams, its ends marked by blanks so that the beginning counts more."""
     marked = f"  {word} "
     return {marked[i : i + 3] for i in range(len(marked) - 2)}
 
 
 def typo_distance(typed: str, word: str, most: int, *, begun: bool = False) -> int | None:
-    """Letters left out, put in, changed or swapped with their neighbour between the two; None if more than `most`.
+    """Return the edit distance (deletions, insertions, changes, swaps of neighbours); None if more than `most`.
 
-    begun: `typed` may be the beginning of the word only. (Optimal string alignment.)
+    begun: `typed` may be a prefix of the word. (Optimal string alignment.)
     """
     if len(typed) - len(word) > most or (not begun and len(word) - len(typed) > most):
         return None

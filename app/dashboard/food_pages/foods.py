@@ -156,7 +156,7 @@ def _restorable(view: FoodView, changes: Sequence[ChangeOut]) -> frozenset[int]:
 def _row(row: ListedFood) -> FoodRow:
     figures = ("g_per_ml", "sd_g_per_ml", "kind", "basis", "source")
     return FoodRow.model_validate(
-        asdict(row.found)
+        asdict(row.food)
         | {"energy_kcal_per_100_g": row.energy_kcal}
         | {f"density_{name}": getattr(row.density, name, None) for name in figures}
     )

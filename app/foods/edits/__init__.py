@@ -1,1 +1,1 @@
-"""Making and correcting foods: each change is a new version with its author and reason."""
+"""Creating and correcting foods: each change is a new version with its author and reason."""

@@ -1,7 +1,7 @@
-"""/v1/foods, the writing part: an admin makes and corrects foods, each change a version with author and reason."""
+"""/v1/foods, writing: an admin creates and corrects foods; each change is a version with author and reason."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import cast
 
 from fastapi import APIRouter, Response
 
@@ -9,7 +9,7 @@ from app.core.units import Unit
 from app.foods.api import FoodKey, etag_of, render_food
 from app.foods.component_names import Figure
 from app.foods.edits import edit_food
-from app.foods.edits.edit_food import Editor, FoodEdit
+from app.foods.edits.edit_food import Editor, FoodEdit, FoodFields
 from app.foods.edits.queries import Change
 from app.foods.edits.schemas import (
     ChangeList,
@@ -34,8 +34,6 @@ from app.nutrition.specimens import Specimen
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
-
-_PARTS = {"refuse": RefusePart, "densities": Density}
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
@@ -96,32 +94,32 @@ def get_food_changes(key: FoodKey, state: State, _: CurrentStaff) -> ChangeList:
 
 
 def render_changes(changes: Sequence[Change]) -> ChangeList:
-    """A food's changes as the API shows them."""
+    """Return a food's changes as the API shows them."""
     return ChangeList(
         items=[
             ChangeOut(
-                version=found.food.version,
-                previous_version=found.previous.version if found.previous else None,
-                previous_release=found.previous_release.title if found.previous_release else None,
-                author=found.change.author,
-                reason=found.change.reason,
-                changed_at=found.change.changed_at,
-                differences={name: (old, new) for name, (old, new) in found.change.differences.items()},
+                version=change.food.version,
+                previous_version=change.previous.version if change.previous else None,
+                previous_release=change.previous_release.title if change.previous_release else None,
+                author=change.change.author,
+                reason=change.change.reason,
+                changed_at=change.change.changed_at,
+                differences={name: (old, new) for name, (old, new) in change.change.differences.items()},
             )
-            for found in changes
+            for change in changes
         ]
     )
 
 
 def new_food_edit(body: FoodIn) -> FoodEdit:
-    """A new food's body as the edit that makes it. With a recipe it is a mixed dish, as eaten, unless it says else."""
+    """Return the edit that creates a food. With a recipe it defaults to a mixed dish, as eaten."""
     edit = food_edit(body)
-    usual = {} if body.recipe is None else {"is_mixed_dish": True, "state": "as_eaten"}
-    return FoodEdit({**usual, **edit.fields}, edit.nutrients, edit.recipe)
+    defaults: FoodFields = {} if body.recipe is None else {"is_mixed_dish": True, "state": "as_eaten"}
+    return FoodEdit({**defaults, **edit.fields}, edit.nutrients, edit.recipe)
 
 
 def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:
-    """The fields that a body names, as values of the food table."""
+    """Return the fields present in a body, as values of the food table."""
     return FoodEdit(
         fields=_fields(body),
         nutrients={
@@ -134,14 +132,15 @@ def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:
 
 
 def measured_density(body: MeasuredDensityIn) -> tuple[Density, list[Specimen]]:
-    """A measured density's body as a value, and the specimens that it follows from."""
+    """Return a measured density's body as a value, and the specimens that it was computed from."""
     specimens = [Specimen("", specimen.volume_ml, specimen.mass_g) for specimen in body.specimens or ()]
     source = body.method
     if specimens:
         g_per_ml, sd_g_per_ml = density_of_specimens(specimens, body.volume_step_ml)
         source = f"{body.method}: median of {len(specimens)} specimens"
     else:
-        g_per_ml, sd_g_per_ml = body.g_per_ml or 0.0, body.sd_g_per_ml or 0.0  # the schema has seen that both are there
+        # the schema has checked that both are given
+        g_per_ml, sd_g_per_ml = body.g_per_ml or 0.0, body.sd_g_per_ml or 0.0
     return Density(g_per_ml, sd_g_per_ml, body.state, body.kind, "measured", source, body.weighs), specimens
 
 
@@ -150,19 +149,27 @@ def _tagged(view: FoodView, response: Response) -> FoodOut:
     return render_food(view)
 
 
-def _fields(body: FoodFieldsIn) -> dict[str, Any]:
-    """The fields that the body names, as a food of nutrition/foods.py has them."""
-    named = body.model_fields_set & FoodFieldsIn.model_fields.keys() - {"recipe"}
-    fields = {
-        "food_group" if name == "group" else name: tuple(value) if isinstance(value, list) else value
-        for name, value in body.model_dump(include=named).items()
+def _fields(body: FoodFieldsIn) -> FoodFields:
+    """Return the fields present in the body, by their names in nutrition/foods.py."""
+    names = {"food_group" if name == "group" else name for name in body.model_fields_set}
+    fields: FoodFields = {
+        "name": body.name,
+        "food_group": body.group,
+        "form": body.form,
+        "aliases": tuple(body.aliases),
+        "slice_form": body.slice_form,
+        "state": body.state,
+        "is_mixed_dish": body.is_mixed_dish,
+        "refuse": tuple(RefusePart(part.part, part.percent, part.is_served) for part in body.refuse),
+        "densities": tuple(Density(**density.model_dump()) for density in body.densities),
+        "portions": tuple(
+            Portion(str(number), portion.amount, portion.measure, portion.mass_g)
+            for number, portion in enumerate(body.portions, start=1)
+        ),
+        "probes": tuple(body.probes),
+        "source_ids": body.source_ids,
     }
-    for name, part_of in _PARTS.items():
-        if name in fields:
-            fields[name] = tuple(part_of(**part) for part in fields[name])
-    if "portions" in fields:
-        fields["portions"] = tuple(Portion(str(n), **part) for n, part in enumerate(fields["portions"], start=1))
-    return fields
+    return cast("FoodFields", {name: value for name, value in fields.items() if name in names})
 
 
 def _recipe(body: RecipeIn) -> NamedRecipe:

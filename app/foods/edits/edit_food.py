@@ -1,14 +1,14 @@
-"""Make and correct foods. Nothing is overwritten: a correction is a new version of the food in the release "local".
+"""Create and correct foods. Nothing is overwritten: a correction is a new version of the food in the release "local".
 
-That release goes before all imported ones, so that a correction survives the next release of the table that it
-corrects. Each version keeps its author, time and reason, and what differs from the version before.
+That release takes precedence over all imported ones, so that a correction survives the next release of the table that
+it corrects. Each version keeps its author, time and reason, and its differences from the previous version.
 """
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, Self, TypeVar
+from typing import Self, TypedDict, TypeVar
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
 from app.foods import queries as foods
-from app.foods.component_names import Figure, add_missing_components, contents_of, numbers_called
+from app.foods.component_names import Figure, add_missing_components, component_numbers, contents_of
 from app.foods.edits import queries as food_changes
 from app.foods.edits.queries import Change
 from app.foods.food_values import own_value
@@ -25,23 +25,24 @@ from app.foods.import_foods import write_food
 from app.foods.models import Food, FoodActivation, FoodChange, FoodRelease
 from app.foods.queries import NutrientRow
 from app.foods.recipes import NamedRecipe, PinnedRecipe, cook, pinned_recipe, write_recipe
-from app.nutrition.foods import Density
+from app.nutrition.foods import Density, FoodForm, FoodState, RefusePart, SliceForm
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.plausible import why_impossible
+from app.nutrition.portions import Portion
 from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
 
 T = TypeVar("T")
 Differences = dict[str, list[object]]  # field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
 
-LOCAL_CHECKSUM = "local"  # the release of corrections is read from nothing, and there is one
+LOCAL_CHECKSUM = "local"  # the one release of corrections is read from no file
 LOCAL_VERSION = "1"
-ATTEMPTS = 5  # an edit that does not say what it edits is made again on top of one that came in between
+ATTEMPTS = 5  # an edit without expected versions is retried on top of a concurrent one
 
 
 @dataclass(frozen=True, slots=True)
 class Editor:
-    """Who changes something, and why. caller: for the audit log; None: by the command line."""
+    """Author and reason of a change. caller: for the audit log; None: the command line."""
 
     author: str
     reason: str
@@ -49,19 +50,36 @@ class Editor:
 
     @classmethod
     def of(cls, caller: StaffCaller, reason: str) -> Self:
-        """Return the editor that a member of staff is."""
+        """Return a member of staff as editor."""
         return cls(author_of(caller), reason, caller)
+
+
+class FoodFields(TypedDict, total=False):
+    """Fields of nutrition.foods.Food that an edit may set."""
+
+    name: str
+    food_group: str
+    form: FoodForm
+    aliases: tuple[str, ...]
+    slice_form: SliceForm | None
+    state: FoodState | None
+    is_mixed_dish: bool
+    refuse: tuple[RefusePart, ...]
+    densities: tuple[Density, ...]
+    portions: tuple[Portion, ...]
+    probes: tuple[str, ...]
+    source_ids: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class FoodEdit:
-    """What to change. fields: of nutrition.foods.Food, by name, with their new values.
+    """Changes to a food. fields: the new values.
 
-    nutrients: number or INFOODS tagname -> new figure; None takes the figure away: not known, which is not 0.
-    recipe: the dish is made so, and its figures follow from it. without_recipe: its figures stay, the recipe goes.
+    nutrients: number or INFOODS tagname -> new figure; None removes the figure: not known, which is not 0. recipe: new
+    recipe, from which the figures are computed. without_recipe: remove the recipe and keep the figures.
     """
 
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    fields: FoodFields = field(default_factory=FoodFields)
     nutrients: Mapping[str, Figure | None] = field(default_factory=dict)
     recipe: NamedRecipe | None = None
     without_recipe: bool = False
@@ -69,9 +87,9 @@ class FoodEdit:
 
 @dataclass(frozen=True, slots=True)
 class FoodVersion:
-    """A version of a food as a correction of it starts: its own densities alone.
+    """A version of a food as the starting point of a correction, with only its own densities.
 
-    recipe: of a dish that has one. states: of its ingredients, by Food.id. nutrients: value.per_100_g, told in full.
+    recipe: None if it has none. states: of its ingredients, by Food.id. nutrients: value.per_100_g with its components.
     """
 
     food: Food
@@ -88,50 +106,50 @@ class _Draft:
 
 
 def author_of(caller: StaffCaller) -> str:
-    """Return a member of staff as the history names them."""
+    """Return the author's name of a member of staff in the history."""
     return f"staff: {caller.name}"[:200]
 
 
 def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) -> FoodView:
-    """A new food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
-    taken = ConflictError(f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key)
+    """Create a food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
+    exists_error = ConflictError(f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key)
     blank = _checked(lambda: FoodValue(key=key, **edit.fields))
 
     def make(session: Session, release: FoodRelease) -> FoodView:
         if foods.foods_by_key(session, [key]):
-            raise taken
-        draft = _edited(session, _Draft(blank, None), replace(edit, fields={}))
+            raise exists_error
+        draft = _apply_edit(session, _Draft(blank, None), replace(edit, fields={}))
         return view_of(session, _write(session, release, draft, 1, None, {}, editor), None)
 
-    return _written(database, editor, make, taken)
+    return _write_with_retries(database, editor, make, exists_error)
 
 
 def edit_food(
     database: Database, key: str, edit: FoodEdit, editor: Editor, *, expected: Collection[int] | None = None
 ) -> FoodView:
-    """A new version of a food with these changes; the food as it is where nothing would differ.
+    """Create a new version of a food with these changes; return the current one if nothing would change.
 
-    expected: the versions (Food.id) that the editor may mean; None: whatever is in force.
-    Raises NotFoundError; PreconditionFailedError if another version is in force by now; InvalidInputError if a
-    component is unknown, a unit or a figure cannot be, or the recipe cannot.
+    expected: the versions (Food.id) that the edit applies to; None: any.
+    Raises NotFoundError; PreconditionFailedError if another version is in force; InvalidInputError if a component is
+    unknown, or a unit, figure or recipe is invalid.
     """
-    return _new_version(database, key, lambda session, _, draft: _edited(session, draft, edit), editor, expected)
+    return _new_version(database, key, lambda session, _, draft: _apply_edit(session, draft, edit), editor, expected)
 
 
 def preview_edit(
     database: Database, key: str, edit: FoodEdit, *, expected: Collection[int] | None = None
 ) -> Differences:
-    """What edit_food would change: field -> [old, new], as the history has it. Writes nothing; raises the same."""
+    """Return what edit_food would change: field -> [old, new], as in the history. Writes nothing; raises the same."""
     with database.read() as session:
         current = require_food(session, key)
         _require_expected(current, expected)
         _refuse_densities_only(session, current)
         before = _Draft(own_value(session, current), pinned_recipe(session, current))
-        return _differences(before, _edited(session, before, edit))
+        return _differences(before, _apply_edit(session, before, edit))
 
 
 def read_version(database: Database, key: str, food_id: int | None = None) -> FoodVersion:
-    """A version of the food of this key, in force or not; None: the one in force. Raises NotFoundError."""
+    """Return a version of the food of this key; food_id None: the version in force. Raises NotFoundError."""
     with database.read() as session:
         current = require_food(session, key)
         food = current if food_id is None else session.get(Food, food_id)
@@ -151,7 +169,7 @@ def read_version(database: Database, key: str, food_id: int | None = None) -> Fo
 def add_density(
     database: Database, key: str, density: Density, editor: Editor, *, expected: Collection[int] | None = None
 ) -> FoodView:
-    """A new version of a food with this density before its others of the same worth. Raises what edit_food raises."""
+    """Create a version of a food with this density before others of the same basis. Raises what edit_food raises."""
 
     def put_first(_: Session, __: Food, draft: _Draft) -> _Draft:
         return replace(draft, value=replace(draft.value, densities=(density, *draft.value.densities)))
@@ -162,12 +180,12 @@ def add_density(
 def restore_food(
     database: Database, key: str, version: int, editor: Editor, *, expected: Collection[int] | None = None
 ) -> FoodView:
-    """A new version of a food that equals an earlier one, including the version before any correction.
+    """Create a version of a food that equals an earlier one, including the version before any correction.
 
     Raises NotFoundError `food_version_not_found`, and what edit_food raises.
     """
 
-    def as_it_was(session: Session, current: Food, _: _Draft) -> _Draft:
+    def restored(session: Session, current: Food, _: _Draft) -> _Draft:
         changes = food_changes.changes_of(session, current.key)
         versions = {change.previous.version: change.previous for change in changes if change.previous is not None}
         versions |= {change.food.version: change.food for change in changes}
@@ -175,11 +193,11 @@ def restore_food(
             raise NotFoundError(f"{current.key!r} has no version {version}.", code="food_version_not_found")
         return _Draft(own_value(session, versions[version]), pinned_recipe(session, versions[version]))
 
-    return _new_version(database, key, as_it_was, editor, expected)
+    return _new_version(database, key, restored, editor, expected)
 
 
 def list_changes(database: Database, key: str) -> Sequence[Change]:
-    """Who changed a food, when and why, the newest change first. Raises NotFoundError."""
+    """Return the changes of a food, the newest first. Raises NotFoundError."""
     with database.read() as session:
         return food_changes.changes_of(session, require_food(session, key).key)
 
@@ -203,39 +221,39 @@ def _new_version(
             current = _write(session, release, after, current.version + 1, current, differences, editor)
         return view_of(session, current, None)
 
-    busy = ConflictError(f"{key!r} is being changed by others all the time: try again.", code="food_busy")
-    return _written(database, editor, correct, busy)
+    busy = ConflictError(f"Others keep changing {key!r}: try again.", code="food_busy")
+    return _write_with_retries(database, editor, correct, busy)
 
 
-def _written(
+def _write_with_retries(
     database: Database, editor: Editor, write: Callable[[Session, FoodRelease], FoodView], busy: ConflictError
 ) -> FoodView:
-    """What `write` writes into the release of corrections, tried again where another version came in between."""
+    """Return the result of `write` in the release of corrections; retry after a concurrent version."""
     _require_local_release(database, editor.author)
     for _ in range(ATTEMPTS):
         try:
             with database.write() as session:
                 return write(session, _local_in_force(session))
         except IntegrityError:
-            continue  # the next turn sees the other version
+            continue  # the next attempt sees the other version
     raise busy
 
 
 def _require_expected(current: Food, expected: Collection[int] | None) -> None:
     if expected is not None and current.id not in expected:
         raise PreconditionFailedError(
-            f"{current.key!r} has been changed since: version {current.version} is in force. Read it anew.",
+            f"{current.key!r} has been changed since: version {current.version} is in force. Read it again.",
             code="food_changed_since",
             version=current.version,
         )
 
 
-def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
+def _apply_edit(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
     value = _checked(lambda: replace(draft.value, **edit.fields))
     recipe = None if edit.without_recipe else draft.recipe
     if edit.nutrients and (edit.recipe or recipe) is not None:
         raise InvalidInputError(
-            "The figures of a dish with a recipe follow from it: change the recipe, or take it away to give figures.",
+            "The figures of a dish with a recipe follow from it: change the recipe, or remove it to give figures.",
             code="nutrients_of_recipe",
         )
     per_100_g = dict(draft.value.per_100_g)
@@ -243,13 +261,13 @@ def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
     if named_recipe is not None:
         recipe, dish = _checked(lambda: cook(session, value.key, named_recipe))
         per_100_g = dict(dish.per_100_g)
-    named = numbers_called(session, edit.nutrients)
-    per_100_g |= contents_of(session, {number: figure for number, figure in named.items() if figure is not None})
-    per_100_g = {number: content for number, content in per_100_g.items() if named.get(number, content) is not None}
+    figures = component_numbers(session, edit.nutrients)
+    per_100_g |= contents_of(session, {number: figure for number, figure in figures.items() if figure is not None})
+    per_100_g = {number: content for number, content in per_100_g.items() if figures.get(number, content) is not None}
     if per_100_g != draft.value.per_100_g:
-        why = why_impossible(per_100_g)
-        if why is not None and why_impossible(draft.value.per_100_g) is None:  # else it came so, and gets no worse
-            raise InvalidInputError(why, code="figures_impossible")
+        problem = why_impossible(per_100_g)
+        if problem is not None and why_impossible(draft.value.per_100_g) is None:  # otherwise it was impossible before
+            raise InvalidInputError(problem, code="figures_impossible")
         value = _checked(lambda: replace(value, per_100_g=per_100_g))
     return _Draft(value, recipe)
 
@@ -290,45 +308,45 @@ def _differences(before: _Draft, after: _Draft) -> Differences:
 
 
 def _as_json(draft: _Draft) -> dict[str, object]:
-    """Fields by the names that the API has for them; the figures one by one."""
+    """Return the fields by their names in the API, each nutrient as a field."""
     value = asdict(replace(draft.value, source_ids=dict(draft.value.source_ids), per_100_g={}))
     fields = {"group" if name == "food_group" else name: part for name, part in value.items()}
     fields |= {f"nutrients.{number}": content for number, content in draft.value.per_100_g.items()}
     if draft.recipe is not None:
         recipe = asdict(draft.recipe)
         fields["recipe"] = {"yield": recipe["recipe_yield"], "ingredients": recipe["ingredients"]}
-    plain: dict[str, object] = json.loads(json.dumps(fields))  # lists for tuples, as the history keeps them
+    plain: dict[str, object] = json.loads(json.dumps(fields))  # lists for tuples, as in the history
     return plain
 
 
 def _checked(make: Callable[[], T]) -> T:
-    """What `make` gives; a ValueError of a value that cannot be is the caller's."""
+    """Return the result of `make`; raise its ValueError as InvalidInputError."""
     try:
         return make()
     except ValueError as error:
-        raise InvalidInputError(f"The food cannot be: {error}.", code="food_invalid") from None
+        raise InvalidInputError(f"The food is not valid: {error}.", code="food_invalid") from None
 
 
 def _refuse_densities_only(session: Session, food: Food) -> None:
     if session.get_one(FoodRelease, food.release_id).source == foods.DENSITIES_ONLY:
         raise InvalidInputError(
-            f"{food.key!r} is a row of a table of densities: correct the density of the food that it weighs.",
+            f"{food.key!r} is a row of a table of densities: correct the density of the food itself.",
             code="food_has_densities_only",
         )
 
 
 def _local_in_force(session: Session) -> FoodRelease:
     release = food_changes.local_release(session)
-    if release is None or release.id not in {one.id for one in foods.releases_in_force(session)}:
+    if release is None or release.id not in {active.id for active in foods.releases_in_force(session)}:
         raise ConflictError(
-            "Corrections are out of force, so this one would change nothing: `tada foods use local 1` first.",
+            "Corrections are not in force, so this one would change nothing: run `tada foods use local 1` first.",
             code="local_foods_off",
         )
     return release
 
 
 def _require_local_release(database: Database, author: str) -> None:
-    """Make the release of corrections on first use, and put it in force; safe when two callers do so at once."""
+    """Create the release of corrections on first use and put it in force; safe for concurrent callers."""
     with database.read() as session:
         if food_changes.local_release(session) is not None:
             return

@@ -1,4 +1,4 @@
-"""SQL of corrections and uses: the versions of a food, what a dish is made of, a study's own densities and records."""
+"""SQL of corrections: the versions of a food, the ingredients of a dish, a study's own densities."""
 
 import uuid
 from collections.abc import Collection
@@ -14,7 +14,7 @@ from app.foods.queries import LOCAL
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One version of a food that was made here; previous: what it was made from, None for a new food."""
+    """A version of a food created here; previous: the version that it corrects, None for a new food."""
 
     food: Food
     change: FoodChange
@@ -23,12 +23,12 @@ class Change:
 
 
 def local_release(session: Session) -> FoodRelease | None:
-    """The release that corrections are written to, if there was one already."""
+    """Return the release that corrections are written to; None before the first one."""
     return session.scalars(sa.select(FoodRelease).where(FoodRelease.source == LOCAL)).one_or_none()
 
 
 def changes_of(session: Session, key: str) -> list[Change]:
-    """The versions of a food that were made here, the newest first."""
+    """Return the versions of a food that were created here, the newest first."""
     previous, release = aliased(Food), aliased(FoodRelease)
     query = (
         sa.select(Food, FoodChange, previous, release)
@@ -42,7 +42,7 @@ def changes_of(session: Session, key: str) -> list[Change]:
 
 
 def ingredients_of(session: Session, food_id: int) -> list[tuple[FoodIngredient, Food]]:
-    """The ingredients of a dish in the recipe's order, each with the version of the food that it is."""
+    """Return the ingredients of a dish in the recipe's order, each with its version of the food."""
     query = (
         sa.select(FoodIngredient, Food)
         .join(Food, Food.id == FoodIngredient.ingredient_id)
@@ -53,13 +53,13 @@ def ingredients_of(session: Session, food_id: int) -> list[tuple[FoodIngredient,
 
 
 def parts_of(session: Session, food_ids: Collection[int]) -> dict[str, set[str]]:
-    """Food key -> keys of what it is made of, for these versions and all that they are made of."""
+    """Return food key -> keys of its ingredients, for these versions and, recursively, their ingredients."""
     dish, part = aliased(Food), aliased(Food)
     parts: dict[str, set[str]] = {}
-    seen: set[int] = set()
+    visited: set[int] = set()
     ids = set(food_ids)
     while ids:
-        seen |= ids
+        visited |= ids
         query = (
             sa.select(dish.key, part.key, part.id)
             .select_from(FoodIngredient)
@@ -71,12 +71,12 @@ def parts_of(session: Session, food_ids: Collection[int]) -> dict[str, set[str]]
         for dish_key, part_key, part_id in session.execute(query):
             parts.setdefault(dish_key, set()).add(part_key)
             ids.add(part_id)
-        ids -= seen
+        ids -= visited
     return parts
 
 
 def all_study_densities(session: Session, study_id: uuid.UUID, food_key: str | None) -> list[StudyDensity]:
-    """A study's own measurements, withdrawn ones too, the newest entry first."""
+    """Return a study's own measurements, withdrawn ones too, the newest entry first."""
     query = sa.select(StudyDensity).where(StudyDensity.study_id == study_id)
     if food_key is not None:
         query = query.where(StudyDensity.food_key == food_key)
@@ -86,7 +86,7 @@ def all_study_densities(session: Session, study_id: uuid.UUID, food_key: str | N
 def withdraw(
     session: Session, study_id: uuid.UUID, density_id: uuid.UUID, author: str, reason: str, at: datetime
 ) -> bool:
-    """Withdraw a study's measurement; False if there is none, or it is withdrawn. Of two callers one wins."""
+    """Withdraw a study's measurement; return False if it does not exist or is withdrawn. One of two callers wins."""
     query = (
         sa.update(StudyDensity)
         .where(StudyDensity.id == density_id, StudyDensity.study_id == study_id, StudyDensity.withdrawn_at.is_(None))
@@ -98,14 +98,14 @@ def withdraw(
 
 @dataclass(frozen=True, slots=True)
 class FoodVersion:
-    """A version of a food and the release that it is of."""
+    """A version of a food and its release."""
 
     food: Food
     release: FoodRelease
 
 
 def versions_of(session: Session, key: str) -> list[FoodVersion]:
-    """All versions of a food in whole releases, in force or not, the newest release and version first."""
+    """Return all versions of a food in complete releases, in force or not, the newest release and version first."""
     query = (
         sa.select(Food, FoodRelease)
         .join(FoodRelease, FoodRelease.id == Food.release_id)

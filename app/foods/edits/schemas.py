@@ -88,7 +88,7 @@ class DensityIn(_In):
     weighs: WeighedPart = Field(default="as_seen", description=DENSITY_WEIGHS)
 
     @model_validator(mode="after")
-    def _spread_less_than_itself(self) -> Self:
+    def _spread_below_density(self) -> Self:
         if self.sd_g_per_ml > self.g_per_ml:
             raise ValueError("the spread is larger than the density")
         return self
@@ -123,7 +123,7 @@ class IngredientIn(_In):
     )
 
     @model_validator(mode="after")
-    def _name_the_source(self) -> Self:
+    def _require_source(self) -> Self:
         if self.retention and self.retention_source is None:
             raise ValueError("retention factors need a retention_source")
         return self
@@ -173,7 +173,7 @@ class FoodFieldsIn(_In):
     recipe: RecipeIn | None = Field(default=None, description="The figures follow from it.")
 
     @model_validator(mode="after")
-    def _name_parts_once(self) -> Self:
+    def _distinct_parts(self) -> Self:
         parts = [refuse.part for refuse in self.refuse]
         if len(set(parts)) < len(parts):
             raise ValueError("refuse names a part twice")
@@ -271,7 +271,7 @@ class MeasuredDensityIn(_In):
     reason: Reason
 
     @model_validator(mode="after")
-    def _tell_it_one_way(self) -> Self:
+    def _density_or_specimens(self) -> Self:
         computed = (self.g_per_ml is not None, self.sd_g_per_ml is not None)
         if self.specimens is None and computed != (True, True):
             raise ValueError("give g_per_ml and sd_g_per_ml, or specimens")
@@ -291,7 +291,7 @@ class StudyDensityIn(MeasuredDensityIn):
     )
 
     @model_validator(mode="after")
-    def _tell_the_offset(self) -> Self:
+    def _require_offset(self) -> Self:
         if self.measured_at is not None and self.measured_at.tzinfo is None:
             raise ValueError("measured_at needs an offset, such as +08:00")
         return self

@@ -1,1 +1,1 @@
-"""The search of foods: the index of words, codes and trigrams, and queries over it."""
+"""Food search: the index of words, codes and trigrams, and queries over it."""

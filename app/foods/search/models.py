@@ -1,6 +1,6 @@
-"""The index of the foods: their codes, words of names and aliases, their trigrams for typos, which foods have a word.
+"""Tables of the food index: codes, words of names and aliases, trigrams of words for typos, postings of words.
 
-Made from the foods, no truth of its own; the same on SQLite and PostgreSQL, without an extension.
+Derived from the foods; the same on SQLite and PostgreSQL, without an extension.
 """
 
 import sqlalchemy as sa
@@ -8,15 +8,15 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base
 
-# A range of words that share a beginning must be contiguous: compare by code point on both databases.
+# Words with the same beginning must be a contiguous range: compare by code point on both databases.
 Word = sa.String(64).with_variant(sa.String(64, collation="C"), "postgresql")
 Trigram = sa.String(3).with_variant(sa.String(3, collation="C"), "postgresql")
 
 
 class FoodCode(Base):
-    """A food's id in a published table, such as (sr28_ndb, 09003): the same food of two releases meets by it.
+    """A food's id in a published table, such as (sr28_ndb, 09003); joins the same food of two releases.
 
-    Of a table that has densities only, the folded name stands here too, as the system "label".
+    Foods of a table that has only densities also have their folded name here, under the system "label".
     """
 
     __tablename__ = "food_code"
@@ -27,7 +27,7 @@ class FoodCode(Base):
 
 
 class FoodWord(Base):
-    """A word, or a form of one, that stands in a label of some food, folded (nutrition/words.py)."""
+    """A folded word, or a form of one, in a label of some food (nutrition/words.py)."""
 
     __tablename__ = "food_word"
 
@@ -35,7 +35,7 @@ class FoodWord(Base):
 
 
 class FoodWordTrigram(Base):
-    """Three letters in a row of a word, its ends marked."""
+    """Three consecutive letters of a word, its ends marked."""
 
     __tablename__ = "food_word_trigram"
 
@@ -44,11 +44,11 @@ class FoodWordTrigram(Base):
 
 
 class FoodPosting(Base):
-    """A food has this word in a label. rank: how good an answer the food is to that word alone, the lowest best.
+    """A food has this word in a label. rank: how well the food answers a search for that word alone; lowest is best.
 
-    The word "ba*" stands for all words that begin with ba, so that the best few foods of a short beginning are read in
-    order (nutrition/search.py, posting_ranks). The key holds all that a search walks through, the food's release too:
-    the best foods of a word lie side by side, and no other table is looked at.
+    The word "ba*" represents all words that begin with ba, so that the best foods for a short prefix are read in order
+    (nutrition/search.py, posting_ranks). The key covers everything that a search scans, the food's release too: a
+    word's best foods are adjacent, and no other table is read.
     """
 
     __tablename__ = "food_posting"

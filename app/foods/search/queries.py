@@ -1,4 +1,4 @@
-"""SQL of the food search: how often words stand, words like a mistyped one, the foods that have all words, by rank."""
+"""SQL of the food search: counts of words, words similar to a mistyped one, foods that have all words, by rank."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -12,13 +12,13 @@ from app.db.bulk import insert_rows
 from app.foods.models import Food
 from app.foods.search.models import FoodCode, FoodPosting, FoodWord, FoodWordTrigram
 
-COUNTED = 2000  # postings: what has more is as good as all
+COUNTED = 2000  # postings; counting stops here
 _LAST = "\U0010ffff"  # behind every letter
 
 
 @dataclass(frozen=True, slots=True)
-class FoundRow:
-    """What is needed of a food to rank it and to list it."""
+class FoodRow:
+    """The columns of a food that ranking and listing need."""
 
     id: int
     release_id: int
@@ -33,8 +33,8 @@ class FoundRow:
     superseded_by_id: int | None
 
 
-_ROWS: sa.Select[Any] = sa.select(*(getattr(Food, column.name) for column in fields(FoundRow)))
-# Statements are made once: to put one together takes longer than to run it.
+_ROWS: sa.Select[Any] = sa.select(*(getattr(Food, column.name) for column in fields(FoodRow)))
+# Statements are built once: building one takes longer than running it.
 _ROWS_BY_ID = _ROWS.where(Food.id.in_(sa.bindparam("ids", expanding=True)))
 _PLACES = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(
     Food.key.in_(sa.bindparam("keys", expanding=True))
@@ -50,10 +50,10 @@ _SIMILAR = (
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What the word of a posting may be: one of `words`, or any that begins with `begun`.
+class WordPattern:
+    """The words of postings to match: one of `words`, or any that begins with `begun`.
 
-    short: the starred word that holds the best foods of a beginning of a letter or two, to walk through in their place.
+    short: the starred word with the best foods for a prefix of one or two letters, scanned in place of all its words.
     """
 
     words: frozenset[str]
@@ -63,22 +63,22 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Where foods are looked for: releases in force in their order, groups by exact name (None: all)."""
+    """What a search covers: releases in force in their order, groups by exact name (None: all)."""
 
     release_ids: tuple[int, ...]
     groups: tuple[str, ...] | None
 
-    def holds(self, row: FoundRow) -> bool:
-        """Whether a food is in it. Told here, not in SQL: a planner without statistics would walk through all foods."""
+    def holds(self, row: FoodRow) -> bool:
+        """Return whether a food is in scope. Not in SQL: a planner without statistics would scan all foods."""
         is_listed = self.groups is None or row.food_group in self.groups
         return is_listed and row.superseded_by_id is None and row.release_id in self.release_ids
 
 
-def count_postings(session: Session, words: Sequence[Wanted]) -> list[int]:
-    """How many postings each word has, COUNTED at most."""
+def count_postings(session: Session, words: Sequence[WordPattern]) -> list[int]:
+    """Return how many postings each word has, COUNTED at most."""
     counts = [
         sa.select(sa.literal(position).label("position"), sa.func.count().label("n")).select_from(
-            sa.select(FoodPosting.food_id).where(_walked(word)).limit(COUNTED).subquery()
+            sa.select(FoodPosting.food_id).where(_is_scanned(word)).limit(COUNTED).subquery()
         )
         for position, word in enumerate(words)
     ]
@@ -87,29 +87,29 @@ def count_postings(session: Session, words: Sequence[Wanted]) -> list[int]:
 
 
 def similar_words(session: Session, trigrams: Collection[str], limit: int) -> list[str]:
-    """Words that have the most of these trigrams, shorter ones first among equals."""
+    """Return the words that share the most of these trigrams, shorter ones first among equals."""
     return list(session.scalars(_SIMILAR, {"trigrams": sorted(trigrams), "limit": limit}))
 
 
 def foods_with_words(
-    session: Session, words: Sequence[Wanted], scope: Scope, limit: int, *, walked: int | None = None
+    session: Session, words: Sequence[WordPattern], scope: Scope, limit: int, *, scanned: int | None = None
 ) -> list[int]:
-    """Ids of the foods that have all the words, by their rank for the first of them, the best `limit`.
+    """Return the ids of the best `limit` foods that have all the words, by their rank for the first word.
 
-    words: the rarest first, since that one is walked through. walked: look only at that many foods of it, its best.
+    words: the rarest first, since its postings are scanned. scanned: scan only that many of its best foods.
     """
-    first, *others = words
+    first, *other_words = words
     rank = sa.func.min(FoodPosting.rank).label("rank")
-    of_first = (
+    first_matches = (
         sa.select(FoodPosting.food_id, rank)
-        .where(_walked(first), FoodPosting.release_id.in_(scope.release_ids))
+        .where(_is_scanned(first), FoodPosting.release_id.in_(scope.release_ids))
         .group_by(FoodPosting.food_id)
     )
-    if walked is not None:
-        of_first = of_first.order_by(rank, FoodPosting.food_id).limit(walked)
-    food = of_first.subquery()
+    if scanned is not None:
+        first_matches = first_matches.order_by(rank, FoodPosting.food_id).limit(scanned)
+    food = first_matches.subquery()
     query = sa.select(food.c.food_id).order_by(food.c.rank, food.c.food_id).limit(limit)
-    for other in others:
+    for other in other_words:
         posting = aliased(FoodPosting)
         query = query.where(sa.exists().where(posting.food_id == food.c.food_id, _has(_by_food(posting), other)))
     if scope.groups is not None:
@@ -118,21 +118,21 @@ def foods_with_words(
 
 
 def foods_with_code(session: Session, code: str) -> list[int]:
-    """Ids of the foods, in force or not, that a published table knows by this number."""
+    """Return the ids of the foods, in force or not, with this number in a published table."""
     return list(session.scalars(_WITH_CODE, {"code": code}))
 
 
-def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoundRow]:
-    """Those of these foods that the scope holds, and the one with this key."""
-    found = list(session.execute(_ROWS_BY_ID, {"ids": sorted(food_ids)})) if food_ids else []
+def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoodRow]:
+    """Return those of these foods that are in scope, and the one with this key."""
+    selected = list(session.execute(_ROWS_BY_ID, {"ids": sorted(food_ids)})) if food_ids else []
     if key is not None:
-        found += session.execute(_ROWS.where(Food.key == key, Food.id.not_in(food_ids)))
-    rows = [FoundRow(*row) for row in found]
+        selected += session.execute(_ROWS.where(Food.key == key, Food.id.not_in(food_ids)))
+    rows = [FoodRow(*row) for row in selected]
     return [row for row in rows if scope.holds(row)]
 
 
-def places_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dict[str, int]:
-    """Key -> the release whose food goes by it, the first of those in force, whatever the group."""
+def releases_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dict[str, int]:
+    """Return key -> id of the first release in force that has a food of this key, in any group."""
     order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
     holding = [
         (order[release_id], key)
@@ -142,21 +142,21 @@ def places_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dic
     return {key: scope.release_ids[position] for position, key in sorted(holding, reverse=True)}
 
 
-def foods_in_order(session: Session, scope: Scope, limit: int) -> list[FoundRow]:
-    """The first foods of the releases, in the tables' order."""
-    found: list[FoundRow] = []
+def foods_in_order(session: Session, scope: Scope, limit: int) -> list[FoodRow]:
+    """Return the first foods of the releases, in the tables' order."""
+    foods: list[FoodRow] = []
     for release_id in scope.release_ids:
         query = _ROWS.where(Food.release_id == release_id, Food.superseded_by_id.is_(None))
         if scope.groups is not None:
             query = query.where(Food.food_group.in_(scope.groups))
-        if len(found) < limit:
-            rows = session.execute(query.order_by(Food.id).limit(limit - len(found)))
-            found += [FoundRow(*row) for row in rows]
-    return found
+        if len(foods) < limit:
+            rows = session.execute(query.order_by(Food.id).limit(limit - len(foods)))
+            foods += [FoodRow(*row) for row in rows]
+    return foods
 
 
 def groups_in_force(session: Session, release_ids: Collection[int]) -> list[tuple[str, int]]:
-    """Food group -> how many foods it has, by name."""
+    """Return (food group, number of foods), by name."""
     query = (
         sa.select(Food.food_group, sa.func.count(Food.key.distinct()))
         .where(Food.release_id.in_(release_ids), Food.superseded_by_id.is_(None))
@@ -166,41 +166,41 @@ def groups_in_force(session: Session, release_ids: Collection[int]) -> list[tupl
 
 
 def _by_food(posting: type[FoodPosting]) -> sa.SQLColumnExpression[str]:
-    """The word of a posting that is found by its food: else SQLite would walk through all foods of the word."""
+    """Return the word column in a form that keeps SQLite from scanning all foods of the word: it looks up by food."""
     return posting.word.concat("")
 
 
-def _walked(wanted: Wanted) -> sa.ColumnElement[bool]:
+def _is_scanned(wanted: WordPattern) -> sa.ColumnElement[bool]:
     if wanted.short is not None:
         return FoodPosting.word.in_(sorted({*wanted.words, wanted.short}))
     return _has(FoodPosting.word, wanted)
 
 
-def _has(column: sa.SQLColumnExpression[str], wanted: Wanted) -> sa.ColumnElement[bool]:
-    one_of = column.in_(sorted(wanted.words))
-    if wanted.begun is None:
-        return one_of
-    begun = sa.and_(column >= wanted.begun, column < wanted.begun + _LAST)
-    return begun if wanted.words <= {wanted.begun} else sa.or_(begun, one_of)
+def _has(column: sa.SQLColumnExpression[str], pattern: WordPattern) -> sa.ColumnElement[bool]:
+    is_listed = column.in_(sorted(pattern.words))
+    if pattern.begun is None:
+        return is_listed
+    is_begun = sa.and_(column >= pattern.begun, column < pattern.begun + _LAST)
+    return is_begun if pattern.words <= {pattern.begun} else sa.or_(is_begun, is_listed)
 
 
 def add_postings(session: Session, ranks: Sequence[tuple[Food, Mapping[str, int]]]) -> None:
-    """Foods, each with the rank that it has for each of its words, into the index."""
+    """Insert foods into the index, each with its rank per word."""
     rows = [
         {"word": word, "rank": rank, "food_id": food.id, "release_id": food.release_id}
-        for food, of_words in ranks
-        for word, rank in of_words.items()
+        for food, by_word in ranks
+        for word, rank in by_word.items()
     ]
     insert_rows(session, FoodPosting, rows)
 
 
-def known_words(session: Session, words: Collection[str]) -> set[str]:
-    """Those of the words that some label has."""
+def indexed_words(session: Session, words: Collection[str]) -> set[str]:
+    """Return those of the words that are in the index."""
     return set(session.scalars(sa.select(FoodWord.word).where(FoodWord.word.in_(sorted(words)))))
 
 
 def add_words(session: Session, trigrams: Sequence[tuple[str, Collection[str]]]) -> None:
-    """Words with their trigrams; another import may add the same ones at once."""
+    """Insert words with their trigrams; another import may insert the same ones concurrently."""
     if not trigrams:
         return
     insert = sqlite.insert if session.get_bind().dialect.name == "sqlite" else postgresql.insert
@@ -208,5 +208,5 @@ def add_words(session: Session, trigrams: Sequence[tuple[str, Collection[str]]])
     connection.execute(insert(FoodWord).on_conflict_do_nothing(), [{"word": word} for word, _ in trigrams])
     connection.execute(
         insert(FoodWordTrigram).on_conflict_do_nothing(),
-        [{"trigram": trigram, "word": word} for word, of_word in trigrams for trigram in sorted(of_word)],
+        [{"trigram": trigram, "word": word} for word, word_trigrams in trigrams for trigram in sorted(word_trigrams)],
     )

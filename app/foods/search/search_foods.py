@@ -1,7 +1,7 @@
-"""Search the food tables in force: what was typed -> foods, best first (docs/foods.md).
+"""Search the food tables in force: query text -> foods, best first (docs/foods.md).
 
-A few SQL statements whatever the size of the tables: how often each word stands; words like the mistyped ones; the best
-few hundred foods by the index's rank; those ranked by nutrition/search.py.
+Takes a few SQL statements whatever the size of the tables: count each word; find words similar to mistyped ones; read
+the best few hundred foods by the index's rank, which nutrition/search.py then ranks.
 """
 
 import re
@@ -28,18 +28,18 @@ from app.nutrition.search import (
 from app.nutrition.words import is_unspaced, split_words, trigrams, typo_distance, word_forms
 
 RANKED = 150  # foods that are ranked in full: the best by the index's rank
-WALKED = 600  # foods of the rarest word that are looked at first
-SHADOWED = 25  # foods more than asked for, in place of those that local corrections stand before
+SCANNED = 600  # foods of the rarest word that are scanned first
+SHADOWED = 25  # extra foods read, to replace those that local corrections shadow
 SIMILAR = 60  # words that are compared letter by letter with a mistyped one
-MEANT = 8  # words that a mistyped one may stand for
+CORRECTIONS = 8  # most words that a mistyped one is corrected to
 _CURATED = (LOCAL, "csv", "starter")
 _CODE = re.compile(r"(?=.*[0-9])[0-9A-Za-z][0-9A-Za-z._-]{2,39}")
 _KEY = re.compile(r"[a-z0-9]+(?:[:-][a-z0-9_.]+)+")
 
 
 @dataclass(frozen=True, slots=True)
-class FoundFood:
-    """A food in a list. release: name and version. matched: the label that has the words; None without words."""
+class MatchedFood:
+    """A search result. release: name and version. matched: the label that has the words; None without words."""
 
     key: str
     name: str
@@ -62,55 +62,55 @@ class FoodGroup:
 
 def search_foods(
     database: Database, words: str | None = None, *, group: str | None = None, limit: int = 50
-) -> list[FoundFood]:
-    """Foods of the releases in force, best match first; without words, in the tables' order.
+) -> list[MatchedFood]:
+    """Return foods of the releases in force, best match first; without words, in the tables' order.
 
-    group: its exact name, case aside; an unknown one has no foods. Words without a letter or a figure find nothing.
+    group: exact name, ignoring case; an unknown one has no foods. Words without a letter or a digit match nothing.
     """
     with database.read() as session:
-        releases = {release.id: release for release in _searched(session)}
-        scope = index.Scope(tuple(releases), _groups_called(session, tuple(releases), group))
+        releases = {release.id: release for release in _searched_releases(session)}
+        scope = index.Scope(tuple(releases), _groups_named(session, tuple(releases), group))
         if not releases or scope.groups == ():
             return []
         if words is None or not words.strip():
             rows = index.foods_in_order(session, scope, limit + SHADOWED)
-            found: list[tuple[index.FoundRow, str | None]] = [(row, None) for row in rows]
+            matches: list[tuple[index.FoodRow, str | None]] = [(row, None) for row in rows]
         else:
-            found = list(_find(session, words.strip(), scope, releases, max(RANKED, limit)))
-        found = _without_shadowed(session, found[: limit + SHADOWED], scope)
-    return [_found(row, releases, label) for row, label in found[:limit]]
+            matches = list(_match_rows(session, words.strip(), scope, releases, max(RANKED, limit)))
+        matches = _without_shadowed(session, matches[: limit + SHADOWED], scope)
+    return [_match_row(row, releases, label) for row, label in matches[:limit]]
 
 
 def food_groups(database: Database) -> list[FoodGroup]:
-    """The groups of the foods in force, by name."""
+    """Return the groups of the foods in force, by name."""
     with database.read() as session:
-        found = index.groups_in_force(session, [release.id for release in _searched(session)])
-    return [FoodGroup(name, count) for name, count in found]
+        groups = index.groups_in_force(session, [release.id for release in _searched_releases(session)])
+    return [FoodGroup(name, count) for name, count in groups]
 
 
 def _without_shadowed(
-    session: Session, found: list[tuple[index.FoundRow, str | None]], scope: index.Scope
-) -> list[tuple[index.FoundRow, str | None]]:
-    """Without foods in whose place a release that goes first has another: whoever asks for the key gets that one."""
-    places = index.places_of_keys(session, {row.key for row, _ in found}, scope)
-    return [(row, label) for row, label in found if places[row.key] == row.release_id]
+    session: Session, matches: list[tuple[index.FoodRow, str | None]], scope: index.Scope
+) -> list[tuple[index.FoodRow, str | None]]:
+    """Drop foods whose key belongs to a food in a release of higher precedence, since the key resolves to that one."""
+    release_of_key = index.releases_of_keys(session, {row.key for row, _ in matches}, scope)
+    return [(row, label) for row, label in matches if release_of_key[row.key] == row.release_id]
 
 
-def _searched(session: Session) -> list[FoodRelease]:
+def _searched_releases(session: Session) -> list[FoodRelease]:
     return [release for release in releases_in_force(session) if release.source != DENSITIES_ONLY]
 
 
-def _groups_called(session: Session, release_ids: tuple[int, ...], group: str | None) -> tuple[str, ...] | None:
+def _groups_named(session: Session, release_ids: tuple[int, ...], group: str | None) -> tuple[str, ...] | None:
     if group is None:
         return None
-    wanted = group.strip().casefold()
-    return tuple(name for name, _ in index.groups_in_force(session, release_ids) if name.casefold() == wanted)
+    folded = group.strip().casefold()
+    return tuple(name for name, _ in index.groups_in_force(session, release_ids) if name.casefold() == folded)
 
 
-def _find(
+def _match_rows(
     session: Session, text: str, scope: index.Scope, releases: dict[int, FoodRelease], most: int
-) -> list[tuple[index.FoundRow, str]]:
-    """Rows with the labels that matched, best first, each food once."""
+) -> list[tuple[index.FoodRow, str]]:
+    """Return rows with the labels that matched, best first, each food once."""
     typed = split_words(text)[:MAX_QUERY_WORDS]
     if not typed:
         return []
@@ -118,9 +118,9 @@ def _find(
     codes = index.foods_with_code(session, text) if _CODE.fullmatch(text) else []
     unique = list(dict.fromkeys(typed))
     counts = dict(
-        zip(unique, index.count_postings(session, [_wanted(QueryWord(word, {})) for word in unique]), strict=True)
+        zip(unique, index.count_postings(session, [_word_pattern(QueryWord(word, {})) for word in unique]), strict=True)
     )
-    found: list[tuple[index.FoundRow, str]] = []
+    matches: list[tuple[index.FoodRow, str]] = []
     for is_mistyped in (False, True):
         mistyped = {word for word, count in counts.items() if is_mistyped or count == 0}
         queries = _readings(session, typed, counts, mistyped)
@@ -128,14 +128,14 @@ def _find(
         for query in queries:
             food_ids.update(_foods_with(session, query, scope, most))
         rows = index.foods_to_rank(session, food_ids, key, scope)
-        found = _ranked(queries, rows, releases, {text} if codes else set(), key)
-        if found:
+        matches = _ranked(queries, rows, releases, {text} if codes else set(), key)
+        if matches:
             break
-    return found
+    return matches
 
 
 def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyped: set[str]) -> list[Query]:
-    """What may have been meant: the words as typed, mistyped ones with those like them; two joined; one split."""
+    """Return the possible readings: the words as typed, with corrections of mistyped ones; two joined; one split."""
     joins = [[*typed[:i], typed[i] + typed[i + 1], *typed[i + 2 :]] for i in range(len(typed) - 1)]
     splits = [
         [*typed[:i], word[:cut], word[cut:], *typed[i + 1 :]]
@@ -143,10 +143,10 @@ def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyp
         if not counts[word] and not word.isdigit()
         for cut in range(3, len(word) - 2)
     ]
-    made = {word for words in (*joins, *splits) for word in words if word not in counts}
-    known = index.known_words(session, made) if made else set()
+    new_words = {word for words in (*joins, *splits) for word in words if word not in counts}
+    indexed = index.indexed_words(session, new_words) if new_words else set()
     typos = {word: _words_like(session, word) for word in mistyped}
-    readings = [typed, *(words for words in (*joins, *splits) if known.issuperset(set(words) - counts.keys()))]
+    readings = [typed, *(words for words in (*joins, *splits) if indexed.issuperset(set(words) - counts.keys()))]
     return [
         Query(tuple(QueryWord(word, typos.get(word, {})) for word in words), joined=int(words is not typed))
         for words in readings
@@ -154,41 +154,41 @@ def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyp
 
 
 def _words_like(session: Session, word: str) -> dict[str, int]:
-    """Words of the index that the mistyped one may stand for -> how wrong it is: letters, and one for the first."""
+    """Return the corrections of a mistyped word -> its distance in letters, plus one if the first letter differs."""
     most = 0 if len(word) < 3 or word.isdigit() or is_unspaced(word) else min(3, 1 + len(word) // 6)
     if not most:
         return {}
     similar = index.similar_words(session, trigrams(word), SIMILAR)
     for begun in (False, True):
-        wrong = {
+        distances = {
             other: distance + (other[0] != word[0])
             for other in similar
             if other != word and (distance := typo_distance(word, other, most, begun=begun)) is not None
         }
-        if wrong:
-            best = min(wrong.values())
-            near = sorted((distance, other) for other, distance in wrong.items() if distance <= best + 1)
-            return {other: max(1, distance) for distance, other in near[:MEANT]}
+        if distances:
+            best = min(distances.values())
+            closest = sorted((distance, other) for other, distance in distances.items() if distance <= best + 1)
+            return {other: max(1, distance) for distance, other in closest[:CORRECTIONS]}
     return {}
 
 
 def _foods_with(session: Session, query: Query, scope: index.Scope, most: int) -> list[int]:
-    """Ids of the foods that have all the words, the best `most` by their rank for the rarest one."""
-    words = [_wanted(word) for word in query.words]
+    """Return the ids of the `most` best foods that have all the words, by their rank for the rarest one."""
+    words = [_word_pattern(word) for word in query.words]
     if len(words) == 1:
         return index.foods_with_words(session, words, scope, most)
     counts = index.count_postings(session, words)
     rarest_first = [words[i] for i in sorted(range(len(words)), key=counts.__getitem__)]
-    if min(counts) > WALKED:  # where many foods have all the words, enough of them are among the first
-        found = index.foods_with_words(session, rarest_first, scope, most, walked=max(WALKED, most))
-        if len(found) == most:
-            return found
+    if min(counts) > SCANNED:  # if many foods have all the words, enough of them are among the first
+        food_ids = index.foods_with_words(session, rarest_first, scope, most, scanned=max(SCANNED, most))
+        if len(food_ids) == most:
+            return food_ids
     return index.foods_with_words(session, rarest_first, scope, most)
 
 
-def _wanted(typed: QueryWord) -> index.Wanted:
+def _word_pattern(typed: QueryWord) -> index.WordPattern:
     begun = typed.word if may_be_begun(typed.word) else None
-    return index.Wanted(
+    return index.WordPattern(
         words=frozenset((*word_forms(typed.word), *typed.typos)),
         begun=begun,
         short=f"{begun}*" if begun is not None and len(begun) <= STARRED_LETTERS else None,
@@ -197,11 +197,11 @@ def _wanted(typed: QueryWord) -> index.Wanted:
 
 def _ranked(
     queries: Sequence[Query],
-    rows: list[index.FoundRow],
+    rows: list[index.FoodRow],
     releases: dict[int, FoodRelease],
     codes: set[str],
     key: str | None,
-) -> list[tuple[index.FoundRow, str]]:
+) -> list[tuple[index.FoodRow, str]]:
     order = {release_id: position for position, release_id in enumerate(releases)}
     candidates = [
         Candidate(
@@ -220,14 +220,14 @@ def _ranked(
         )
         for row in rows
     ]
-    return _each_once(rank(queries, candidates), rows, order)
+    return _merge_same_foods(rank(queries, candidates), rows, order)
 
 
-def _each_once(
-    ranked: list[Ranked], rows: list[index.FoundRow], order: dict[int, int]
-) -> list[tuple[index.FoundRow, str]]:
-    """Of foods of several releases that share a code, the one whose release goes first, at the best one's place."""
-    entries: list[list[index.FoundRow]] = []
+def _merge_same_foods(
+    ranked: list[Ranked], rows: list[index.FoodRow], order: dict[int, int]
+) -> list[tuple[index.FoodRow, str]]:
+    """Merge foods of several releases that share a code: keep the best rank and the release of highest precedence."""
+    entries: list[list[index.FoodRow]] = []
     labels: list[str] = []
     entry_of: dict[tuple[str, str], int] = {}
     for match in ranked:
@@ -247,8 +247,8 @@ def _each_once(
     return list(zip(best, labels, strict=True))
 
 
-def _found(row: index.FoundRow, releases: dict[int, FoodRelease], matched: str | None) -> FoundFood:
-    return FoundFood(
+def _match_row(row: index.FoodRow, releases: dict[int, FoodRelease], matched: str | None) -> MatchedFood:
+    return MatchedFood(
         key=row.key,
         name=row.name,
         aliases=row.aliases,

@@ -1,1 +1,1 @@
-"""Intakes of a person and of a group: reference intakes, energy requirement, usual intake, food groups."""
+"""Intakes of persons and groups: reference intakes, energy requirement, usual intake, food groups."""

@@ -1,9 +1,9 @@
-"""One person's mean of a few days beside a reference intake: what may be said, and mostly that nothing may. Pure.
+"""Compare one person's mean of a few days with a reference intake; the verdict is mostly open. Pure.
 
-The interval is of the mean over days as they happened to be (Student's t, 90 %); the doubt of the measurement is not in
-it. An RDA or AI is a goal: a mean surely above it reaches it. Below an RDA means less than recommended, not too little;
-below an AI means nothing, since nobody knows what less would do (IOM 2000, Dietary Reference Intakes: Applications in
-Dietary Assessment, chapter 3). Above the CDRR, eating less lowers the risk of chronic disease.
+The interval is of the mean over the observed days (Student's t, 90 %), without the uncertainty of the measurement. An
+RDA or AI is a goal: a mean whose whole interval is above it reaches it. Below an RDA means less than recommended, not
+too little; below an AI means nothing, since the effect of less is not known (IOM 2000, Dietary Reference Intakes:
+Applications in Dietary Assessment, chapter 3). Above the CDRR, eating less lowers the risk of chronic disease.
 """
 
 import math
@@ -13,7 +13,7 @@ from functools import cache
 from statistics import fmean, stdev
 from typing import Literal
 
-MIN_DAYS = 3  # with fewer, the interval of a mean holds nearly everything
+MIN_DAYS = 3  # with fewer, the interval of a mean contains nearly everything
 LEVEL = 0.90
 
 Kind = Literal["rda", "ai", "cdrr"]
@@ -24,8 +24,8 @@ Verdict = Literal["reaches", "below", "above_limit", "under_limit", "open", "ope
 class Comparison:
     """A mean of days with its 90 % interval, in the reference's unit, and the verdict.
 
-    open: the days do not tell. open_adequate: below an AI. open_coverage: not all contents are known, so the mean is a
-    lower bound.
+    open: the days do not decide. open_adequate: below an AI. open_coverage: not all contents are known, so the mean is
+    a lower bound.
     """
 
     mean: float
@@ -38,12 +38,12 @@ class Comparison:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the mean, 90 %: (low, high)."""
+        """Return the 90 % interval of the mean: (low, high)."""
         return self.low, self.high
 
 
 def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_covered: bool) -> Comparison:
-    """Compare a person's days with a reference. is_covered: whether the amounts are of everything that was eaten.
+    """Compare a person's days with a reference. is_covered: whether the amounts include everything that was eaten.
 
     Raises ValueError for fewer than MIN_DAYS days, amounts that are not finite, or a reference that is not positive.
     """
@@ -60,9 +60,9 @@ def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_c
 
 @cache
 def student_t(freedom: int) -> float:
-    """The t that Student's distribution of so many degrees of freedom stays within, on both sides, at LEVEL.
+    """Return the two-sided quantile of Student's t at LEVEL. freedom: degrees of freedom.
 
-    Here and not from SciPy, which would take 28 MB of every process that answers phones.
+    Not from SciPy, which would take 28 MB in every process that serves the API.
     """
     below, above = 0.0, math.pi / 2
     while below < (angle := (below + above) / 2) < above:

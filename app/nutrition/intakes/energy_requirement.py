@@ -1,8 +1,8 @@
-"""Energy by equation, kcal a day: estimated requirement (IOM 2002/2005) and basal metabolic rate (Schofield 1985).
+"""Energy by equation, kcal per day: estimated requirement (IOM 2002/2005) and basal metabolic rate (Schofield 1985).
 
-A figure stands only where all that its equation needs is known and lies within what the equation was made for; else
-the answer is a `LeftOut` that names what is missing or outside: no weight, height or activity is ever assumed. An
-equation describes the mean of people alike, not the single person.
+An energy is computed only if all inputs of its equation are known and within its range; otherwise the result is a
+`LeftOut` that names the inputs missing or outside. No weight, height or activity is ever assumed. An equation describes
+the mean of similar people, not an individual.
 """
 
 import math
@@ -24,17 +24,20 @@ EER_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (EER)"
 OVERWEIGHT_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (TEE of overweight and obese adults)"
 BMR_SOURCE = "Schofield 1985, as in FAO/WHO/UNU 2004: Human Energy Requirements"
 
-NORMAL_BMI = (18.5, 25.0)  # kg/m2; the adults' EER was fitted within, the overweight adults' equation above
-WEIGHT_LIMITS_KG = (1.0, 400.0)  # outside lies no person but a slip of the pen (pounds, grams)
-HEIGHT_LIMITS_M = (0.3, 2.6)  # the same (centimetres, feet)
+NORMAL_BMI = (
+    18.5,
+    25.0,
+)  # kg/m2; the adults' EER was fitted within this range, the overweight adults' equation above it
+WEIGHT_LIMITS_KG = (1.0, 400.0)  # values outside are typing errors or wrong units (pounds, grams)
+HEIGHT_LIMITS_M = (0.3, 2.6)  # likewise (centimetres, feet)
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Who needs the energy. What is not known is None.
+    """Properties of a person that energy equations use; None if not known.
 
     weight_kg: in pregnancy, the weight before it. trimester: of the pregnancy. lactation_months: completed months since
-    birth, while the child is breastfed. Raises ValueError if the values cannot be or contradict each other.
+    birth, while the child is breastfed. Raises ValueError if values are impossible or contradict each other.
     """
 
     age_years: float
@@ -64,14 +67,14 @@ class Person:
             life_stage(self.age_years, self.sex, is_pregnant=self.is_pregnant, is_lactating=self.is_lactating)
 
     @property
-    def known_sex(self) -> Sex | None:
-        """The sex; female in pregnancy and lactation, also where it is not given."""
+    def effective_sex(self) -> Sex | None:
+        """Return the sex; female in pregnancy and lactation, even if it is not given."""
         return "female" if self.is_pregnant or self.is_lactating else self.sex
 
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """An energy by equation. sd_kcal: standard error of the equation's prediction, where its source tells it."""
+    """An energy by equation. sd_kcal: standard error of the equation's prediction, if its source gives it."""
 
     kcal_per_day: float
     equation: str
@@ -81,14 +84,14 @@ class Energy:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Why there is no figure: the inputs that are missing, or that lie outside what the equation was made for."""
+    """The reason why there is no energy: inputs that are missing, or outside the range of the equation."""
 
     reason: Literal["missing", "outside"]
     inputs: tuple[str, ...]
     message: str
 
     def __bool__(self) -> bool:
-        """No figure is falsy, so that `if energy` reads as it should."""
+        """Return False, so that `if energy` is true only for an energy."""
         return False
 
 
@@ -107,27 +110,27 @@ class _Equation:
         return self.constant - self.per_year * age_years + factor * (self.per_kg * weight_kg + self.per_m * height_m)
 
 
-_GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))  # from this age in years, what is laid down a day (IOM 2002/2005)
-_INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))  # the same, from this completed month
-_TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}  # 8 a week of pregnancy, and 180 laid down
-_LACTATION_KCAL = ((6, 400.0), (0, 500.0 - 170.0))  # milk, less what the mother's weight gives
+_GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))  # from this age in years, energy deposited per day (IOM 2002/2005)
+_INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))  # likewise, from this completed month
+_TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}  # 8 per week of pregnancy, and 180 deposited
+_LACTATION_KCAL = ((6, 400.0), (0, 500.0 - 170.0))  # milk, minus energy from the mother's weight loss
 _LAST_LACTATION_MONTH = 12  # the equations end there
 
 
 def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
-    """Energy that keeps a healthy person of this age, sex, weight, height and activity in balance, growth included.
+    """Return the energy that balances a healthy person of this age, sex, weight, height and activity, with growth.
 
-    Below 3 years from age and weight alone. 3 to 18 years: for children of normal weight, which growth charts would
-    tell and this function cannot. Adults: EER for a body mass index from 18.5 to below 25 kg/m2; above, the equation
-    for overweight and obese adults, which keeps the weight as it is; below, left out. Pregnancy and lactation are added
-    to the EER; with a body mass index above normal they are left out, since their source does not cover it.
+    Below 3 years from age and weight alone. 3 to 18 years: for children of normal weight, which is not checked, since
+    that needs growth charts. Adults: EER for a body mass index from 18.5 to below 25 kg/m2; above, the equation for
+    overweight and obese adults, which maintains the weight; below, left out. Pregnancy and lactation are added to the
+    EER; with a body mass index above normal they are left out, since their source does not cover it.
     """
     if person.age_years < 3.0:
         return _infant_requirement(person)
     missing = _missing(person, "sex", "weight_kg", "height_m", "activity")
     missing += ("trimester",) if person.is_pregnant and person.trimester is None else ()
     missing += ("lactation_months",) if person.is_lactating and person.lactation_months is None else ()
-    sex, weight_kg, height_m, activity = person.known_sex, person.weight_kg, person.height_m, person.activity
+    sex, weight_kg, height_m, activity = person.effective_sex, person.weight_kg, person.height_m, person.activity
     if missing or sex is None or weight_kg is None or height_m is None or activity is None:
         return _left_out_missing(missing)
     if person.lactation_months is not None and person.lactation_months >= _LAST_LACTATION_MONTH:
@@ -150,7 +153,7 @@ def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
 
 
 def basal_metabolic_rate(person: Person) -> Energy | LeftOut:
-    """Energy spent at complete rest, from age, sex and weight; left out in pregnancy and lactation, which raise it."""
+    """Return the energy spent at rest, by age, sex and weight; left out in pregnancy and lactation, which raise it."""
     if person.is_pregnant or person.is_lactating:
         state = "is_pregnant" if person.is_pregnant else "is_lactating"
         return LeftOut("outside", (state,), "The equations are not for pregnancy and lactation.")
@@ -164,9 +167,9 @@ def basal_metabolic_rate(person: Person) -> Energy | LeftOut:
 
 @cache
 def _equations() -> Mapping[tuple[str, str], _Equation]:
-    """(population, sex) -> equation: IOM 2002/2005, chapter 5.
+    """Return (population, sex) -> equation: IOM 2002/2005, chapter 5.
 
-    child: 3 to 18 years, adult: both of normal weight; overweight_adult: obese ones too.
+    child (3 to 18 years) and adult: of normal weight; overweight_adult: obese too.
     """
     return {
         (row["population"], row["sex"]): _Equation(
@@ -198,7 +201,7 @@ def _with_motherhood(person: Person, kcal: float, equation: str) -> Energy:
 
 
 def _missing(person: Person, *names: str) -> tuple[str, ...]:
-    values = {name: getattr(person, "known_sex" if name == "sex" else name) for name in names}
+    values = {name: getattr(person, "effective_sex" if name == "sex" else name) for name in names}
     return tuple(name for name, value in values.items() if value is None)
 
 

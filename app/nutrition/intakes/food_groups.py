@@ -1,8 +1,8 @@
-"""Foods -> the groups that dietary recommendations speak of; grams a day by group, and whether a recommendation is met.
+"""Assign foods to the groups of dietary recommendations; total grams by group; judge whether a recommendation is met.
 
-Food tables group by trade, recommendations by nutrition: SR28 keeps potatoes among the vegetables, juices among the
-fruit, peanuts among the legumes, butter and eggs among the dairy products. The rules below take SR28's group and name
-apart. A food that no rule places with certainty (a mixed dish, a breaded or sweetened one, a group of another table) is
+Food tables group by trade, recommendations by nutrition: SR28 lists potatoes among the vegetables, juices among the
+fruit, peanuts among the legumes, butter and eggs among the dairy products. The rules below match SR28's group and name.
+A food that no rule assigns with certainty (a mixed dish, a breaded or sweetened one, a group of another table) is
 unassigned: its grams are reported, and a recommendation that they could decide stays open.
 """
 
@@ -29,14 +29,14 @@ Verdict = Literal["met", "not_met", "open"]
 FOOD_GROUPS: tuple[FoodGroup, ...] = get_args(FoodGroup)
 BASES: tuple[Basis, ...] = get_args(Basis)
 
-# What makes a dish of a food, or takes its water, so that its grams are no longer the food's own.
+# Preparations after which the grams are no longer those of the food itself.
 _DISH = r"breaded|battered|au gratin|scalloped|souffle|(?<!corn)salad|sauce|gravy|candied|creamed|stuffed"
 _TUBERS = r"^(sweet )?potato|^cassava|^(mountain )?yam\b|^taro\b|^yautia|^poi\b|^arrowhead|^winged bean tuber"
 
 
 @dataclass(frozen=True, slots=True)
 class Eaten:
-    """A food and the edible grams of it that were eaten; None where the mass is not known."""
+    """A food and the edible grams eaten of it; None if the mass is not known."""
 
     food: Food
     edible_g: float | None
@@ -52,7 +52,7 @@ class GroupTotals:
 
     @property
     def unassigned_share(self) -> float | None:
-        """Share (0 to 1) of the known mass that is in no group; None if no mass is known."""
+        """Return the share (0 to 1) of the known mass that is in no group; None if no mass is known."""
         unassigned_g = sum(self.unassigned_g.values())
         total_g = unassigned_g + sum(self.grams.values())
         return unassigned_g / total_g if total_g > 0.0 else None
@@ -60,9 +60,9 @@ class GroupTotals:
 
 @dataclass(frozen=True, slots=True)
 class Recommendation:
-    """Grams a day of one or several groups together: at least low_g, at most high_g, the source's own diet target_g.
+    """Grams per day of one or several groups together: at least low_g, at most high_g, target_g in the source's diet.
 
-    basis: what the grams are of; only those of food as eaten compare with what a camera sees. note: what to mind.
+    basis: what the grams refer to; only those of food as eaten compare with what a camera sees. note: caveats.
     """
 
     source: str
@@ -77,7 +77,7 @@ class Recommendation:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A recommendation beside what was eaten a day. verdict: open where nobody can know; then `reason` says why."""
+    """A recommendation and the grams eaten per day. verdict: open if it cannot be decided; `reason` then says why."""
 
     recommendation: Recommendation
     grams_per_day: float
@@ -86,19 +86,19 @@ class Comparison:
 
 
 def food_group_of(food: Food) -> FoodGroup | None:
-    """The group of a food, or None (unassigned). SR28's own name of the food is read where the food keeps it."""
+    """Return the group of a food, or None (unassigned). Uses SR28's name of the food if the food has it."""
     if food.is_mixed_dish:
         return None
     return classify(food.food_group, food.source_ids.get("sr28_name", food.name))
 
 
 def classify(source_group: str, name: str) -> FoodGroup | None:
-    """SR28's food group and name -> the group of recommendations, or None where no rule places it with certainty."""
+    """Return the recommendations' group of SR28's food group and name; None if no rule assigns it with certainty."""
     return next((group for pattern, group in _rules().get(source_group, ()) if pattern.search(name.casefold())), None)
 
 
 def total_groups(eaten: Sequence[Eaten]) -> GroupTotals:
-    """Grams by group over all that was eaten; every gram is in a group or among the unassigned."""
+    """Return the grams by group of everything eaten; every gram is in a group or unassigned."""
     grams: dict[FoodGroup, float] = {}
     unassigned_g: dict[str, float] = {}
     for portion in eaten:
@@ -114,7 +114,7 @@ def total_groups(eaten: Sequence[Eaten]) -> GroupTotals:
 
 
 def recommendations(age_years: float) -> tuple[Recommendation, ...]:
-    """Those that hold at this age: WHO from 2 years, EAT-Lancet's 2500 kcal for adults. Raises ValueError."""
+    """Return the recommendations for this age: WHO from 2 years, EAT-Lancet for adults. Raises ValueError."""
     check_age(age_years)
     return tuple(
         recommendation for from_years, below_years, recommendation in _all() if from_years <= age_years < below_years
@@ -122,10 +122,10 @@ def recommendations(age_years: float) -> tuple[Recommendation, ...]:
 
 
 def compare(totals: GroupTotals, recommendation: Recommendation, days: float) -> Comparison:
-    """What was eaten over `days` days beside a recommendation.
+    """Compare what was eaten over `days` days with a recommendation.
 
-    Unassigned grams and unmeasured foods may belong to the group: a recommendation is met, or not met, only if it is so
-    whichever is true. Raises ValueError if days is not positive.
+    Unassigned grams and unmeasured foods may belong to the group, so the verdict is "met" or "not_met" only if it holds
+    either way. Raises ValueError if days is not positive.
     """
     if not 0.0 < days < math.inf:
         raise ValueError(f"a comparison needs a number of days above 0, not {days}")
@@ -146,7 +146,7 @@ def compare(totals: GroupTotals, recommendation: Recommendation, days: float) ->
 
 @cache
 def _rules() -> Mapping[str, Sequence[tuple[re.Pattern[str], FoodGroup | None]]]:
-    """SR28 food group -> (pattern of the name, group): the first that matches; None: unassigned."""
+    """Return SR28 food group -> (pattern of the name, group): the first match counts; None: unassigned."""
     rules: dict[str, list[tuple[re.Pattern[str], FoodGroup | None]]] = {}
     for row in packaged_rows("reference", "food_group_rules.csv"):
         pattern = re.compile(row["pattern"].format(dish=_DISH, tubers=_TUBERS))

@@ -1,8 +1,7 @@
 """Life stages of the Dietary Reference Intakes: age, sex, pregnancy and lactation -> the column of the tables.
 
-Ages are completed years ("14-18 years" ends on the 19th birthday) or, below one year, completed months. The tables
-have one column for both sexes up to 8 years; from 9 years they differ, so without a sex there is no answer, never a
-mean of two.
+Ages are completed years ("14-18 years" ends on the 19th birthday) or, below one year, completed months. The tables have
+one column for both sexes up to 8 years; from 9 years they differ, so a sex is required: the columns are never averaged.
 """
 
 import math
@@ -14,7 +13,7 @@ Sex = Literal["female", "male"]
 
 SEXES: tuple[Sex, ...] = get_args(Sex)
 
-MAX_AGE_YEARS = 120.0  # beyond any person; a greater one is a slip of the pen
+MAX_AGE_YEARS = 120.0  # a greater age is a typing error
 PREGNANCY_YEARS = (14, 50)  # the columns of pregnancy and lactation, first and last completed year
 
 
@@ -46,10 +45,10 @@ class LifeStage(StrEnum):
 
     @property
     def in_words(self) -> str:
-        """As a person says it: "female, 19 to 30", "male, over 70", "infant, 7 to 12 months"."""
-        whom, ages = self.value.split("_", 1)
+        """Return it as text: "female, 19 to 30", "male, over 70", "infant, 7 to 12 months"."""
+        population, ages = self.value.split("_", 1)
         spans = re.sub(r"([0-9]+)_([0-9]+)", r"\1 to \2", ages)
-        return f"{whom}, {spans.replace('_', ' ')}"
+        return f"{population}, {spans.replace('_', ' ')}"
 
 
 # First completed year of each age group from 9 years on.
@@ -59,11 +58,11 @@ _AGE_GROUPS = ((71, "over_70"), (51, "51_70"), (31, "31_50"), (19, "19_30"), (14
 def life_stage(
     age_years: float, sex: Sex | None = None, *, is_pregnant: bool = False, is_lactating: bool = False
 ) -> LifeStage:
-    """The stage of a person of this age (years, with decimals for infants: 5 months are 5 / 12).
+    """Return the stage of a person of this age (years, with decimals for infants: 5 months are 5 / 12).
 
     The tables' "0-6 months" ends with the sixth completed month, "7-12 months" with the first birthday.
-    Raises ValueError if the age cannot be, if the tables need a sex that is not given, if a male is said to be pregnant
-    or lactating, if both are said (the tables have no such column), or for either outside 14 to 50 years.
+    Raises ValueError if the age is impossible, if the tables need a sex that is not given, for a pregnant or lactating
+    male, for pregnancy and lactation together (the tables have no such column), or for either outside 14 to 50 years.
     """
     check_age(age_years)
     if is_pregnant or is_lactating:
@@ -78,13 +77,13 @@ def life_stage(
 
 
 def check_age(age_years: float) -> None:
-    """Raises ValueError if no person is of this age."""
+    """Raise ValueError if the age is impossible."""
     if not 0.0 <= age_years <= MAX_AGE_YEARS:
         raise ValueError(f"an age lies between 0 and {MAX_AGE_YEARS:.0f} years, not at {age_years}")
 
 
 def completed_months(age_years: float) -> int:
-    """Completed months of age; the small term keeps 5 / 12 years at 5 months."""
+    """Return the completed months of age; the small term keeps 5 / 12 years at 5 months."""
     return math.floor(age_years * 12.0 + 1e-9)
 
 

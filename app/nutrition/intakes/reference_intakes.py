@@ -1,9 +1,8 @@
-"""Dietary Reference Intakes (US and Canada) by life stage: EAR, RDA, AI, UL and CDRR, each its own figure.
+"""Dietary Reference Intakes (US and Canada) by life stage: EAR, RDA, AI, UL and CDRR.
 
-What each kind says, and what may be compared with it, is in docs/feedback.md. The figures are in
-reference/dri.csv, one line a nutrient and stage; reference/dri_nutrients.csv names each nutrient's source volume, what
-its UL counts, and with which component of the food table its figures compare. Keys are component numbers
-(components.py).
+docs/feedback.md explains each kind and its valid comparisons. reference/dri.csv has one line per nutrient and stage;
+reference/dri_nutrients.csv has each nutrient's source volume, the sources that its UL counts, and the component of the
+food table to compare with. Keys are component numbers (components.py).
 """
 
 from dataclasses import dataclass
@@ -23,13 +22,13 @@ UL_SCOPES: tuple[UlScope, ...] = get_args(UlScope)
 
 @dataclass(frozen=True, slots=True)
 class ReferenceIntake:
-    """One nutrient's reference values for one stage, in `unit` a day, or a day and kilogram of body weight.
+    """One nutrient's reference values for one stage, in `unit` per day, or per day and kilogram of body weight.
 
-    number: the component that EAR, RDA, AI and CDRR are compared with, after what `compared_with` says. A figure that
-    the source does not set is None; a nutrient has an RDA or an AI, never both.
-    ear: meets the requirement of half the group. rda: of nearly all. ai: assumed to be adequate, where no EAR is known.
-    ul: highest intake without expected harm, of the sources that ul_scope names, compared with component ul_number;
-    that is None where no component of food tables measures it. cdrr: above it, eating less lowers chronic disease risk.
+    number: the component to compare EAR, RDA, AI and CDRR with, subject to `compared_with`. A figure that the source
+    does not set is None; a nutrient has an RDA or an AI, never both.
+    ear: meets the requirement of half the group. rda: of nearly all. ai: assumed to be adequate, if no EAR is known.
+    ul: highest intake without expected harm, of the sources in ul_scope, compared with component ul_number, which is
+    None if no component of food tables measures it. cdrr: above it, eating less lowers chronic disease risk.
     """
 
     number: str
@@ -50,7 +49,7 @@ class ReferenceIntake:
 
 @dataclass(frozen=True, slots=True)
 class DistributionRange:
-    """Acceptable Macronutrient Distribution Range: share of the energy, percent, that should come from a nutrient."""
+    """Acceptable Macronutrient Distribution Range: recommended share of the energy from a nutrient, percent."""
 
     number: str
     name: str
@@ -63,12 +62,12 @@ AMDR_SOURCE = "IOM 2002/2005: Energy, Carbohydrate, Fiber, Fat, Fatty Acids, Cho
 
 
 def reference_intakes(stage: LifeStage) -> tuple[ReferenceIntake, ...]:
-    """All nutrients that have a reference value at this stage, in the table's order; protein a day and a kilogram."""
+    """Return all nutrients with a reference value at this stage, in the table's order; protein per day and kilogram."""
     return _by_stage()[stage]
 
 
 def distribution_ranges(age_years: float) -> tuple[DistributionRange, ...]:
-    """The AMDRs at this age; below one year the source sets none. Raises ValueError for an impossible age."""
+    """Return the AMDRs at this age; below one year the source sets none. Raises ValueError for an impossible age."""
     check_age(age_years)
     return tuple(
         DistributionRange(
@@ -82,12 +81,12 @@ def distribution_ranges(age_years: float) -> tuple[DistributionRange, ...]:
 @cache
 def _by_stage() -> dict[LifeStage, tuple[ReferenceIntake, ...]]:
     nutrients = {row["number"]: row for row in packaged_rows("reference", "dri_nutrients.csv")}
-    found: dict[LifeStage, list[ReferenceIntake]] = {stage: [] for stage in LifeStage}
+    by_stage: dict[LifeStage, list[ReferenceIntake]] = {stage: [] for stage in LifeStage}
     for row in packaged_rows("reference", "dri.csv"):
         intake = _intake(nutrients[row["number"]], row)
         if any(figure is not None for figure in (intake.ear, intake.rda, intake.ai, intake.ul, intake.cdrr)):
-            found[LifeStage(row["stage"])].append(intake)
-    return {stage: tuple(intakes) for stage, intakes in found.items()}
+            by_stage[LifeStage(row["stage"])].append(intake)
+    return {stage: tuple(intakes) for stage, intakes in by_stage.items()}
 
 
 def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:

@@ -1,15 +1,15 @@
-"""The share of a group whose usual intake lies below the EAR, from a few days of each person. Pure.
+"""Estimate the share of a group whose usual intake is below the EAR, from a few days of each person. Pure.
 
-Means of a few days scatter more than usual intakes do, since days differ: counted as they are, far too many lie below
-(or above) a cut-point. So each person's mean is drawn towards the group's until the means scatter as usual intakes do
-(National Research Council 1986, Nutrient Adequacy; Institute of Medicine 2000, Dietary Reference Intakes: Applications
-in Dietary Assessment, chapter 4 and appendix E), on a scale where days are nearly normal:
+Means of a few days scatter more than usual intakes, since days differ: unadjusted, far too many are below (or above) a
+cut-point. So each person's mean is shrunk towards the group's until the means scatter as usual intakes do (National
+Research Council 1986, Nutrient Adequacy; Institute of Medicine 2000, Dietary Reference Intakes: Applications in Dietary
+Assessment, chapter 4 and appendix E), on a scale where days are nearly normal:
 
     t_i = m + (mean_i - m) sqrt(b / (b + w / k_i))
 
-with b, w the variances between persons and within them, k_i the person's number of days. Back on the scale of amounts
-a usual intake is the mean of days, not the day of the mean: the person's days are averaged over their own scatter
-(as in Nusser et al. 1996). Then persons below the EAR are counted (the EAR cut-point, Beaton 1994).
+with b, w the variances between persons and within them, k_i the person's number of days. On the scale of amounts a
+usual intake is the mean over days, not the transform of t_i: t_i is averaged over the within-person scatter (as in
+Nusser et al. 1996). Then persons below the EAR are counted (the EAR cut-point, Beaton 1994).
 """
 
 import math
@@ -27,13 +27,13 @@ Counts = npt.NDArray[np.intp]
 Scale = Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"]
 Reason = Literal["too_few_persons", "no_repeated_days", "no_difference_between_persons"]
 
-MIN_PERSONS = 10  # of fewer, one person is more than a tenth of the group
-LEVEL = 0.90  # of the intervals, as everywhere here
-BOOTSTRAPS = 500  # an interval's ends then move by about a hundredth between draws
+MIN_PERSONS = 10  # in a smaller group one person is more than a tenth
+LEVEL = 0.90  # of the intervals
+BOOTSTRAPS = 500  # the limits of an interval then vary by about a hundredth between draws
 QUADRATURE_POINTS = 15  # exact for polynomials to degree 29, far beyond a fourth power
-MOST_STEPS = 100  # of Newton's method; from far off each step leaves three quarters of the way or less
+MOST_STEPS = 100  # of Newton's method; each step leaves at most three quarters of the distance
 ROUNDING = 1e-13  # of a threshold: steps below it change nothing
-DRAWN_AT_ONCE = 100_000  # persons, of as many draws as that takes: what a processor has at hand
+DRAWN_AT_ONCE = 100_000  # persons per block of draws, so that a block fits the processor's cache
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(QUADRATURE_POINTS)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _NORMAL = NormalDist()
@@ -44,7 +44,7 @@ _POWERS: Mapping[Scale, float] = {"as_is": 1.0, "square_root": 2.0, "cube_root":
 class Variances:
     """Variance components on the scale of analysis, from a one-way analysis of variance with unequal numbers of days.
 
-    mean: the group's. between: 0 where the persons differ no more than their own days let expect.
+    mean: the group's. between: 0 if the persons differ no more than expected from their days.
     """
 
     mean: float
@@ -56,7 +56,7 @@ class Variances:
 class UsualIntakes:
     """A group's usual intakes, in the unit of the days, and the share below the cut-point with its 90 % interval.
 
-    usual: (n,), one a person, in their order. unadjusted_share: of the bare means, to show what the adjustment does.
+    usual: (n,), one per person, in order. unadjusted_share: of the unadjusted means, for comparison.
     """
 
     persons: int
@@ -73,21 +73,21 @@ class UsualIntakes:
 
 @dataclass(frozen=True, slots=True)
 class NotJudged:
-    """Why a group's share cannot be estimated, with the numbers of its persons and days."""
+    """The reason why a group's share cannot be estimated, with the numbers of persons and days."""
 
     reason: Reason
     persons: int
     days: int
 
     def __bool__(self) -> bool:
-        """No share is falsy, so that `if found` reads as it should."""
+        """Return False, so that `if result` is true only for usual intakes."""
         return False
 
 
 def judge_group(
     days_by_person: Sequence[Sequence[float]], ear: float, rng: np.random.Generator
 ) -> UsualIntakes | NotJudged:
-    """Usual intakes of a group and the share below `ear`.
+    """Estimate the usual intakes of a group and the share below `ear`.
 
     days_by_person: each person's daily amounts, at least one; differences below zero (more left over than served,
     within the error) count as zero. rng: draws the persons for the interval.
@@ -127,19 +127,21 @@ def judge_group(
 
 
 def choose_scale(amounts: Floats) -> Scale:
-    """The scale on which these amounts, (n,), are nearest to normal: the straightest normal plot (Filliben 1975).
+    """Return the scale on which these amounts, (n,), are closest to normal, by their normal plots (Filliben 1975).
 
-    The logarithm is left out where an amount is 0.
+    The logarithm is excluded if an amount is 0.
     """
-    scales: list[Scale] = [*_POWERS, *(["logarithm"] if amounts.min() > 0.0 else [])]  # type: ignore[list-item]
+    scales: list[Scale] = list(_POWERS)
+    if amounts.min() > 0.0:
+        scales.append("logarithm")
     shares = (np.arange(1, amounts.size + 1) - 0.375) / (amounts.size + 0.25)
-    places = np.array([_NORMAL.inv_cdf(share) for share in shares])
-    return max(scales, key=lambda scale: _straightness(np.sort(_onto(scale, amounts)), places))
+    quantiles = np.array([_NORMAL.inv_cdf(share) for share in shares])
+    return max(scales, key=lambda scale: _straightness(np.sort(_onto(scale, amounts)), quantiles))
 
 
 @dataclass(frozen=True, slots=True)
 class PersonSums:
-    """What the analysis needs of each person: number of days, their mean, sum of squares about it; (n,) each."""
+    """Per-person statistics for the analysis: number of days, their mean, sum of squares about it; (n,) each."""
 
     counts: Floats
     means: Floats
@@ -147,20 +149,20 @@ class PersonSums:
 
     @classmethod
     def of(cls, amounts: Floats, counts: Counts) -> Self:
-        """amounts: all days, (N,), person after person. counts: (n,), how many of them are whose, at least one each."""
+        """Compute the statistics. amounts: all days, (N,), person after person. counts: days per person, (n,), >= 1."""
         starts = _starts(counts)
         means = np.add.reduceat(amounts, starts) / counts
         squares = np.add.reduceat((amounts - np.repeat(means, counts)) ** 2, starts)
         return cls(counts.astype(np.float64), means, squares)
 
-    def drawn(self, which: Counts) -> Self:
-        """These persons, some of them perhaps several times."""
-        return type(self)(self.counts[which], self.means[which], self.squares[which])
+    def drawn(self, indices: Counts) -> Self:
+        """Return the statistics of these persons, in this order."""
+        return type(self)(self.counts[indices], self.means[indices], self.squares[indices])
 
     def variances(self) -> Variances:
-        """Searle 1971: E(MSB) = w + n0 b, with n0 = (N - sum k^2 / N) / (n - 1)."""
+        """Return the variance components. Searle 1971: E(MSB) = w + n0 b, n0 = (N - sum k^2 / N) / (n - 1)."""
         persons, days = self.counts.size, self.counts.sum()
-        if days == persons:  # a draw without repeated days: nothing tells the two apart
+        if days == persons:  # a draw without repeated days: the two cannot be separated
             return Variances(float(self.means.mean()), 0.0, 0.0)
         within = float(self.squares.sum() / (days - persons))
         weighted = float(np.sum(self.counts * self.means) / days)
@@ -172,7 +174,7 @@ class PersonSums:
 
 
 def usual_amounts(scale: Scale, sums: PersonSums, variances: Variances) -> Floats:
-    """Each person's usual amount, (n,)."""
+    """Return each person's usual amount, (n,)."""
     if variances.between <= 0.0:
         shrunk = np.full_like(sums.means, variances.mean)
     else:
@@ -183,24 +185,24 @@ def usual_amounts(scale: Scale, sums: PersonSums, variances: Variances) -> Float
 
 
 def drawn_shares(scale: Scale, sums: PersonSums, ear: float, rng: np.random.Generator) -> Floats:
-    """The share below `ear` of each of BOOTSTRAPS groups of as many persons, drawn anew, (BOOTSTRAPS,).
+    """Return the share below `ear` in each of BOOTSTRAPS resampled groups of the same size, (BOOTSTRAPS,).
 
-    As `np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)` of each, but without the amounts: they grow with
-    the person's mean, so in each draw, and for each number of days, there is a mean below which they lie below the EAR.
+    Equals `np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)` of each, without computing the amounts: they
+    increase with the person's mean, so each draw and number of days has a mean below which they are below the EAR.
     """
     persons = sums.counts.size
     order = np.lexsort((sums.means, sums.counts))  # by number of days; then by mean
     ordered = sums.drawn(order)
     shares = []
     for draws in _blocks(BOOTSTRAPS, max(1, DRAWN_AT_ONCE // persons)):
-        which = rng.integers(0, persons, (draws, persons))
-        times = np.array([np.bincount(each, minlength=persons)[order] for each in which], dtype=np.float64)
+        indices = rng.integers(0, persons, (draws, persons))
+        times = np.array([np.bincount(draw, minlength=persons)[order] for draw in indices], dtype=np.float64)
         shares.append(_shares_below(scale, ordered, times, ear))
     return np.concatenate(shares)
 
 
 def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> Floats:
-    """The share below `ear` of each draw, (d,). sums: (n,), ordered by number of days, then by mean.
+    """Return the share below `ear` of each draw, (d,). sums: (n,), ordered by number of days, then by mean.
 
     times: (d, n), how many times each person was drawn.
     """
@@ -210,7 +212,7 @@ def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> 
     limit = _mean_of(scale, ear, within)  # of the adjusted means
     spread = between[:, None] + within[:, None] / k
     shrink = np.sqrt(between[:, None] / np.where(spread > 0.0, spread, 1.0))
-    limits = mean[:, None] + (limit - mean)[:, None] / np.where(shrink > 0.0, shrink, 1.0)  # of the bare ones
+    limits = mean[:, None] + (limit - mean)[:, None] / np.where(shrink > 0.0, shrink, 1.0)  # of the unadjusted ones
     below = np.zeros(len(times))
     for place, part in enumerate(parts):
         ends = np.searchsorted(sums.means[part], limits[:, place])
@@ -222,11 +224,11 @@ def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> 
 def _variances_of_draws(
     sums: PersonSums, times: Floats, k: Floats, parts: Sequence[slice]
 ) -> tuple[Floats, Floats, Floats]:
-    """(mean, within, between) of each draw, (d,) each, as PersonSums.variances has them.
+    """Return (mean, within, between) of each draw, (d,) each, equal to PersonSums.variances.
 
-    k: (K,), the numbers of days that there are. parts: (K,), the persons of each.
+    k: (K,), the distinct numbers of days. parts: (K,), the persons of each.
     """
-    middle = sums.means.mean()  # squares are summed about it: about 0 they would lose digits
+    middle = sums.means.mean()  # squares are summed about it, since about 0 they would lose digits
     means = sums.means - middle
     terms = np.column_stack([np.ones_like(means), means, means**2, sums.squares])
     of_parts = np.stack([times[:, part] @ terms[part] for part in parts], axis=1)  # (d, K, 4)
@@ -245,26 +247,26 @@ def _variances_of_draws(
 
 
 def _mean_of(scale: Scale, usual: float, within: Floats) -> Floats:
-    """The adjusted mean at which the usual amount is this one, for each within-person variance, (d,)."""
-    found = np.full_like(within, _onto(scale, np.array(usual)))
+    """Return the adjusted mean that gives this usual amount, for each within-person variance, (d,)."""
+    mean = np.full_like(within, _onto(scale, np.array(usual)))
     if scale == "logarithm":
-        return found - np.log(np.exp(np.sqrt(within)[:, None] * _NODES) @ _WEIGHTS)
-    # Newton's method from above: the usual amount is convex in the mean and no less than the mean's own amount
+        return mean - np.log(np.exp(np.sqrt(within)[:, None] * _NODES) @ _WEIGHTS)
+    # Newton's method from above: the usual amount is convex in the mean, and at least the amount of the mean
     power = _POWERS[scale]
     for _ in range(MOST_STEPS):
-        days = np.maximum(found[:, None] + np.sqrt(within)[:, None] * _NODES, 0.0)
+        days = np.maximum(mean[:, None] + np.sqrt(within)[:, None] * _NODES, 0.0)
         slope = power * np.where(days > 0.0, days ** (power - 1.0), 0.0) @ _WEIGHTS
         step = (days**power @ _WEIGHTS - usual) / slope
-        found = found - step
-        if np.all(np.abs(step) <= ROUNDING * (np.abs(found) + np.sqrt(within))):
+        mean = mean - step
+        if np.all(np.abs(step) <= ROUNDING * (np.abs(mean) + np.sqrt(within))):
             break
-    return found
+    return mean
 
 
 def _interval(
     scale: Scale, sums: PersonSums, ear: float, share: float, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """90 % interval of the share: the wider of persons drawn anew (variances and all) and of a bare count (Wilson)."""
+    """Return the 90 % interval of the share: the wider one of resampled persons and of a binomial count (Wilson)."""
     persons = sums.counts.size
     low, high = np.quantile(drawn_shares(scale, sums, ear, rng), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     z = _NORMAL.inv_cdf((1.0 + LEVEL) / 2.0)
@@ -274,30 +276,30 @@ def _interval(
 
 
 def _flat(days_by_person: Sequence[Sequence[float] | Floats]) -> tuple[Floats, Counts]:
-    """All days, (N,), person after person; and how many are whose, (n,)."""
+    """Return all days, (N,), person after person, and the number of days per person, (n,)."""
     counts = np.array([len(person) for person in days_by_person], dtype=np.intp)
     return np.fromiter(chain.from_iterable(days_by_person), np.float64, int(counts.sum())), counts
 
 
 def _starts(counts: Counts) -> Counts:
-    """Where each person's days begin, (n,)."""
+    """Return the index of each person's first day, (n,)."""
     return np.cumsum(counts) - counts
 
 
 def _blocks(count: int, most: int) -> Iterator[int]:
-    """So many in portions of at most `most`."""
+    """Yield block sizes of at most `most` that add up to `count`."""
     for done in range(0, count, most):
         yield min(most, count - done)
 
 
 def _onto(scale: Scale, amounts: Floats) -> Floats:
-    found: Floats = np.log(amounts) if scale == "logarithm" else amounts ** (1.0 / _POWERS[scale])
-    return found
+    transformed: Floats = np.log(amounts) if scale == "logarithm" else amounts ** (1.0 / _POWERS[scale])
+    return transformed
 
 
 def _back(scale: Scale, values: Floats) -> Floats:
-    found: Floats = np.exp(values) if scale == "logarithm" else np.maximum(values, 0.0) ** _POWERS[scale]
-    return found
+    amounts: Floats = np.exp(values) if scale == "logarithm" else np.maximum(values, 0.0) ** _POWERS[scale]
+    return amounts
 
 
 def _straightness(ordered: Floats, places: Floats) -> float:

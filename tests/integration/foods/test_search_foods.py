@@ -230,13 +230,13 @@ def test_command_finds_and_says_no(prepared_database_url, tmp_path):
     assert (tada("xyzzy").returncode, tada("xyzzy").stdout) == (1, "No food of that name.\n")
 
 
-def test_looking_at_the_first_foods_of_a_word_only_changes_no_answer(sqlite_template, monkeypatch):
+def test_scan_limit_does_not_change_search_results(sqlite_template, monkeypatch):
     database = Database(f"sqlite:///{sqlite_template}")
     queries = ["raw skin", "with skin raw", "cheese w", "boiled beans", "chicken c", "sauce with", "rice cooked b"]
     monkeypatch.setattr(search, "RANKED", 5)
     answers = []
-    for walked in (5, 20, 10_000):
-        monkeypatch.setattr(search, "WALKED", walked)
+    for scanned in (5, 20, 10_000):
+        monkeypatch.setattr(search, "SCANNED", scanned)
         answers.append([[found.key for found in search_foods(database, query, limit=5)] for query in queries])
     database.dispose()
     assert answers[0] == answers[1] == answers[2]

@@ -8,6 +8,7 @@ import pytest
 
 from app.cli.demo import show_meal
 from app.foods.food_amounts import RECORD_COLUMNS
+from app.records.meal_schemas import MealOut
 from app.records.rebuild_records import rebuild_records
 from tests import estimates
 from tests.estimates import found_item, unmeasured_item
@@ -71,8 +72,8 @@ def test_rebuilt_record_is_the_same(state):
     assert rebuild_records(state.database, write=False).different == 0
 
 
-def test_demo_tells_that_it_was_not_measured(meal, capsys):
-    show_meal(meal)
+def test_demo_prints_that_an_item_was_not_measured(meal, capsys):
+    show_meal(MealOut.model_validate(meal))
     assert "not measured: not_measurable" in capsys.readouterr().out
 
 

@@ -29,7 +29,7 @@ def test_twice_the_volume_is_half_the_density():
 
 
 def test_one_specimen_has_no_spread():
-    with pytest.raises(ValueError, match="a spread takes two"):
+    with pytest.raises(ValueError, match="a spread needs two"):
         median_density(specimens((100, 80)), volume_step_ml=1.0)
 
 
