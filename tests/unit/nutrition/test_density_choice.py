@@ -57,5 +57,5 @@ def test_food_without_density_has_no_choice():
 
 @pytest.mark.parametrize(("g_per_ml", "sd"), [(0.0, 0.1), (-1.0, 0.1), (float("nan"), 0.1), (1.0, -0.1)])
 def test_impossible_density_cannot_be_made(g_per_ml, sd):
-    with pytest.raises(ValueError, match="no density"):
+    with pytest.raises(ValueError, match="invalid density"):
         Density(g_per_ml, sd, "raw", "solid", "fao", "nowhere")

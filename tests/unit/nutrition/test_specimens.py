@@ -35,5 +35,5 @@ def test_one_specimen_has_no_spread():
 
 @pytest.mark.parametrize("pair", [(0, 80), (-1, 80), (100, 0), (math.nan, 80), (100, math.inf)])
 def test_a_specimen_that_cannot_be_is_an_error(pair):
-    with pytest.raises(ValueError, match="no specimen"):
+    with pytest.raises(ValueError, match="invalid specimen"):
         specimens(pair)
