@@ -29,7 +29,7 @@ import sqlalchemy as sa
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.cli.demo import answer, enrol  # noqa: E402
+from app.cli.demo import MARKER, checked, client_of, enrol  # noqa: E402
 from app.core.settings import Settings  # noqa: E402
 from app.db.session import Database  # noqa: E402
 from app.jobs.leases import living_workers  # noqa: E402
@@ -147,10 +147,10 @@ def deployment(kind: str) -> Iterator[Place]:
         )
         database = Database(settings.resolved_database_url)
         try:
-            with httpx2.Client(base_url=address_of(process), timeout=60) as client:
-                token = enrol(client, create_admin(database, "benchmark"))
-                client.headers["Authorization"] = f"Bearer {token}"
-                yield Place(settings, database, client)
+            with client_of(address_of(process), create_admin(database, "benchmark")) as admin:
+                checked(admin.post("/v1/studies", json={"code": "workers", "name": "Workers", "marker": MARKER}))
+                with enrol(admin, "workers", {"code": "P001"}) as phone:
+                    yield Place(settings, database, phone)
         finally:
             database.dispose()
             end(process)
@@ -211,7 +211,7 @@ def send(place: Place, pair: Path, count: int) -> list[uuid.UUID]:
     for _ in range(count):
         metadata = {"id": str(uuid.uuid4()), "captured_at": "2026-11-20T12:30:00+00:00", "time_zone": "UTC"}
         parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")} | photos
-        answer(place.client.post("/v1/meals", files=parts))
+        checked(place.client.post("/v1/meals", files=parts))
         sent.append(uuid.UUID(metadata["id"]))
     return sent
 
