@@ -67,8 +67,8 @@ def releases_list(study: StudyArgument, as_json: JsonOption = False) -> None:
 def _print_words(found: "Comparison") -> None:
     checked = found.checked
     for file in checked.files:
-        if file.found != "whole":
-            print(f"{file.name}: {file.found}, {file.blob_key}")
+        if file.state != "whole":
+            print(f"{file.name}: {file.state}, {file.blob_key}")
     print(f"files: {'whole' if checked.is_whole else 'NOT what was frozen'}, checksum {checked.release.checksum}")
     if checked.release.altered_at is not None:
         print(f"altered since something was erased, last on {checked.release.altered_at.isoformat(timespec='seconds')}")

@@ -1,1 +1,1 @@
-"""The researchers' pages: HTML of what the API tells, under the same rules; all SQL and all use cases are elsewhere."""
+"""The researchers' pages: the API's data as HTML, under the same rules. No SQL and no use cases."""

@@ -1,4 +1,4 @@
-"""Addresses of the dashboard's pages. Every part is quoted: codes and names are people's own words."""
+"""Addresses of the dashboard's pages. Every part is quoted: people choose codes and names freely."""
 
 from urllib.parse import quote
 
@@ -6,5 +6,5 @@ from app.people.access.page_rules import PREFIX
 
 
 def study_address(study: str, *parts: object) -> str:
-    """A page of a study: its code, then the parts below it, "participants", "P001"."""
+    """Return the address of a study's page. parts: path segments below the study, such as "participants", "P001"."""
     return "/".join([f"{PREFIX}/studies", *[quote(str(part), safe="") for part in (study, *parts)]])

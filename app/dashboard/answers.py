@@ -1,7 +1,7 @@
-"""What every answer of the dashboard is: its headers, and errors as a page for a person.
+"""ASGI middleware for the dashboard: security headers on every response, and errors as HTML pages.
 
-An ASGI layer, so that no answer goes out without them, whoever made it: a page, a picture, a refusal before the route.
-A problem document becomes a page where a browser asks for one; who is not signed in is led to the sign-in page.
+A middleware also covers responses that no route made, such as static files and refusals before routing. A problem
+document becomes a page if the browser accepts HTML; without a session the browser is redirected to the sign-in page.
 """
 
 import http
@@ -48,12 +48,12 @@ class DashboardAnswers:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the call on; dress the answer."""
+        """Add the headers to the response; replace a problem document by a page."""
         request_headers = Headers(scope=scope)
         held: Message | None = None  # the start of a problem document
         body = b""
 
-        async def dressed_send(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             nonlocal held, body
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
@@ -72,7 +72,7 @@ class DashboardAnswers:
                 return
             await send(message)
 
-        await self._app(scope, receive, dressed_send)
+        await self._app(scope, receive, send_with_headers)
 
 
 def _wants_page(headers: Headers) -> bool:
@@ -80,7 +80,7 @@ def _wants_page(headers: Headers) -> bool:
 
 
 def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: Problem) -> Response:
-    """A problem document as a page, as a piece of one for htmx, or the way to the sign-in page."""
+    """Render a problem document as a page, or a fragment for htmx; without a session redirect to the sign-in page."""
     is_fragment = request_headers.get("hx-request") == "true"
     kept = {
         name.decode("latin-1"): value.decode("latin-1")
@@ -92,7 +92,7 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: Pr
         if is_fragment:
             return Response(status_code=204, headers=kept | {"HX-Redirect": target})
         return RedirectResponse(target, status_code=303, headers=kept)
-    problem = _in_words(problem)
+    problem = _readable_problem(problem)
     template = "problem_part.html" if is_fragment else "problem.html"
     if is_fragment:
         kept |= {"HX-Retarget": "#problem", "HX-Reswap": "innerHTML", "HX-Push-Url": "false"}
@@ -100,13 +100,13 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: Pr
 
 
 def _back(scope: Scope) -> tuple[str, str] | None:
-    """(address, name) of the study that was looked at, if the caller was let into it."""
+    """Return (address, name) of the page's study if the caller has access to it."""
     study = scope.get("state", {}).get("study")
     return (study_address(study.code), study.name) if study is not None else None
 
 
-def _in_words(problem: Problem) -> Problem:
-    """As a person reads it: without places of a schema, and with a sentence where the framework has a title only."""
+def _readable_problem(problem: Problem) -> Problem:
+    """Replace schema paths by field names, and the framework's bare titles by sentences."""
     if problem.status == http.HTTPStatus.UNPROCESSABLE_ENTITY:
         sentence = sentence_of_request((problem.model_extra or {}).get("errors", ()))
         return problem.model_copy(update={"title": NOT_ACCEPTED, "detail": sentence or problem.detail})
@@ -116,7 +116,7 @@ def _in_words(problem: Problem) -> Problem:
 
 
 def _sign_in_address(scope: Scope, headers: Headers) -> str:
-    """The sign-in page, which leads back to where one was, if that was a page to look at."""
+    """Return the sign-in page's address; after signing in it returns to this page if the request was for a page."""
     if scope["method"] not in ("GET", "HEAD") or headers.get("hx-request") == "true":
         return f"{PREFIX}/sign-in"
     query = scope["query_string"].decode("latin-1")

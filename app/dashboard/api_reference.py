@@ -1,4 +1,4 @@
-"""/docs: the API's document to read and to try in a browser, with nothing asked of other hosts."""
+"""/docs: the OpenAPI document in Swagger UI, without requests to other hosts."""
 
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
@@ -10,5 +10,5 @@ PATH = "/docs"
 
 
 async def api_reference(_request: Request) -> HTMLResponse:
-    """The page; it is open to everybody, as the document is: what the server can do is no secret."""
+    """Return the page. It is public, as the document is."""
     return HTMLResponse(render("api_reference.html"), headers=dict(HEADERS) | {"Cache-Control": "no-cache"})

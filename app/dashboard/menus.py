@@ -1,4 +1,4 @@
-"""What the menus lead to: the pages of a study and of the whole server, as far as a role reaches."""
+"""Menu entries of a study and of the whole server, by role."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from app.people.models import Role
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A page: its path below the study's (or the dashboard's), its label, the least role that may see it."""
+    """A page: path below the study (or the dashboard), label, lowest role that may see it."""
 
     path: tuple[str, ...]
     label: str
@@ -37,10 +37,10 @@ ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit
 
 
 def study_menu(role: Role | None) -> list[Entry]:
-    """A study's pages for this role."""
+    """Return the study's pages that this role may see."""
     return [entry for entry in STUDY if reaches(role, entry.needs)]
 
 
 def server_menu(*, is_admin: bool) -> list[Entry]:
-    """The pages of no study."""
+    """Return the pages that belong to no study."""
     return [*SERVER, *(ADMIN if is_admin else ())]

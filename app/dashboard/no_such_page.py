@@ -1,6 +1,6 @@
-"""An address below a study's that no page has: refused as every page of the study is, then told as what it is.
+"""Unknown addresses below a study: access to the study is checked first, then the answer is 404.
 
-The last of the dashboard's routes. Whoever may not enter the study hears of the study, as on all of its pages.
+This must be the last of the dashboard's routes. Without access to the study the answer is the same as on its pages.
 """
 
 from fastapi import APIRouter
@@ -16,7 +16,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get(ELSEWHERE)
 def get_no_such_page(page: CurrentPage, study: str, rest: str) -> Response:
-    """Without the slash at its end where there is one; else it is not found."""
+    """Redirect to the address without its trailing slash; without one raise NotFoundError."""
     if not rest.endswith("/") and rest:
         raise NotFoundError("There is no such page.")
     parts = [part for part in rest.split("/") if part]

@@ -1,12 +1,13 @@
-"""What every page asks for: who looks, at which study, and how a template becomes an answer."""
+"""The context of a page: request, caller, study; rendering templates and redirecting."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 from urllib.parse import quote, unquote
 
 from fastapi import Depends, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
+from app.core.errors import NotFoundError
 from app.dashboard.templates import render
 from app.http.state import ApiState
 from app.people.access.caller import StaffCaller, reaches, role_in
@@ -14,13 +15,13 @@ from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import PREFIX, is_https
 from app.people.models import Role, Study
 
-TOLD_COOKIE = "tada_told"  # one sentence for the next page: "The device was revoked."
-TOLD_SECONDS = 60
+NOTICE_COOKIE = "tada_notice"  # one sentence for the next page: "The device was revoked."
+NOTICE_SECONDS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page that is asked for by somebody who is signed in. study, role: of the study in the path, if there is one."""
+    """A page that a signed-in caller requests. study, role: of the study in the path, if there is one."""
 
     request: Request
     state: ApiState
@@ -30,37 +31,55 @@ class Page:
 
     @property
     def is_fragment(self) -> bool:
-        """Whether htmx asks for a part of the page that it shows already."""
+        """Whether htmx requests a part of the page that it already shows."""
         headers = self.request.headers
         return headers.get("hx-request") == "true" and headers.get("hx-history-restore-request") != "true"
 
+    @property
+    def study_code(self) -> str:
+        """Code of the page's study. Raises NotFoundError."""
+        return self.require_study().code
+
+    @property
+    def study_caller(self) -> StaffCaller:
+        """The caller with access to the page's study only, not to meals of others. Raises NotFoundError."""
+        study = self.require_study()
+        if self.role is None:
+            raise NotFoundError("There is no such study.")
+        return replace(self.caller, is_admin=False, roles={study.id: self.role}, only_study_id=study.id)
+
+    def require_study(self) -> Study:
+        """Return the page's study. Raises NotFoundError if the page belongs to none."""
+        if self.study is None:
+            raise NotFoundError("There is no such study.")
+        return self.study
+
     def may(self, needed: Role) -> bool:
-        """Whether a control that needs this role in the study is shown. The server asks again when it is used."""
+        """Whether to show a control that needs this role in the study. The server checks again when it is used."""
         return reaches(self.role, needed)
 
     def render(self, template: str, /, *, status: int = 200, **context: object) -> HTMLResponse:
-        """The template as the answer. It sees the page as `page`."""
-        told = self.request.cookies.get(TOLD_COOKIE)
-        shown = None if self.is_fragment else told
+        """Render the template, which sees the page as `page`; a whole page shows the notice of the last action once."""
+        notice = None if self.is_fragment else self.request.cookies.get(NOTICE_COOKIE)
         answer = HTMLResponse(
-            render(template, page=self, told=unquote(shown) if shown else None, **context), status_code=status
+            render(template, page=self, notice=unquote(notice) if notice else None, **context), status_code=status
         )
-        if shown:
-            answer.delete_cookie(TOLD_COOKIE, path=PREFIX)
+        if notice:
+            answer.delete_cookie(NOTICE_COOKIE, path=PREFIX)
         return answer
 
-    def go(self, path: str, told: str | None = None) -> Response:
-        """To another page, after something was done; told: a sentence that it shows."""
+    def redirect(self, path: str, notice: str | None = None) -> Response:
+        """Redirect to another page after an action. notice: a sentence that the page shows."""
         answer: Response
         if self.is_fragment:
             answer = Response(status_code=204, headers={"HX-Redirect": path})
         else:
             answer = RedirectResponse(path, status_code=303)
-        if told is not None:
+        if notice is not None:
             answer.set_cookie(
-                TOLD_COOKIE,
-                quote(told),
-                max_age=TOLD_SECONDS,
+                NOTICE_COOKIE,
+                quote(notice),
+                max_age=NOTICE_SECONDS,
                 path=PREFIX,
                 secure=is_https(self.request, self.state.settings),
                 httponly=True,
@@ -69,17 +88,17 @@ class Page:
         return answer
 
     def address(self, **changes: object) -> str:
-        """This page's address with other parameters; None and "" take one out, a list gives one several times."""
+        """Return this page's address with changed parameters; None and "" remove one, a list repeats it."""
         kept = [(name, value) for name, value in self.request.query_params.multi_items() if name not in changes]
         for name, value in changes.items():
             values = value if isinstance(value, list | tuple) else [value]
-            kept += [(name, str(one)) for one in values if one is not None and one != ""]
+            kept += [(name, str(part)) for part in values if part is not None and part != ""]
         query = "&".join(f"{quote(name)}={quote(value, safe='')}" for name, value in kept)
         return f"{self.request.url.path}?{query}" if query else self.request.url.path
 
 
 def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
-    """The page that is asked for; `authorise` has let the caller in."""
+    """Return the requested page; `authorise` has checked the caller's access."""
     study: Study | None = getattr(request.state, "study", None)
     return Page(request, state, caller, study, role_in(caller, study.id) if study is not None else None)
 

@@ -1,4 +1,4 @@
-"""The dashboard's routes, a file a page. Who may see which: app/people/access/page_rules.py."""
+"""The dashboard's routes, one file per page. Permissions are in app/people/access/page_rules.py."""
 
 from fastapi import APIRouter
 
@@ -47,6 +47,6 @@ for page in (
     account,
     audit,
     marker,
-    no_such_page,  # the last: it has every address that is left
+    no_such_page,  # must be last: it matches every remaining address
 ):
     router.include_router(page.router)

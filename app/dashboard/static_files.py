@@ -1,4 +1,4 @@
-"""Scripts, styles and pictures of the pages, open to everybody: they say nothing of anybody."""
+"""Scripts, styles and pictures of the pages. They are public: they hold no data."""
 
 import os
 from urllib.parse import urlsplit
@@ -14,16 +14,16 @@ ASK_FIRST = "no-cache"
 
 
 class DashboardFiles(StaticFiles):
-    """The files of static/."""
+    """Serves static/; a browser may keep a file for good if its address names this version of it."""
 
     def __init__(self) -> None:
         super().__init__(directory=STATIC)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """A file, with how long browsers may keep it.
+        """Return a file with its Cache-Control header.
 
-        During an upgrade a page of the one version may ask a server of the other for its files: what that one has must
-        not be kept for good under the page's address.
+        During an upgrade a page of one version may request files from a server of the other version. Such a file must
+        not be cached for good under the page's address.
         """
         answer: Response = await super().get_response(path, scope)
         is_of_this_version = scope["query_string"].decode("latin-1") == urlsplit(static(path)).query
@@ -31,7 +31,7 @@ class DashboardFiles(StaticFiles):
         return answer
 
     def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """As StaticFiles; nothing that begins with a dot."""
+        """As StaticFiles, but without names that begin with a dot."""
         if any(part.startswith(".") for part in path.split("/")):
             return "", None
         return super().lookup_path(path)

@@ -1,7 +1,6 @@
-"""Jinja2 as the pages use it: everything escaped, a name that is missing is an error, numbers shown with their unit.
+"""The Jinja2 environment of the pages and its filters: autoescaping, undefined names raise, numbers with units.
 
-A number is shown rounded and carried whole: `<data value="...">` holds what the API and the exports have, so that what
-a page says can be compared with them.
+A number is shown rounded; `<data value="...">` holds it in full, so that it can be compared with API and exports.
 """
 
 import hashlib
@@ -28,23 +27,23 @@ NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
 
 
 def render(template: str, **context: object) -> str:
-    """A template of templates/ as HTML."""
+    """Render a template of templates/."""
     return environment().get_template(template).render(**context)
 
 
 @cache
 def environment() -> Environment:
-    """Made once a process, with its first page."""
-    made = Environment(
+    """Return the process's Jinja2 environment."""
+    jinja = Environment(
         loader=FileSystemLoader(FOLDER / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals |= {"static": static, "prefix": PREFIX, "version": __version__, "study_url": study_url}
-    made.globals |= {"study_menu": study_menu, "server_menu": server_menu}
-    made.filters |= {
+    jinja.globals |= {"static": static, "prefix": PREFIX, "version": __version__, "study_url": study_url}
+    jinja.globals |= {"study_menu": study_menu, "server_menu": server_menu}
+    jinja.filters |= {
         "amount": amount,
         "interval": interval,
         "percent": percent,
@@ -53,28 +52,28 @@ def environment() -> Environment:
         "seconds": seconds,
         "words": words,
         "listed": listed,
-        "asked": asked,
+        "query": query_string,
         "json_data": json_data,
         "bytes": byte_count,
     }
-    return made
+    return jinja
 
 
 @cache
 def static(path: str) -> str:
-    """The address of a file of static/; it changes with the file, so that browsers may keep it for good."""
+    """Return the address of a file of static/; it changes with the file, so that browsers may keep it for good."""
     digest = hashlib.sha256((STATIC / path).read_bytes()).hexdigest()[:12]
     return f"{PREFIX}/static/{path}?v={digest}"
 
 
 @pass_context
 def study_url(context: Context, *parts: object) -> str:
-    """The address of a page of the study that is looked at; each part is quoted."""
+    """Return the address of a page of the current study; each part is quoted."""
     return study_address(context["page"].study.code, *parts)
 
 
 def amount(value: float | None, unit: str = "", digits: int | None = None) -> Markup:
-    """A number with its unit; a float is rounded to what matters (three figures below 100, else whole); – if None."""
+    """Format a number with its unit; floats below 100 get three significant figures, others none after the point."""
     if value is None:
         return NOT_KNOWN
     shown = f"{value:,.{_decimals(value) if digits is None else digits}f}".replace(",", " ").replace("-", "−")
@@ -82,7 +81,7 @@ def amount(value: float | None, unit: str = "", digits: int | None = None) -> Ma
 
 
 def interval(low_high: tuple[float, float] | None, unit: str = "") -> Markup:
-    """A 90 % interval; nothing if None."""
+    """Format a 90 % interval; empty if a bound is None."""
     if low_high is None or low_high[0] is None or low_high[1] is None:
         return Markup("")
     low, high = low_high
@@ -92,14 +91,14 @@ def interval(low_high: tuple[float, float] | None, unit: str = "") -> Markup:
 
 
 def percent(share: float | None, digits: int = 0) -> Markup:
-    """A share of 1 as a percentage; – if None."""
+    """Format a share of 1 as a percentage; – if None."""
     if share is None:
         return NOT_KNOWN
     return _number(share, f"{100 * share:.{digits}f} %")
 
 
 def instant(value: datetime | None, time_zone: str | None = None) -> Markup:
-    """An instant, in this IANA zone (default UTC), to the minute; – if None."""
+    """Format an instant to the minute in this IANA zone (default UTC); – if None."""
     if value is None:
         return NOT_KNOWN
     aware = value if value.tzinfo is not None else value.replace(tzinfo=UTC)
@@ -113,15 +112,15 @@ def instant(value: datetime | None, time_zone: str | None = None) -> Markup:
 
 
 def day(value: date | None) -> Markup:
-    """A local day; – if None."""
+    """Format a local day; – if None."""
     if value is None:
         return NOT_KNOWN
-    told = date.isoformat(value)
-    return Markup(f'<time datetime="{told}">{told}</time>')  # noqa: S704  # digits and hyphens
+    text = date.isoformat(value)
+    return Markup(f'<time datetime="{text}">{text}</time>')  # noqa: S704  # digits and hyphens
 
 
 def seconds(value: float | None) -> Markup:
-    """A duration as a person would say it: 850 ms, 12 s, 3 min, 5 h, 2 d."""
+    """Format a duration in its natural unit: 850 ms, 12 s, 3 min, 5 h, 2 d; – if None."""
     if value is None:
         return NOT_KNOWN
     size = abs(value)
@@ -135,7 +134,7 @@ def seconds(value: float | None) -> Markup:
 
 
 def byte_count(value: int | None) -> Markup:
-    """A size in bytes, kB or MB; – if None."""
+    """Format a size in B, kB, MB or GB; – if None."""
     if value is None:
         return NOT_KNOWN
     for size, unit in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
@@ -145,34 +144,34 @@ def byte_count(value: int | None) -> Markup:
 
 
 def words(code: str | None) -> Markup:
-    """A code of ours (needs_review) as words, the code itself kept beside it for who looks it up."""
+    """Format a code such as needs_review as words, with the code itself as the title; – if None."""
     if code is None:
         return NOT_KNOWN
     return Markup('<span title="{}">{}</span>').format(code, code.replace("_", " "))
 
 
 def listed(value: object) -> str:
-    """A value of JSON as a line of text: a list with commas, an object by its names, yes and no; – if None."""
+    """Format a JSON value as a line of text: lists with commas, objects as name and value, yes and no; – if None."""
     match value:
         case None:
             return "–"
         case bool():
             return "yes" if value else "no"
         case list() | tuple():
-            return ", ".join(listed(one) for one in value) or "none"
+            return ", ".join(listed(part) for part in value) or "none"
         case dict():
-            return ", ".join(f"{name} {listed(one)}" for name, one in value.items()) or "none"
+            return ", ".join(f"{name} {listed(part)}" for name, part in value.items()) or "none"
         case _:
             return str(value)
 
 
-def asked(parameters: Mapping[str, object]) -> str:
-    """Parameters as an address's query; those that say nothing are left out."""
+def query_string(parameters: Mapping[str, object]) -> str:
+    """Encode parameters as an address's query, without empty ones."""
     return urlencode({name: value for name, value in parameters.items() if value not in (None, "")})
 
 
 def json_data(value: object) -> Markup:
-    """JSON for a <script type="application/json">: no text of it can end the element."""
+    """Encode a value as JSON for <script type="application/json">; no text in it can end the element."""
     text = json.dumps(value, default=str, allow_nan=False)
     for character in "&<>\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -185,7 +184,7 @@ def _decimals(value: float) -> int:
 
 
 def _number(value: float, shown: str) -> Markup:
-    """A number as it is shown, with itself beside it. A page of days has thousands: nothing in here needs escaping."""
+    """Wrap a formatted number with its exact value. Not escaped, for speed: a page of days has thousands."""
     exact = repr(value) if isinstance(value, int) else float.__repr__(value)
     return Markup(f'<data class="num" value="{exact}">{shown}</data>')  # noqa: S704  # digits, and units of ours
 

@@ -1,4 +1,4 @@
-"""What leaves the server for researchers: exports in the background, the data dictionary, streamed files.
+"""Data for researchers: exports in the background, the data dictionary, streamed files.
 
-Tables are in exports/tables, pages of lists in exports/lists, FHIR in exports/fhir. Frozen data belong to releases.
+exports/tables has the tables, exports/lists the lists by page, exports/fhir FHIR. Frozen data belong to releases.
 """

@@ -1,11 +1,11 @@
-"""/v1/studies/{study}/exports: files of a study's rows, made in the background, fetched when they are done."""
+"""/v1/studies/{study}/exports: files of a study's rows, made in the background and downloaded when they are done."""
 
 from fastapi import APIRouter, Request, Response
 
 from app.exports import background_exports
-from app.exports.export_files import FILES
+from app.exports.export_files import FILES, stored_file_responses
 from app.exports.export_spec import spec_of_json
-from app.exports.queries import AskedExport
+from app.exports.queries import RequestedExport
 from app.exports.schemas import ExportIn, ExportList, ExportOut
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ExportId, StudyCode
@@ -29,11 +29,11 @@ ACCEPTED = 202
 )
 def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
     """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
-    asked, is_new = background_exports.request_export(state.database, caller, study, body.as_spec())
-    response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
+    row, is_new = background_exports.request_export(state.database, caller, study, body.as_spec())
+    response.headers["Location"] = f"/v1/studies/{study}/exports/{row.export.id}"
     if not is_new:
         response.status_code = 200
-    return _out(study, asked)
+    return _out(study, row)
 
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
@@ -42,7 +42,7 @@ def get_exports(
 ) -> ExportList:
     """The study's exports, whoever asked for them, the newest first."""
     page = background_exports.list_exports(state.database, caller, study, cursor=cursor, limit=limit)
-    return ExportList(items=[_out(study, asked) for asked in page.rows], next=next_page(request, page.cursor))
+    return ExportList(items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor))
 
 
 @router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
@@ -54,12 +54,7 @@ def get_export(study: StudyCode, export_id: ExportId, state: State, caller: Curr
 @router.get(
     "/{export_id}/file",
     response_class=Response,
-    responses={
-        200: {"content": FILES, "description": "The file."},
-        206: {"content": FILES, "description": "The part that `Range` asks for."},
-        304: {"description": "It is what `If-None-Match` names."},
-        **problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
-    },
+    responses=stored_file_responses(FILES) | problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
 )
 def get_export_file(
     request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
@@ -76,8 +71,8 @@ def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: C
     return Response(status_code=204)
 
 
-def _out(study: str, asked: AskedExport) -> ExportOut:
-    export, spec = asked.export, spec_of_json(asked.export.spec)
+def _out(study: str, row: RequestedExport) -> ExportOut:
+    export, spec = row.export, spec_of_json(row.export.spec)
     path = f"/v1/studies/{study}/exports/{export.id}/file"
     return ExportOut(
         rows=spec.rows,
@@ -86,7 +81,7 @@ def _out(study: str, asked: AskedExport) -> ExportOut:
         components=spec.components,
         provenance=spec.provenance,
         filters={WIRE_NAMES[name]: value for name, value in export.spec["filters"].items() if name != "study_code"},
-        asked_by=asked.asked_by,
+        asked_by=row.requested_by,
         change_seq=export.at_change_seq,
         failure=export.failure_code,
         file=path if export.state == "done" else None,

@@ -1,4 +1,4 @@
-"""The data dictionary of a table as it would be exported now: with all components, those of the foods in use."""
+"""The data dictionary of a table as it would be exported now; `all` components are those of the foods in use."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,7 @@ from app.exports.tables.export_tables import table_of
 from app.http.tables.columns import Column, columns_of
 from app.people.access.caller import Caller
 
-KEYS: Mapping[Rows, tuple[str, ...]] = {  # what tells one row from all others
+KEYS: Mapping[Rows, tuple[str, ...]] = {  # columns that identify a row
     "items": ("id",),
     "meals": ("study", "participant", "meal_id"),
     "days": ("study", "participant", "local_date"),
@@ -17,12 +17,12 @@ KEYS: Mapping[Rows, tuple[str, ...]] = {  # what tells one row from all others
 
 
 def columns_for(database: Database, caller: Caller, spec: ExportSpec) -> tuple[Column, ...]:
-    """The table's columns from left to right. Raises InvalidInputError (`export_not_offered`)."""
+    """Return the table's columns from left to right. Raises InvalidInputError (`export_not_offered`)."""
     check_spec(spec)
     with database.read() as session:
         return columns_of(table_of(session, caller, spec).parts)
 
 
 def key_of(spec: ExportSpec) -> tuple[str, ...]:
-    """The table's key."""
+    """Return the columns that identify a row of the table."""
     return (*KEYS[spec.rows], "component") if spec.layout == "long" else KEYS[spec.rows]

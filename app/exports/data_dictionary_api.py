@@ -1,4 +1,4 @@
-"""/v1/data-dictionary: what every column of an exported table says, as JSON, CSV or Table Schema."""
+"""/v1/data-dictionary: the meaning of every column of an exported table, as JSON, CSV or Table Schema."""
 
 from typing import Annotated, Literal
 
@@ -46,9 +46,9 @@ def get_data_dictionary(
     columns = columns_for(state.database, caller, spec)
     if output == "table-schema":
         return JSONResponse(table_schema(columns, key=key_of(spec)))
-    told = entries(columns)
+    dictionary = entries(columns)
     if output == "csv":
-        pieces = encode_csv(DICTIONARY_PARTS, [[PartOfBatch(DICTIONARY_PARTS[0], told)]])
+        pieces = encode_csv(DICTIONARY_PARTS, [[PartOfBatch(DICTIONARY_PARTS[0], dictionary)]])
         headers = {"Content-Disposition": f'attachment; filename="data-dictionary-{rows}.csv"'}
         return Response(b"".join(pieces), media_type=MEDIA_TYPES["csv"], headers=headers)
     names = [column.name for column in DICTIONARY_PARTS[0].columns]
@@ -57,6 +57,6 @@ def get_data_dictionary(
         layout=layout,
         components=components,
         key=list(key_of(spec)),
-        columns=[DictionaryColumn.model_validate(dict(zip(names, row, strict=True))) for row in told],
+        columns=[DictionaryColumn.model_validate(dict(zip(names, row, strict=True))) for row in dictionary],
     )
     return JSONResponse(body.model_dump(mode="json"))

@@ -1,4 +1,4 @@
-"""A table as a file that is sent while it is written (spooled_export.py), noted in the log of each study it is of."""
+"""A table as a file that is sent while it is written (spooled_export.py), recorded in each study's audit log."""
 
 from app.core.settings import Settings
 from app.db.session import Database
@@ -11,7 +11,7 @@ from app.people.access.caller import Caller, StaffCaller, visible_studies
 from app.records.page_queries import studies_of
 from app.storage.blob_store import BlobStore
 
-ACTIONS = {  # in the audit log, by what a row is
+ACTIONS = {  # rows -> action in the audit log
     "items": "records.export",
     "meals": "meals.export",
     "days": "days.export",
@@ -22,7 +22,7 @@ ACTIONS = {  # in the audit log, by what a row is
 def begin_export(
     database: Database, blobs: BlobStore, settings: Settings, places: ExportPlaces, caller: Caller, spec: ExportSpec
 ) -> SpooledFile:
-    """Begin; returns when the first bytes are there. Raises InvalidInputError, and as SpooledExports."""
+    """Start writing; return when the first bytes are available. Raises InvalidInputError, and as SpooledExports."""
     check_spec(spec)
 
     def note() -> None:
@@ -34,22 +34,22 @@ def begin_export(
 
 
 def note_export(database: Database, caller: StaffCaller, spec: ExportSpec) -> None:
-    """Who took data away, in the log of each study that they are of; in the admins' log for all studies at once.
+    """Record the export in the audit log of each of its studies; one of all studies in the server's log.
 
-    Once, at the start: a part may be taken too.
+    It is recorded once, at the start, since a partial download takes data too.
     """
     filters = spec.filters.set_names
-    asked = {
+    options = {
         name: value
-        for name, value, usual in (
+        for name, value, default in (
             ("layout", spec.layout, "wide"),
             ("components", spec.components, "headline"),
         )
-        if value != usual
+        if value != default
     }
     with database.write() as session:
         studies = studies_of(session, spec.filters.study_code, visible_studies(caller))
         for study_id in [None] if studies is None else studies:
             audit.note(
-                session, caller, ACTIONS[spec.rows], study_id=study_id, output=spec.output, filters=filters, **asked
+                session, caller, ACTIONS[spec.rows], study_id=study_id, output=spec.output, filters=filters, **options
             )

@@ -1,4 +1,4 @@
-"""What every table that is a file too takes (`format`, `layout`, `components`), and the file as an answer."""
+"""Query parameters of tables that are offered as files (`format`, `layout`, ...), and the file as a response."""
 
 from dataclasses import replace
 from typing import Annotated, Any, Literal
@@ -36,8 +36,17 @@ ComponentsIn = Annotated[
 ]
 ProvenanceIn = Annotated[bool, Query(description="Of files: with columns that tell where the figures come from.")]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
-Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
-MOST_VALUES = 10  # of one filter, any of which will do: each is found in an index by itself
+Code = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
+MOST_VALUES = 10  # of one filter: each needs its own index lookup
+
+
+def stored_file_responses(content: dict[str, dict[str, Any]]) -> dict[int | str, dict[str, Any]]:
+    """Return the successful responses of a route that calls answer_stored_file. content: media type -> schema."""
+    return {
+        200: {"content": content, "description": "The file."},
+        206: {"content": content, "description": "The part that `Range` asks for."},
+        304: {"description": "It is what `If-None-Match` names."},
+    }
 
 
 def day_filter(
@@ -74,7 +83,7 @@ def meal_filter(
         Query(description="Whether the meal was photographed, or declared without photographs."),
     ] = None,
     failure: Annotated[
-        list[Word] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
+        list[Code] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
     ] = None,
     after_status: Annotated[
         list[AfterStatus] | None, Query(max_length=7, description="How the after-meal pair stands; any of several.")
@@ -84,7 +93,7 @@ def meal_filter(
         Query(max_length=MOST_VALUES, description="The key of a food of an item; any of several."),
     ] = None,
     flag: Annotated[
-        list[Word] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
+        list[Code] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
     ] = None,
     needs: Annotated[
         Literal["review", "answer"] | None,
@@ -114,7 +123,7 @@ def file_spec(
     *,
     provenance: bool = True,
 ) -> ExportSpec | None:
-    """Return the file that is asked for, by the parameter or else by the header; None: pages of JSON.
+    """Return the requested file, by the parameter or else by the Accept header; None: pages of JSON.
 
     Raises InvalidInputError (`export_not_offered`) for pages in another layout.
     """
@@ -130,9 +139,7 @@ def file_spec(
 
 
 def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) -> ClosingStream:
-    """The file, to be saved under this name. Raises as begin_export."""
+    """Return the file as a download of this name. Raises as begin_export."""
     file = begin_export(state.database, state.blobs, state.settings, state.part(ExportPlaces), caller, spec)
-    headers = {
-        "Content-Disposition": f'attachment; filename="{name}.{spec.output}"',
-    }
+    headers = {"Content-Disposition": f'attachment; filename="{name}.{spec.output}"'}
     return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[spec.output], headers=headers)

@@ -1,4 +1,4 @@
-"""About how many rows an export has, by the filters that are cheap to count by."""
+"""The number of rows of an export, for filters by which counting is cheap."""
 
 import uuid
 from dataclasses import dataclass, replace
@@ -10,28 +10,28 @@ from app.exports import queries as exports
 from app.exports.export_spec import FILTERS, ExportSpec
 from app.records.page_queries import search_of
 
-MOST_COUNTED = 50_000  # an index is read along so far; a file of more rows takes longer than one waits
+MOST_COUNTED = 50_000  # rows read from an index; a file of more rows takes too long to wait for
 
 
 @dataclass(frozen=True, slots=True)
-class RowsAbout:
-    """How many rows of the wide layout, now; is_more: there are more than that."""
+class RowCount:
+    """The current number of rows of the wide layout; is_more: there are more."""
 
     count: int
     is_more: bool
 
 
-def rows_about(database: Database, study_id: uuid.UUID, spec: ExportSpec) -> RowsAbout | None:
-    """Return how many rows a file of items or meals has, so that a long one is made in the background."""
+def count_export_rows(database: Database, study_id: uuid.UUID, spec: ExportSpec) -> RowCount | None:
+    """Return the number of rows of a file of items or meals, so that a long one is made in the background."""
     if spec.rows not in ("items", "meals"):
         return None
     with database.read() as session:
         count = estimate_rows(session, study_id, replace(spec, layout="wide"), MOST_COUNTED + 1)
-    return RowsAbout(min(count, MOST_COUNTED), count > MOST_COUNTED) if count is not None else None
+    return RowCount(min(count, MOST_COUNTED), count > MOST_COUNTED) if count is not None else None
 
 
 def estimate_rows(session: Session, study_id: uuid.UUID, spec: ExportSpec, most: int | None = None) -> int | None:
-    """Return the number of rows, counted up to `most`; None: of the long layout and other filters it is not known."""
+    """Return the number of rows, counted up to `most`; None for the long layout and for other filters."""
     if spec.layout == "long":
         return None
     if spec.rows == "items":

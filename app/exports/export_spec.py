@@ -1,6 +1,6 @@
-"""What is to be exported: which rows, in which layout and format, with which components, and the filters.
+"""The specification of an export: rows, layout, format, components, filters.
 
-A spec is plain values: it can be kept as JSON and done later, by another process (spec_as_json, spec_of_json).
+It can be stored as JSON and carried out later by another process (spec_as_json, spec_of_json).
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ MEAL_FILTERS = (
     "failure_codes",
     "after_statuses",
 )
-FILTERS: Mapping[Rows, tuple[str, ...]] = {  # which filters each table has: those of its JSON endpoint
+FILTERS: Mapping[Rows, tuple[str, ...]] = {  # a table's filters: those of its JSON endpoint
     "items": (*DAYS_AND_PEOPLE, "food_keys", "statuses"),
     "meals": MEAL_FILTERS,
     "days": DAYS_AND_PEOPLE,
@@ -39,9 +39,9 @@ FILTERS: Mapping[Rows, tuple[str, ...]] = {  # which filters each table has: tho
 
 @dataclass(frozen=True, slots=True)
 class ExportSpec:
-    """One table. long: a row a component. all: every component of the foods in use, not the ten headline ones alone.
+    """One table. long: one row per component. all: every component of the foods in use, not only the headline ones.
 
-    provenance: columns that tell where the figures come from.
+    provenance: columns with the sources of the figures.
     """
 
     rows: Rows
@@ -56,7 +56,7 @@ SPEC = TypeAdapter(ExportSpec)
 
 
 def check_spec(spec: ExportSpec) -> None:
-    """Raises InvalidInputError: `export_not_offered` for what no table has, `days_reversed`."""
+    """Raise InvalidInputError: `export_not_offered` for options that the table does not have, `days_reversed`."""
     for name, value, offered in (
         ("rows", spec.rows, Rows),
         ("layout", spec.layout, Layout),
@@ -66,9 +66,9 @@ def check_spec(spec: ExportSpec) -> None:
         if value not in get_args(offered):
             raise _not_offered(f"There is no {name} {value!r}, but {', '.join(get_args(offered))}.")
     if spec.output == "geojson" and (spec.rows not in ("items", "meals") or spec.layout == "long"):
-        raise _not_offered("GeoJSON has a feature an item or a meal, in the wide layout.")
+        raise _not_offered("GeoJSON has one feature per item or meal, in the wide layout only.")
     if spec.rows == "photographs" and (spec.layout == "long" or spec.components == "all"):
-        raise _not_offered("Photographs have no components: take the wide layout.")
+        raise _not_offered("Photographs have no components: use the wide layout.")
     others = [name for name in spec.filters.set_names if name not in FILTERS[spec.rows]]
     if others:
         raise _not_offered(f"No filter of {spec.rows}: {', '.join(others)}.")
@@ -76,16 +76,16 @@ def check_spec(spec: ExportSpec) -> None:
 
 
 def spec_as_json(spec: ExportSpec) -> dict[str, JsonValue]:
-    """Return the spec as JSON values, without filters that are not set; the same of the same."""
-    told: dict[str, JsonValue] = SPEC.dump_python(spec, mode="json", exclude={"filters"})
+    """Return the spec as JSON values, without unset filters; equal specs give equal values."""
+    options: dict[str, JsonValue] = SPEC.dump_python(spec, mode="json", exclude={"filters"})
     filters: dict[str, JsonValue] = SPEC.dump_python(
         spec, mode="json", include={"filters": set(spec.filters.set_names)}
     )
-    return told | filters
+    return options | filters
 
 
 def spec_of_json(stored: Mapping[str, JsonValue]) -> ExportSpec:
-    """Return the spec that spec_as_json gave as JSON."""
+    """Return the spec that spec_as_json stored."""
     return SPEC.validate_python(stored)
 
 

@@ -1,14 +1,15 @@
-"""SQL of files in the making: a study's, whose turn it is, who works on which, and whether they still live.
+"""SQL of file work (exports and releases): lists of a study, claims, heartbeats.
 
-A claim lives by its heartbeats, on the database's clock (SQLite: one machine, so this machine's). Whoever comes back
-after a takeover finds another claim in the row, or none, and writes nothing: each write here asks for the claim.
+A claim is alive while its heartbeats continue, on the database's clock (SQLite: this machine's, as there is only one).
+A process whose work was taken over finds another claim in the row, or none, and writes nothing: every write here
+requires the claim.
 """
 
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -18,18 +19,18 @@ from app.exports.models import UNDER_WAY, Export
 from app.exports.release_models import Release
 from app.people.models import Staff
 
-LEASE_SECONDS = 60.0  # longer than a writer may wait for its turn on SQLite
+LEASE_SECONDS = 60.0  # longer than a writer may wait for the lock on SQLite
 
 Work = Export | Release
 OneWork = TypeVar("OneWork", bound=Export | Release)
 WorkKey = tuple[datetime, uuid.UUID]  # requested_at, id
-KINDS: tuple[type[Work], ...] = (Release, Export)  # in this order where several wait
+KINDS: tuple[type[Work], ...] = (Release, Export)  # by priority
 ACTIVE = (*UNDER_WAY, "changing")
 
 
 @dataclass(frozen=True, slots=True)
-class Sums:
-    """How far a file is."""
+class Progress:
+    """Rows and bytes written so far."""
 
     rows: int
     bytes: int
@@ -38,19 +39,20 @@ class Sums:
 def page_of_works(
     session: Session, model: type[OneWork], study_id: uuid.UUID, *, after: WorkKey | None, limit: int
 ) -> list[tuple[OneWork, str]]:
-    """At most `limit` of a study, the newest first, those behind `after`; with the name of who asked for each."""
-    query = _asked_for(model, study_id).order_by(model.requested_at.desc(), model.id.desc()).limit(limit)
+    """Return at most `limit` (work, name of the person who requested it) of a study after `after`, newest first."""
+    query = _requested(model, study_id).order_by(model.requested_at.desc(), model.id.desc()).limit(limit)
     if after is not None:
-        key = (sa.literal(one, column.type) for one, column in zip(after, (model.requested_at, model.id), strict=True))
+        columns = (model.requested_at, model.id)
+        key = (sa.literal(value, column.type) for value, column in zip(after, columns, strict=True))
         query = query.where(sa.tuple_(model.requested_at, model.id) < sa.tuple_(*key))
     return [(work, name) for work, name in session.execute(query)]
 
 
 def find_work(
-    session: Session, model: type[OneWork], study_id: uuid.UUID, which: sa.ColumnElement[bool], *, lock: bool
+    session: Session, model: type[OneWork], study_id: uuid.UUID, condition: sa.ColumnElement[bool], *, lock: bool
 ) -> tuple[OneWork, str] | None:
-    """One of a study, with the name of who asked for it; lock: as it is now, and nobody else changes it."""
-    query = _asked_for(model, study_id).where(which)
+    """Return (work, name of the person who requested it) of a study. lock: refresh the row and lock it."""
+    query = _requested(model, study_id).where(condition)
     if lock:
         query = query.with_for_update(of=model).execution_options(populate_existing=True)
     row = session.execute(query).one_or_none()
@@ -58,7 +60,7 @@ def find_work(
 
 
 def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
-    """Whether there is something to begin: nobody works on it, or whoever did has died."""
+    """Whether some work can be started: it has no claim, or its claim is dead."""
     return any(
         session.scalar(sa.select(sa.literal(1)).where(sa.exists().where(_is_free(session, model, lease_seconds))))
         for model in KINDS
@@ -66,7 +68,7 @@ def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
 
 
 def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_SECONDS) -> Work | None:
-    """What waits longest, now ours; None: nothing waits."""
+    """Claim the work that has waited longest; None if nothing waits."""
     for model in KINDS:
         for work in _works(session, model, _is_free(session, model, lease_seconds), limit=1, skip_locked=True):
             begin_again(work, counts=True)
@@ -76,25 +78,26 @@ def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_
             if work.state == "queued":
                 work.state = "running"
             session.flush()
-            beat(session, work, claim, Sums(0, 0))
+            beat(session, work, claim, Progress(0, 0))
             return work
     return None
 
 
-def beat(session: Session, work: Work, claim: uuid.UUID, sums: Sums) -> bool:
-    """A sign of life, with how far it is. False: it is not ours any more."""
+def beat(session: Session, work: Work, claim: uuid.UUID, progress: Progress) -> bool:
+    """Write a heartbeat with the progress. Returns False if the claim is lost."""
     model = type(work)
-    done: Any = session.execute(
+    updated = session.scalar(
         sa.update(model)
         .where(model.id == work.id, model.claim == claim)
-        .values(heartbeat_at=_clock(session), rows_written=sums.rows, bytes=sums.bytes)
+        .values(heartbeat_at=_clock(session), rows_written=progress.rows, bytes=progress.bytes)
+        .returning(model.id)
         .execution_options(synchronize_session=False)
     )
-    return bool(done.rowcount)
+    return updated is not None
 
 
-def estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> None:
-    """How many rows there will be, about."""
+def save_estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> None:
+    """Save the estimated number of rows."""
     model = type(work)
     session.execute(
         sa.update(model)
@@ -105,13 +108,13 @@ def estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> None:
 
 
 def hold(session: Session, work: OneWork, claim: uuid.UUID) -> OneWork | None:
-    """The work as it is now, locked; None: it is not ours any more."""
+    """Refresh the work and lock it; None if the claim is lost."""
     model = type(work)
     return next(iter(_works(session, model, sa.and_(model.id == work.id, model.claim == claim))), None)
 
 
 def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
-    """Let others begin what this claim has, at once. counts: as a try. Returns how many."""
+    """Release this claim's work, so that others can start it at once. counts: as an attempt. Returns the number."""
     total = 0
     for model in KINDS:
         for work in _works(session, model, model.claim == claim):
@@ -121,7 +124,7 @@ def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
 
 
 def begin_again(work: Work, *, counts: bool, after_seconds: float = 0.0) -> None:
-    """What was made so far does not count; whoever makes it finds the claim gone with the next heartbeat."""
+    """Discard what was made so far; the process that makes it loses the claim with its next heartbeat."""
     if work.state in UNDER_WAY:
         work.state = "queued"
     work.claim = work.heartbeat_at = work.rows_estimated = None
@@ -131,37 +134,37 @@ def begin_again(work: Work, *, counts: bool, after_seconds: float = 0.0) -> None
         work.attempts -= 1
 
 
-def _asked_for(model: type[OneWork], study_id: uuid.UUID) -> sa.Select[OneWork, str]:
+def _requested(model: type[OneWork], study_id: uuid.UUID) -> sa.Select[OneWork, str]:
     return sa.select(model, Staff.name).join(Staff, Staff.id == model.staff_id).where(model.study_id == study_id)
 
 
 def _works(
     session: Session,
     model: type[OneWork],
-    which: sa.ColumnElement[bool],
+    condition: sa.ColumnElement[bool],
     *,
     limit: int | None = None,
     skip_locked: bool = False,
 ) -> Sequence[OneWork]:
-    """As they are now, not as they were read before, and locked; the one that waits longest first."""
-    query = sa.select(model).where(which).order_by(model.requested_at, model.id).limit(limit)
+    """Refresh and lock the rows; the one that has waited longest first."""
+    query = sa.select(model).where(condition).order_by(model.requested_at, model.id).limit(limit)
     query = query.with_for_update(skip_locked=skip_locked).execution_options(populate_existing=True)
     return session.scalars(query).all()
 
 
 def _is_free(session: Session, model: type[Work], lease_seconds: float) -> sa.ColumnElement[bool]:
-    """A heartbeat of a time to come is no sign of life: the database's clock went back, and who lives beats again."""
-    is_left = sa.or_(
+    """A future heartbeat does not count: the database's clock went back, and a live process beats again soon."""
+    is_unclaimed = sa.or_(
         model.claim.is_(None),
         model.heartbeat_at < _clock(session, -lease_seconds),
         model.heartbeat_at > _clock(session, lease_seconds),
     )
     is_due = sa.or_(model.begin_after.is_(None), model.begin_after <= _clock(session))
-    return sa.and_(model.state.in_(ACTIVE), is_left, is_due)
+    return sa.and_(model.state.in_(ACTIVE), is_unclaimed, is_due)
 
 
-def _clock(session: Session, seconds: float = 0.0) -> sa.ColumnElement[Any]:
-    """The database's time, so many seconds on."""
+def _clock(session: Session, seconds: float = 0.0) -> sa.ColumnElement[datetime]:
+    """Return the database's time plus `seconds`."""
     shift = timedelta(seconds=seconds)
     if session.get_bind().dialect.name == "sqlite":
         return sa.literal(datetime.now(UTC) + shift, UtcDateTime())

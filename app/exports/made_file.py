@@ -1,6 +1,6 @@
-"""A file in the making: bytes are counted and hashed on their way, signs of life are given, and the disk keeps room.
+"""Writing the files of exports and releases: counting and hashing bytes, heartbeats, free space.
 
-It lies in the store's staging folder, which is removed once its process has died.
+Unfinished files are in the store's staging folder, which is removed after its process has died.
 """
 
 import contextlib
@@ -25,25 +25,25 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
-from app.exports.file_work_queries import OneWork, Sums, Work
+from app.exports.file_work_queries import OneWork, Progress, Work
 from app.storage.blob_store import BlobStore
 
-MADE_FILES = "made"  # before the study in keys of files of a whole study
+MADE_FILES = "made"  # first part of the keys of a study's files
 log = structlog.get_logger()
 
 BEAT_SECONDS = 1.0
-STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
+STATEMENT_SECONDS = 3600  # PostgreSQL; requests have a shorter limit
 ROOM_CHECKED_EVERY_BYTES = 16 * 1024 * 1024
 
 
 class ClaimLostError(Exception):
-    """The work is not ours any more: called off, begun again by an erasure, or taken over while we slept."""
+    """The claim is lost: the work was cancelled, restarted by an erasure, or taken over."""
 
 
 class WorkLife:
-    """Beats for a claim, in a thread of its own, and knows how far the work is: rows and bytes are set by who writes.
+    """Writes a claim's heartbeats in a thread of its own; the writer reports its rows and bytes.
 
-    A database that does not answer is asked again; whether the claim still holds is asked once more at the end.
+    A failed heartbeat is retried; the last transaction checks the claim again.
     """
 
     def __init__(self, database: Database, work: Work, claim: uuid.UUID, every_seconds: float = BEAT_SECONDS) -> None:
@@ -61,11 +61,11 @@ class WorkLife:
         self._thread.join()
 
     def count_rows(self, rows: int) -> None:
-        """Note that so many more rows are written."""
+        """Add to the number of written rows."""
         self.rows += rows
 
     def count_bytes(self, length: int) -> None:
-        """Note that so many more bytes are written. Raises ClaimLostError once a beat has met no claim of ours."""
+        """Add to the number of written bytes. Raises ClaimLostError once a heartbeat has found the claim lost."""
         if self._lost.is_set():
             raise ClaimLostError
         self.bytes += length
@@ -74,7 +74,7 @@ class WorkLife:
         while not self._ending.wait(self._every):
             try:
                 with self._database.write() as session:
-                    is_ours = file_work.beat(session, self._work, self._claim, Sums(self.rows, self.bytes))
+                    is_ours = file_work.beat(session, self._work, self._claim, Progress(self.rows, self.bytes))
             except SQLAlchemyError as error:
                 log.warning("work_beat_failed", error=type(error).__name__)
                 continue
@@ -84,7 +84,7 @@ class WorkLife:
 
 
 class StagedFile:
-    """A file in the staging folder that is being written. length and sha256: of what was written so far."""
+    """A file that is being written in the staging folder. length, sha256: of the bytes so far."""
 
     def __init__(self, path: Path, handle: int, count_bytes: Callable[[int], None], min_free_bytes: int) -> None:
         self.path = path
@@ -96,7 +96,7 @@ class StagedFile:
 
     @property
     def sha256(self) -> str:
-        """Of the bytes so far."""
+        """SHA-256 of the bytes so far, hex."""
         return self._digest.hexdigest()
 
     def write(self, piece: bytes) -> None:
@@ -111,32 +111,32 @@ class StagedFile:
         self.length += len(piece)
 
     def write_all(self, pieces: Iterable[bytes]) -> None:
-        """Append one after the other, then close. Raises as `write`."""
+        """Append all pieces, then close. Raises as `write`."""
         for piece in pieces:
             self.write(piece)
         self.close()
 
     def close(self) -> None:
-        """All is written."""
+        """Close the file."""
         self._file.close()
 
 
 @contextmanager
 def staged_file(folder: Path, count_bytes: Callable[[int], None], min_free_bytes: int) -> Iterator[StagedFile]:
-    """Open a new file; at the end it is gone, unless it was moved away. count_bytes: called with each piece's size."""
+    """Open a new file; it is removed at the end unless it was moved. count_bytes: called with each piece's length."""
     handle, name = tempfile.mkstemp(prefix="made-", dir=folder)
     file = StagedFile(Path(name), handle, count_bytes, min_free_bytes)
     try:
         yield file
     finally:
-        with contextlib.suppress(OSError):  # a full disk, which the writer has told
+        with contextlib.suppress(OSError):  # a full disk, which the writer has reported
             file.close()
         file.path.unlink(missing_ok=True)
 
 
 @contextmanager
 def long_snapshot(database: Database) -> Iterator[Session]:
-    """Read as of one moment, for as long as a large study takes."""
+    """Open a read transaction of one moment with a statement timeout for large studies."""
     with database.read() as session:
         if not database.is_sqlite:
             session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
@@ -144,10 +144,10 @@ def long_snapshot(database: Database) -> Iterator[Session]:
 
 
 class Attempt(Generic[OneWork]):
-    """One attempt at the files of an export or a release: staged, sealed in the store, named by the last transaction.
+    """One attempt to make the files of an export or a release: staged, sealed, then named by the last transaction.
 
-    Sealed blobs are removed at the end unless rows name them. They also stay if the last transaction broke off, since
-    it may have been carried out; if it was not, they go as orphans.
+    Sealed blobs are removed at the end unless rows name them. They are kept if the last transaction raised, since it
+    may have been committed; otherwise they are removed as orphans.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class Attempt(Generic[OneWork]):
         return staged_file(self.blobs.staging_folder(), self.life.count_bytes, self.settings.export_min_free_bytes)
 
     def seal(self, file: StagedFile, *names: str) -> str:
-        """Move a file into the store; returns its key, another one at every attempt."""
+        """Move a file into the store; return its key, which differs for every attempt."""
         work = self.work
         parts = (MADE_FILES, f"{work.__tablename__}s", str(work.study_id), str(work.id), self._claim.hex)
         key = "/".join((*parts, *names, file.sha256))
@@ -180,12 +180,12 @@ class Attempt(Generic[OneWork]):
         return key
 
     def finish(self, is_unchanged: Callable[[Session], bool], end: Callable[[Session, OneWork], None]) -> bool:
-        """Run the last transaction: if nothing that matters was erased meanwhile, `end` names the files.
+        """Run the last transaction: if nothing relevant was erased meanwhile, `end` names the files.
 
-        Returns False if the work begins again instead. The study is locked first, as erasures do (exports/queries.py).
+        Returns False if the work has to begin again. The study is locked first, as in erasures (exports/queries.py).
         Raises ClaimLostError.
         """
-        self._is_named = True  # as far as anybody knows, once the transaction has begun
+        self._is_named = True  # must be assumed once the transaction has begun
         try:
             with self.database.write() as session:
                 exports.lock_study(session, self.work.study_id, shared=True)

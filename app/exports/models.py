@@ -1,4 +1,4 @@
-"""Files that the server makes in the background, by a worker's side process: exports, which are kept for some days."""
+"""Tables of files that are made in the background by a worker's side process: exports, which are kept for some days."""
 
 import uuid
 from datetime import datetime
@@ -16,11 +16,11 @@ _IS_UNDER_WAY = sa.text("state IN ('queued', 'running')")
 
 
 class FileWork:
-    """What any file in the making has of its making (exports/file_work_queries.py, releases/file_runner.py).
+    """Columns of the work on a file (exports/file_work_queries.py, releases/file_runner.py).
 
-    claim: drawn by who works on it now, NULL: nobody does. heartbeat_at: the claim's last sign of life, on the
-    database's clock; without one for a while another takes the work over. attempts: how often it was begun.
-    begin_after: not before then, after a fault. rows_written, bytes: so far, or in the end.
+    claim: random id of the process that works on it, NULL: none. heartbeat_at: the claim's last heartbeat, on the
+    database's clock; after a lease without one the work is taken over. attempts: how often it was started.
+    begin_after: after a fault, not before then. rows_written, bytes: so far, in the end the total.
     """
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
@@ -40,11 +40,11 @@ class FileWork:
 
 
 class Export(FileWork, Base):
-    """A file of a study's rows, asked for by a person of its staff; for whoever may see the study, until it expires.
+    """A file of a study's rows, requested by a staff member; available to everybody in the study until it expires.
 
-    spec: what was asked for (exports/background_exports.py); spec_sha256: of it, so that the same asked for twice is
-    made once. at_change_seq: the study's counter of changes at the moment that the file is of. blob_key: NULL where
-    there is no file (yet, or any more). Not in backups.
+    spec: the request (exports/background_exports.py); spec_sha256: its digest, so that a repeated request is made once.
+    at_change_seq: the study's change counter at the moment of the file's data. blob_key: NULL if there is no file yet,
+    or no longer. Not in backups.
     """
 
     __tablename__ = "export"

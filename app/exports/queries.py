@@ -1,4 +1,4 @@
-"""SQL of exports in the background: who asked for what, what is under way, and which files are to go."""
+"""SQL of exports in the background: requests, unfinished exports, files to delete."""
 
 import uuid
 from collections.abc import Iterable
@@ -20,35 +20,37 @@ from app.records.page_queries import RecordSearch
 ENDED = ("failed", "cancelled", "expired")
 
 
-class AskedExport(NamedTuple):
-    """An export, and the name of who asked for it."""
+class RequestedExport(NamedTuple):
+    """An export, and the name of the staff member who requested it."""
 
     export: Export
-    asked_by: str
+    requested_by: str
 
 
 class Moment(NamedTuple):
-    """Where a study stands: its counter of changes, and how many erasures of its rows there were."""
+    """A state of a study: its change counter, and its number of erasures of rows."""
 
     change_seq: int
     erasures: int
 
 
-def page_of_exports(session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int) -> list[AskedExport]:
-    """At most `limit` exports of a study, the newest first, those behind `after`."""
-    return [AskedExport(*row) for row in page_of_works(session, Export, study_id, after=after, limit=limit)]
+def page_of_exports(
+    session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int
+) -> list[RequestedExport]:
+    """Return at most `limit` exports of a study after `after`, the newest first."""
+    return [RequestedExport(*row) for row in page_of_works(session, Export, study_id, after=after, limit=limit)]
 
 
 def find_export(
     session: Session, study_id: uuid.UUID, export_id: uuid.UUID, *, lock: bool = False
-) -> AskedExport | None:
-    """An export of this study."""
-    found = find_work(session, Export, study_id, Export.id == export_id, lock=lock)
-    return AskedExport(*found) if found is not None else None
+) -> RequestedExport | None:
+    """Return an export of this study."""
+    row = find_work(session, Export, study_id, Export.id == export_id, lock=lock)
+    return RequestedExport(*row) if row is not None else None
 
 
 def same_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, spec_sha256: str) -> Export | None:
-    """What this person has asked for in the same words, and waits for."""
+    """Return this person's unfinished export with the same spec."""
     return session.scalars(
         sa.select(Export).where(
             Export.study_id == study_id,
@@ -59,17 +61,17 @@ def same_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, s
     ).one_or_none()
 
 
-def under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> tuple[int, int]:
-    """(of this person, of all) exports of a study that are not made yet."""
+def count_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> tuple[int, int]:
+    """Count (this person's, all) unfinished exports of a study."""
     query = sa.select(sa.func.count(sa.case((Export.staff_id == staff_id, Export.id))), sa.func.count(Export.id)).where(
         Export.study_id == study_id, Export.state.in_(UNDER_WAY)
     )
-    mine, every = session.execute(query).one()
-    return mine, every
+    own, all_of_study = session.execute(query).one()
+    return own, all_of_study
 
 
 def count_records(session: Session, search: RecordSearch | None, most: int | None = None) -> int:
-    """Return how many records a search finds, counted up to `most`."""
+    """Count the records of a search, up to `most`."""
     if search is None:
         return 0
     rows = search.rows().subquery() if most is None else search.page(None, most)
@@ -83,7 +85,7 @@ def count_rows(
     chosen: RowFilter,
     most: int | None = None,
 ) -> int:
-    """Return how many meals, photographs or days with a meal there are, of a participant, within local days."""
+    """Count meals, photographs or days with a meal, by participant and local days, up to `most`."""
     query = sa.select(Meal.participant_id, Meal.local_date).where(Meal.study_id == study_id)
     if rows == "photographs":
         query = query.join(MealImage, MealImage.meal_id == Meal.id)
@@ -100,18 +102,16 @@ def count_rows(
 
 
 def lock_study(session: Session, study_id: uuid.UUID, *, shared: bool = False) -> None:
-    """Until this transaction ends nobody else locks the study so, nor counts a change of it.
-
-    shared: others may do the same.
-    """
+    """Lock the study until this transaction ends, also against changes of its change counter. shared: among readers."""
     query = sa.select(Study.id).where(Study.id == study_id)
     session.execute(query.with_for_update(read=True) if shared else query.with_for_update(key_share=True))
 
 
 def moment_of(session: Session, study_id: uuid.UUID) -> Moment:
-    """Where the study stands for this transaction.
+    """Return the study's state in this transaction.
 
-    Erasures are counted by their receipts. Of photographs alone no row goes; who leaves and is kept, stays.
+    Erasures are counted by their receipts, without those of photographs only and those under the policy "keep", which
+    remove no rows.
     """
     receipts = sa.select(sa.func.count()).where(
         ErasureReceipt.study_id == study_id, ErasureReceipt.what != "photographs", ErasureReceipt.policy != "keep"
@@ -122,12 +122,12 @@ def moment_of(session: Session, study_id: uuid.UUID) -> Moment:
 
 
 def erasures_since(session: Session, study_id: uuid.UUID, moment: Moment) -> int:
-    """Return how many erasures of rows of the study there were since that moment."""
+    """Count the erasures of the study's rows since that moment."""
     return moment_of(session, study_id).erasures - moment.erasures
 
 
 def expire(session: Session, exports: Iterable[Export], now: datetime) -> int:
-    """Their files are to go; how many there were."""
+    """Expire these exports and mark their files for deletion. Returns the number of exports."""
     count = 0
     for export in exports:
         if export.blob_key is not None:
@@ -140,7 +140,7 @@ def expire(session: Session, exports: Iterable[Export], now: datetime) -> int:
 
 
 def expire_due(session: Session, now: datetime, limit: int) -> int:
-    """Files whose time is over; how many."""
+    """Expire at most `limit` exports whose time is over. Returns the number."""
     query = (
         sa.select(Export)
         .where(Export.state == "done", Export.expires_at <= now)
@@ -152,25 +152,25 @@ def expire_due(session: Session, now: datetime, limit: int) -> int:
 
 
 def forget_ended(session: Session, before: datetime) -> int:
-    """Remove the rows of exports without a file that ended before then; how many."""
-    done = session.execute(
+    """Delete the rows of exports without a file that ended before then. Returns the number."""
+    deleted = session.execute(
         sa.delete(Export)
         .where(Export.state.in_(ENDED), Export.finished_at < before)
         .returning(Export.id)
         .execution_options(synchronize_session=False)
     )
-    return len(done.all())
+    return len(deleted.all())
 
 
 def erase_from_exports(session: Session, study_id: uuid.UUID, participant_code: str | None) -> int:
-    """In an erasure's transaction, at its end: no file of the study that may hold what is erased stays.
+    """At the end of an erasure's transaction, expire all files of the study, which may hold the erased data.
 
-    participant_code: of a person whose code goes too; exports that name it go wholly. Returns how many exports lost
-    their file.
+    participant_code: of a person whose code is erased too; exports whose filter names it are deleted. Returns the
+    number of exports that lost their file.
     """
-    every = _locked_exports(session, study_id)
-    lost = _take_back(session, every)
-    for export in every:
+    exports = _locked_exports(session, study_id)
+    lost = _take_back(session, exports)
+    for export in exports:
         if participant_code is not None and export.spec["filters"].get("participant_code") == participant_code:
             session.delete(export)
     session.flush()
@@ -178,16 +178,18 @@ def erase_from_exports(session: Session, study_id: uuid.UUID, participant_code: 
 
 
 def take_back_places(session: Session, study_id: uuid.UUID) -> int:
-    """In the transaction in which a study begins to drop places: no file that may hold any stays. Returns how many."""
-    every = _locked_exports(session, study_id)
-    return _take_back(session, [one for one in every if one.spec["rows"] == "meals" or one.spec["output"] == "geojson"])
+    """When a study stops keeping places, expire all files that may hold any. Returns the number."""
+    exports = _locked_exports(session, study_id)
+    return _take_back(
+        session, [export for export in exports if export.spec["rows"] == "meals" or export.spec["output"] == "geojson"]
+    )
 
 
 def _locked_exports(session: Session, study_id: uuid.UUID) -> list[Export]:
-    """All of a study.
+    """Return all exports of a study, locked.
 
-    The study is locked first: whoever is just finishing a file is done by then, and is seen here, or sees what has
-    changed (releases/file_runner.py).
+    The study is locked first: a process that is finishing a file has either committed, and its export is seen here, or
+    it sees the erasure (releases/file_runner.py).
     """
     lock_study(session, study_id)
     query = sa.select(Export).where(Export.study_id == study_id).order_by(Export.id).with_for_update()
@@ -195,7 +197,7 @@ def _locked_exports(session: Session, study_id: uuid.UUID) -> list[Export]:
 
 
 def _take_back(session: Session, exports: Iterable[Export]) -> int:
-    """What is done expires; what is being made begins again. Returns how many files there were."""
+    """Expire finished exports and restart unfinished ones. Returns the number of expired files."""
     now, lost = datetime.now(UTC), 0
     for export in exports:
         if export.state == "done":

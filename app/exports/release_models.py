@@ -1,4 +1,4 @@
-"""Releases: a study's data frozen under a name, as files that stay; only an erasure ever takes rows out of them."""
+"""Tables of releases: a study's data frozen under a name. Only an erasure ever removes rows from their files."""
 
 import uuid
 from datetime import datetime
@@ -16,13 +16,13 @@ CHANGES = ("meal", "erase", "anonymise")
 
 
 class Release(FileWork, Base):
-    """A study's data of one moment. Its name is never given again: a release is not deleted.
+    """A study's data of one moment. It is never deleted, and its name is never used again.
 
-    filters: what was asked for (releases/releases.py). checksum: over the files' SHA-256, by which the release is
-    cited. state "changing": something in it was erased, and its files are not served until they are without it; with a
-    failure_code: the last try that said why failed by it, and it is tried again.
-    altered_at: an erasure took rows out of it then, for the last time; former_checksums: [checksum, until] of before.
-    frozen_at: the moment; at_change_seq is as the database counted then (a restored one counts otherwise).
+    filters: as requested (releases/releases.py). checksum: over the files' SHA-256, for citations. state "changing":
+    something in it was erased, and its files are not served until they are rewritten; failure_code is then the last
+    attempt's, which is repeated. altered_at: when an erasure last removed rows; former_checksums: earlier
+    [checksum, until]. frozen_at: the moment of the data; at_change_seq: the study's change counter then (a restored
+    database counts differently).
     """
 
     __tablename__ = "release"
@@ -46,7 +46,7 @@ class Release(FileWork, Base):
 
 
 class ReleaseFile(Base):
-    """A file of a release. rows: NULL, it is no table."""
+    """A file of a release. rows: NULL if it is no table."""
 
     __tablename__ = "release_file"
     blob = BlobColumns()
@@ -60,10 +60,10 @@ class ReleaseFile(Base):
 
 
 class ReleaseChange(Base):
-    """What is to be taken out of a release, until it is done: by a digest that only the server's key can make.
+    """A pending removal from a release. digest: of the meal or participant, keyed with the server's key.
 
-    deed: a "meal" goes; a participant goes ("erase"), or stays under new_code ("anonymise"), their meals under ids that
-    are drawn by new_ids.
+    deed: "meal" removes a meal; "erase" removes a participant; "anonymise" renames a participant to new_code, with meal
+    ids derived from new_ids.
     """
 
     __tablename__ = "release_change"

@@ -1,4 +1,4 @@
-"""Exports in the background over the wire."""
+"""Schemas of exports in the background."""
 
 import uuid
 from datetime import datetime

@@ -1,9 +1,9 @@
-"""A file of many rows, of one moment: written into a spool while it is sent.
+"""A file of many rows of one moment, which is written into a spool while it is sent.
 
-One thread an export reads in one transaction and writes the file into a spool (a file without a name in the store's
-staging folder); the caller is sent what is there. So the snapshot lives as long as the database and the encoder need,
-never as long as a slow reader does: PostgreSQL's vacuum and SQLite's log wait for seconds to minutes, and the disk
-holds what has not been fetched. A reader who leaves ends it with its next piece.
+One thread per export reads in one transaction and writes the file into a spool (an unnamed file in the store's staging
+folder), from which the response is sent. So a snapshot lasts as long as the database and the encoder need, not as long
+as a slow client: PostgreSQL's vacuum and SQLite's WAL are held up for seconds to minutes, and the disk holds the rest.
+If the client disconnects, the thread stops at its next piece.
 """
 
 import threading
@@ -25,14 +25,14 @@ from app.storage.blob_store import BlobStore
 
 @dataclass(frozen=True, slots=True)
 class SpooledFile:
-    """An export under way: its bytes once, and what must be called at the end, whatever happens."""
+    """A running export: its bytes, which can be read once, and `close`, which must be called in the end."""
 
     pieces: Iterator[bytes]
     close: Callable[[], None]
 
 
 class SpooledExports:
-    """Begins exports. min_free_bytes (settings): of the staging folder's disk, below which no export goes on."""
+    """Starts exports. An export fails if the staging folder's disk has less than settings.min_free_bytes left."""
 
     def __init__(self, database: Database, blobs: BlobStore, settings: Settings, places: ExportPlaces) -> None:
         self._database, self._blobs, self._settings, self._places = database, blobs, settings, places
@@ -45,10 +45,11 @@ class SpooledExports:
         *,
         note: Callable[[], None] = lambda: None,
     ) -> SpooledFile:
-        """Begin; returns when the first bytes are there. write: the file's pieces; note: called where there is a place.
+        """Start an export; return when the first bytes are available. write: yields the file's pieces.
 
-        Raises UnavailableError (`server_busy`) where others are under way, StorageFullError, and what the database
-        raises. An error after the first bytes breaks the stream off, so that nobody takes a part for the whole.
+        note: called once a place was taken. Raises UnavailableError (`server_busy`) if other exports are running,
+        StorageFullError, and the database's errors. An error after the first bytes aborts the stream, so that a part is
+        not taken for the whole.
         """
         leave = self._places.take(_place_of(caller))
         try:
@@ -79,7 +80,7 @@ class SpooledExports:
                     spool.write(piece)
         except SpoolClosedError:
             pass
-        except BaseException as raised:  # noqa: BLE001  # a thread's edge: the reader raises it
+        except BaseException as raised:  # noqa: BLE001  # edge of a thread: raised again by the reader
             error = raised
             structlog.get_logger().warning("export.failed", output=name, error=type(raised).__name__)
         finally:
@@ -87,7 +88,7 @@ class SpooledExports:
 
 
 def _start(writer: threading.Thread, spool: Spool) -> None:
-    """Raises UnavailableError where the system gives no thread: nobody else would end the spool then."""
+    """Start the thread. Raises UnavailableError, after ending the spool, if the system has no thread left."""
     try:
         writer.start()
     except RuntimeError as error:

@@ -1,1 +1,1 @@
-"""Releases: a study's data frozen under a name, with checksums, and what erasures do to them."""
+"""Releases: a study's data frozen under a name, with checksums, and the removal of erased data from them."""

@@ -1,25 +1,25 @@
-"""A release without what was erased: its files are written anew from the old ones, and from nothing else.
+"""Removing erased data from a release: its files are rewritten from the old files alone.
 
-Rows of an erased meal or person go; the day that a meal was on is worked out anew from what is left of it
-(release_days.py); foods that nothing is of any more go too. A person whose data stay without them (anonymise) stands
-under the code and ids drawn for it, without places, photographs and their hashes. What is to go is known by keyed
-digests, so that nobody's code or id waits in the database.
+Rows of an erased meal or participant are removed; the day of an erased meal is computed from its remaining meals
+(release_days.py); foods without items are removed too. An anonymised participant gets a new code and new meal ids,
+without places, photographs and their hashes. Pending removals are stored as keyed digests, so that no erased code or id
+stays in the database.
 """
 
 import uuid
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from app.exports.release_models import ReleaseChange
 from app.http.tables.columns import Column, Row
 from app.people.access.secret_box import SecretBox
 from app.releases.freeze_release import OF_FOODS
 from app.releases.release_days import NamedRow, day_without
-from app.releases.release_files import Contents, ReleaseFiles, columns_told
+from app.releases.release_files import Contents, Manifest, ReleaseFiles
 
-OF_PERSON = frozenset(  # columns that are emptied where a person's data stay without them
+PERSONAL_COLUMNS = frozenset(  # emptied for an anonymised participant
     {
         "longitude",
         "latitude",
@@ -28,50 +28,50 @@ OF_PERSON = frozenset(  # columns that are emptied where a person's data stay wi
 )
 GONE = None
 Key = tuple[str, str | None]  # participant, meal
-Fetched = Callable[[str], Path]  # a file of the release by name, as a local file
+FetchFile = Callable[[str], Path]  # file name in the release -> local file
 
 
 def meal_digest(box: SecretBox, participant_code: str, meal_id: uuid.UUID | str) -> str:
-    """By which a meal is found in a release: by what its rows say."""
+    """Return the digest by which a meal's rows are recognised in a release."""
     return box.digest("release.meal", f"{participant_code}\n{meal_id}")
 
 
 def participant_digest(box: SecretBox, participant_code: str) -> str:
-    """By which a participant is found in a release."""
+    """Return the digest by which a participant's rows are recognised in a release."""
     return box.digest("release.participant", participant_code)
 
 
 @dataclass(slots=True)
 class Verdicts:
-    """What becomes of rows, by participant and meal: the names that they keep or get, or GONE. Each found out once.
+    """The new participant and meal of each row, or GONE, computed once per participant and meal.
 
-    However many changes there are, a name is digested once: changes are found by what they are of. Only who gets
-    another name is looked for again, by that name, among the changes after it.
+    Changes are indexed by digest, so that each name is digested once, however many changes there are. After a rename
+    the later changes are searched for the new name.
     """
 
     box: SecretBox
     changes: Sequence[ReleaseChange]
-    known: dict[Key, Key | None] = field(default_factory=dict)
-    persons: dict[str, str] = field(default_factory=dict)  # code -> digest
-    of_digest: dict[str, list[int]] = field(init=False)  # places in changes, in their order
+    verdicts: dict[Key, Key | None] = field(default_factory=dict)
+    participant_digests: dict[str, str] = field(default_factory=dict)  # by code
+    places_by_digest: dict[str, list[int]] = field(init=False)  # ascending places in changes
 
     def __post_init__(self) -> None:
-        """By digest."""
-        self.of_digest = {}
+        """Index the changes by digest."""
+        self.places_by_digest = {}
         for place, change in enumerate(self.changes):
-            self.of_digest.setdefault(change.digest, []).append(place)
+            self.places_by_digest.setdefault(change.digest, []).append(place)
 
     def __call__(self, participant: str, meal_id: str | None = None) -> Key | None:
-        """GONE, or the row's participant and meal from now on."""
+        """Return GONE, or the row's new participant and meal."""
         key = (participant, meal_id)
-        if key not in self.known:
-            self.known[key] = self._judge(participant, meal_id)
-        return self.known[key]
+        if key not in self.verdicts:
+            self.verdicts[key] = self._judge(participant, meal_id)
+        return self.verdicts[key]
 
     def _judge(self, participant: str, meal_id: str | None) -> Key | None:
-        """The changes one after the other: who was made nameless may be erased later, by the new name."""
+        """Apply the changes in their order: an anonymised participant may be erased later, by the new code."""
         after = -1
-        while (place := self._first(participant, meal_id, after)) is not None:
+        while (place := self._next_change(participant, meal_id, after)) is not None:
             change, after = self.changes[place], place
             if change.new_code is None or change.new_ids is None:
                 return GONE
@@ -79,20 +79,20 @@ class Verdicts:
             meal_id = str(uuid.uuid5(change.new_ids, meal_id)) if meal_id is not None else None
         return participant, meal_id
 
-    def _first(self, participant: str, meal_id: str | None, after: int) -> int | None:
-        """The place of the first change behind that place which is of this person or meal."""
-        if participant not in self.persons:
-            self.persons[participant] = participant_digest(self.box, participant)
-        digests = [self.persons[participant]]
+    def _next_change(self, participant: str, meal_id: str | None, after: int) -> int | None:
+        """Return the place of the first change of this participant or meal after place `after`."""
+        if participant not in self.participant_digests:
+            self.participant_digests[participant] = participant_digest(self.box, participant)
+        digests = [self.participant_digests[participant]]
         if meal_id is not None:
             digests.append(meal_digest(self.box, participant, meal_id))
-        places = (place for digest in digests for place in self.of_digest.get(digest, ()) if place > after)
+        places = (place for digest in digests for place in self.places_by_digest.get(digest, ()) if place > after)
         return min(places, default=None)
 
 
 @dataclass(slots=True)
-class _Touched:
-    """A day that a meal was taken from: rows of its meals, and of the items of those that are left."""
+class _ChangedDay:
+    """A day with an erased meal: rows of its meals, and of the items of the remaining ones."""
 
     left: list[NamedRow] = field(default_factory=list)
     gone: list[NamedRow] = field(default_factory=list)
@@ -100,46 +100,46 @@ class _Touched:
 
 
 class ReleaseAlteration:
-    """One release's changes. manifest: its release.json; fetched: its files."""
+    """The removal of erased data from one release. manifest: its release.json; fetch_file: fetches its files."""
 
-    def __init__(self, manifest: Mapping[str, Any], fetched: Fetched, verdicts: Verdicts) -> None:
-        self._manifest, self._fetched, self._judge = manifest, fetched, verdicts
-        self._days: dict[Key, _Touched] = {}
+    def __init__(self, manifest: Manifest, fetch_file: FetchFile, verdicts: Verdicts) -> None:
+        self._manifest, self._fetch_file, self._judge = manifest, fetch_file, verdicts
+        self._days: dict[Key, _ChangedDay] = {}
 
-    def is_met(self) -> bool:
-        """Whether the release has anything of what is to go. Notes which days are touched.
+    def is_affected(self) -> bool:
+        """Whether the release has erased data; collects the days that change.
 
-        Names alone are read first: a release without it is not served for as long as that takes.
+        Only participants and meals are read at first, since the release is not served meanwhile.
         """
-        tables = [name for name in ("meals", "days") if name in self._manifest["tables"]]
-        if not any(self._judge(*names) != names for table in tables for names in self._names(table)):
+        tables = [name for name in ("meals", "days") if name in self._manifest.tables]
+        if not any(self._judge(*key) != key for table in tables for key in self._keys(table)):
             return False
         for row in self._rows("meals"):
             is_gone = self._judge(row["participant"], row["meal_id"]) is GONE
             if is_gone and self._judge(row["participant"]) is not GONE:
-                self._days.setdefault((row["participant"], row["local_date"]), _Touched()).gone.append(row)
+                self._days.setdefault((row["participant"], row["local_date"]), _ChangedDay()).gone.append(row)
         return True
 
     def write(self, files: ReleaseFiles) -> Contents:
-        """All tables and the dictionary without what is to go. Call `is_met` first."""
+        """Write all tables and the dictionary without the erased data. Call `is_affected` first."""
         if self._days:
             for row in self._rows("meals"):
-                self._note(row, "left")
+                self._collect(row, "left")
             for row in self._rows("items"):
-                self._note(row, "items")
+                self._collect(row, "items")
         contents = Contents()
         for name in ("items", "meals", "days", "photographs"):
-            if name in self._manifest["tables"]:
-                columns = columns_told(self._manifest, name)
-                rows = self._changed(name, columns)
-                files.add_table(name, columns, contents.of_table(name, columns, rows))
+            if name in self._manifest.tables:
+                columns = self._manifest.tables[name]
+                rows = self._remaining_rows(name, columns)
+                files.add_table(name, columns, contents.count_rows(name, columns, rows))
         for name in OF_FOODS:
-            columns = columns_told(self._manifest, name)
-            files.add_table(name, columns, self._of_foods(columns, name, contents))
+            columns = self._manifest.tables[name]
+            files.add_table(name, columns, self._remaining_foods(columns, name, contents))
         files.add_dictionary()
         return contents
 
-    def _changed(self, name: str, columns: Sequence[Column]) -> Iterator[Row]:
+    def _remaining_rows(self, name: str, columns: Sequence[Column]) -> Iterator[Row]:
         has_meal = name != "days"
         names = [column.name for column in columns]
         for row in self._rows(name):
@@ -150,13 +150,13 @@ class ReleaseAlteration:
             if is_renamed and name == "photographs":
                 continue
             kept: NamedRow | None = row
-            if not has_meal and (touched := self._days.get((row["participant"], row["local_date"]))) is not None:
+            if not has_meal and (day := self._days.get((row["participant"], row["local_date"]))) is not None:
                 kept = day_without(
                     row,
-                    touched.left,
-                    touched.gone,
-                    touched.items,
-                    expects_after_pair=self._manifest["protocol"]["expects_after_pair"],
+                    day.left,
+                    day.gone,
+                    day.items,
+                    expects_after_pair=self._manifest.protocol.expects_after_pair,
                 )
             if kept is None:
                 continue
@@ -164,37 +164,36 @@ class ReleaseAlteration:
                 kept = _renamed(kept, *verdict)
             yield tuple(kept[column] for column in names)
 
-    def _of_foods(self, columns: Sequence[Column], name: str, contents: Contents) -> Iterator[Row]:
-        """Rows of foods that items are still of; a study's own densities are of a food in any version."""
+    def _remaining_foods(self, columns: Sequence[Column], name: str, contents: Contents) -> Iterator[Row]:
+        """Yield the rows of foods that still have items; a study's own densities hold for any version of a food."""
         keys = {key for key, _, _ in contents.foods}
         for row in self._rows(name):
             food = (row["food_key"], row["food_version"], row["food_table"])
             if food in contents.foods or (row["food_table"] is None and row["food_key"] in keys):
                 yield tuple(row[column.name] for column in columns)
 
-    def _note(self, row: NamedRow, what: str) -> None:
-        touched = self._days.get((row["participant"], row["local_date"]))
-        if touched is not None and self._judge(row["participant"], row["meal_id"]) is not GONE:
-            (touched.left if what == "left" else touched.items).append(row)
+    def _collect(self, row: NamedRow, kind: Literal["left", "items"]) -> None:
+        day = self._days.get((row["participant"], row["local_date"]))
+        if day is not None and self._judge(row["participant"], row["meal_id"]) is not GONE:
+            (day.left if kind == "left" else day.items).append(row)
 
-    def _names(self, table: str) -> Iterator[Key]:
-        """Participant and meal of each row; of a table of days the participant."""
+    def _keys(self, table: str) -> Iterator[Key]:
+        """Yield the participant and meal of each row; for days only the participant."""
         for row in self._rows(table, only=("participant", "meal_id")):
             yield row["participant"], row.get("meal_id")
 
     def _rows(self, name: str, only: Collection[str] | None = None) -> Iterator[NamedRow]:
-        """A table's rows. only: columns that are wanted; None: all."""
+        """Yield a table's rows. only: names of columns to read; None: all."""
         from app.http.tables.table_files import read_rows  # noqa: PLC0415  # pyarrow
 
-        every = columns_told(self._manifest, name)
-        columns = [column for column in every if only is None or column.name in only]  # in the file's order
+        columns = [column for column in self._manifest.tables[name] if only is None or column.name in only]
         names = [column.name for column in columns]
-        for row in read_rows(columns, self._fetched(f"{name}.parquet")):
+        for row in read_rows(columns, self._fetch_file(f"{name}.parquet")):
             yield dict(zip(names, row, strict=True))
 
 
 def _renamed(row: NamedRow, participant: str, meal_id: str | None) -> NamedRow:
-    changed = {name: None if name in OF_PERSON else value for name, value in row.items()}
+    changed = {name: None if name in PERSONAL_COLUMNS else value for name, value in row.items()}
     changed["participant"] = participant
     if meal_id is not None:
         changed["meal_id"] = meal_id

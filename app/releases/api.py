@@ -1,10 +1,10 @@
-"""/v1/studies/{study}/releases: a study's data frozen under a name, with checksums; fetched file by file."""
+"""/v1/studies/{study}/releases: a study's data frozen under a name, with checksums; downloaded file by file."""
 
 from typing import Annotated, cast
 
 from fastapi import APIRouter, Path, Request, Response
 
-from app.exports.export_files import FILES
+from app.exports.export_files import FILES, stored_file_responses
 from app.exports.release_models import ReleaseState
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ReleaseName, StudyCode
@@ -12,8 +12,7 @@ from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
 from app.people.access.deps import CurrentStaff, State
 from app.releases import releases
-from app.releases.freeze_release import ReleaseFilters
-from app.releases.queries import NamedRelease
+from app.releases.queries import ReleaseRow
 from app.releases.schemas import (
     CheckedFileOut,
     FormerChecksum,
@@ -34,10 +33,11 @@ def post_release(
     study: StudyCode, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response
 ) -> ReleaseOut:
     """Freeze the study's data as they are now under a name. A worker does it; look at `Location` until it is ready."""
-    filters = ReleaseFilters(body.first_day, body.last_day, tuple(sorted(set(body.statuses))))
-    made = releases.request_release(state.database, caller, study, name=body.name, note=body.note, filters=filters)
+    row = releases.request_release(
+        state.database, caller, study, name=body.name, note=body.note, filters=body.as_filters()
+    )
     response.headers["Location"] = f"/v1/studies/{study}/releases/{body.name}"
-    return _out(study, made)
+    return _out(study, row)
 
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
@@ -46,7 +46,7 @@ def get_releases(
 ) -> ReleaseList:
     """The study's releases, the newest first."""
     page = releases.list_releases(state.database, caller, study, cursor=cursor, limit=limit)
-    return ReleaseList(items=[_out(study, one) for one in page.rows], next=next_page(request, page.cursor))
+    return ReleaseList(items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor))
 
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
@@ -58,12 +58,7 @@ def get_release(study: StudyCode, name: ReleaseName, state: State, caller: Curre
 @router.get(
     "/{name}/files/{file}",
     response_class=Response,
-    responses={
-        200: {"content": RELEASE_FILES, "description": "The file."},
-        206: {"content": RELEASE_FILES, "description": "The part that `Range` asks for."},
-        304: {"description": "It is what `If-None-Match` names."},
-        **problem_responses(401, 403, 404, 409, 416, 422, 503),
-    },
+    responses=stored_file_responses(RELEASE_FILES) | problem_responses(401, 403, 404, 409, 416, 422, 503),
 )
 def get_release_file(
     request: Request,
@@ -74,42 +69,44 @@ def get_release_file(
     caller: CurrentStaff,
 ) -> Response:
     """A file of a release; the ETag is its SHA-256."""
-    found = releases.open_release_file(state.database, caller, study, name, file)
-    return answer_stored_file(request, state.blobs, found)
+    stored_file = releases.open_release_file(state.database, caller, study, name, file)
+    return answer_stored_file(request, state.blobs, stored_file)
 
 
 @router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
 def get_release_check(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
     """Read all files back and compare them with what was frozen: takes as long as that takes."""
-    checked = releases.check_release(state.database, state.blobs, caller, study, name)
+    check = releases.check_release(state.database, state.blobs, caller, study, name)
     return ReleaseCheckOut(
-        is_whole=checked.is_whole,
-        checksum=checked.checksum,
-        files=[CheckedFileOut(name=one.name, sha256=one.sha256, found=one.found) for one in checked.files],
+        is_whole=check.is_whole,
+        checksum=check.checksum,
+        files=[CheckedFileOut(name=file.name, sha256=file.sha256, found=file.state) for file in check.files],
     )
 
 
-def _out(study: str, found: NamedRelease) -> ReleaseOut:
-    release = found.release
+def _out(study: str, row: ReleaseRow) -> ReleaseOut:
+    release = row.release
     path = f"/v1/studies/{study}/releases/{release.name}/files"
     return ReleaseOut(
         name=release.name,
         note=release.note,
         state=cast("ReleaseState", release.state),
         filters=release.filters,
-        made_by=found.made_by,
+        made_by=row.requested_by,
         requested_at=release.requested_at,
         frozen_at=release.frozen_at,
         change_seq=release.at_change_seq,
         checksum=release.checksum,
         altered_at=release.altered_at,
-        former_checksums=[FormerChecksum(checksum=one, until=until) for one, until in release.former_checksums],
+        former_checksums=[FormerChecksum(checksum=former, until=until) for former, until in release.former_checksums],
         rows=release.rows_written,
         bytes=release.bytes,
         failure=release.failure_code,
         files=[
-            ReleaseFileOut(name=one.name, rows=one.rows, bytes=one.bytes, sha256=one.sha256, path=f"{path}/{one.name}")
-            for one in found.files
+            ReleaseFileOut(
+                name=file.name, rows=file.rows, bytes=file.bytes, sha256=file.sha256, path=f"{path}/{file.name}"
+            )
+            for file in row.files
             if release.state == "ready"
         ],
     )

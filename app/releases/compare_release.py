@@ -1,11 +1,10 @@
-"""Would freezing the same filters now give the same release? Row by row, where not: for `tada releases check`.
+"""Compares a release with the current data, for `tada releases check`.
 
-The data of now are written as a release would be, into a folder that goes, and compared: by checksum, and table by
-table by the rows' own keys. Nothing is changed. Of a large table some rows at a time are held, as their keys' hashes
-choose them: the files' order does not serve, since of whom a name was taken the ids changed and the places did not.
+The current data are frozen into a temporary folder and compared by checksum, and table by table by the rows' keys.
+Nothing is changed. Large tables are compared in parts, chosen by the keys' hashes. The files' order cannot be used for
+that: the ids of anonymised participants changed, their places did not.
 """
 
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,8 +22,8 @@ from app.people import queries as people
 from app.people.models import Study
 from app.releases import queries as releases
 from app.releases.freeze_release import filters_of_json, freeze
-from app.releases.queries import NamedRelease
-from app.releases.release_files import MANIFEST, ReleaseFiles, columns_told
+from app.releases.queries import ReleaseRow
+from app.releases.release_files import MANIFEST, Manifest, ReleaseFiles
 from app.releases.releases import CheckedRelease, check_files
 from app.storage.blob_store import BlobStore
 
@@ -36,15 +35,15 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "foods": ("food_key", "food_version", "food_table"),
     "food_nutrients": ("food_key", "food_version", "food_table", "number"),
 }
-ROWS_AT_A_TIME = 200_000  # in memory; the files are read as often as it takes
+ROWS_AT_A_TIME = 200_000  # in memory; the files are read once per part
 MOST_LISTED = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class TableDifference:
-    """A table's rows: the same, other in a column, only in the release, only in the data of now.
+    """The numbers of rows that are the same, differ in a column, are only in the release, or only in the current data.
 
-    columns: how many rows differ in each; those that only one of the two has are told by their names.
+    columns: column -> number of rows that differ, including columns that only one of the two has.
     """
 
     table: str
@@ -56,15 +55,15 @@ class TableDifference:
 
     @property
     def is_same(self) -> bool:
-        """No row differs."""
+        """Whether no row differs."""
         return not (self.other or self.only_frozen or self.only_now)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """checked: whether the release's own files are whole. checksum_now: that of the data of now.
+    """checked: whether the release's own files are whole. checksum_now: of the current data.
 
-    tables: None where files are lost: what is left of them is not compared.
+    tables: None if files are damaged or missing; the others are then not compared.
     """
 
     checked: CheckedRelease
@@ -73,33 +72,33 @@ class Comparison:
 
     @property
     def is_reproduced(self) -> bool:
-        """Frozen now it would be the same, byte for byte."""
+        """Whether freezing now gives the same bytes."""
         return self.checksum_now == self.checked.release.checksum
 
 
 def compare_release(database: Database, blobs: BlobStore, study_code: str, name: str) -> Comparison:
-    """Check a release, and compare it with the data of now.
+    """Check a release, and compare it with the current data.
 
     Raises NotFoundError, ConflictError (`release_not_ready`), OSError.
     """
     with database.read() as session:
-        found = _find(session, study_code, name)
-    checked = check_files(blobs, found)
+        row = _find(session, study_code, name)
+    checked = check_files(blobs, row)
     with tempfile.TemporaryDirectory(prefix="made-", dir=blobs.staging_folder()) as folder:
-        now = _freeze_now(database, found, Path(folder) / "now")
+        now = _freeze_now(database, row.release, Path(folder) / "now")
         if not checked.is_whole:
             return Comparison(checked, now.checksum, None)
-        frozen = _fetch(blobs, found, Path(folder) / "frozen")
-        manifest = json.loads((frozen / MANIFEST).read_bytes())
+        frozen = _fetch(blobs, row, Path(folder) / "frozen")
+        manifest = Manifest.model_validate_json((frozen / MANIFEST).read_bytes())
         tables = [
-            _difference(table, columns_told(manifest, table), frozen, now.columns.get(table, ()), Path(folder) / "now")
-            for table in manifest["tables"]
+            _difference(table, columns, frozen, now.columns.get(table, ()), Path(folder) / "now")
+            for table, columns in manifest.tables.items()
         ]
     return Comparison(checked, now.checksum, tables)
 
 
 def releases_of_study(database: Database, study_code: str) -> list[Release]:
-    """The newest first. Raises NotFoundError."""
+    """Return a study's releases, the newest first. Raises NotFoundError."""
     with database.read() as session:
         study = people.find_study(session, study_code)
         if study is None:
@@ -107,17 +106,17 @@ def releases_of_study(database: Database, study_code: str) -> list[Release]:
         return [row.release for row in releases.page_of_releases(session, study.id, after=None, limit=MOST_LISTED)]
 
 
-def _find(session: Session, study_code: str, name: str) -> NamedRelease:
+def _find(session: Session, study_code: str, name: str) -> ReleaseRow:
     study = people.find_study(session, study_code)
-    found = releases.find_release(session, study.id, name) if study is not None else None
-    if found is None:
+    row = releases.find_release(session, study.id, name) if study is not None else None
+    if row is None:
         raise NotFoundError(f"Study {study_code!r} has no release {name!r}.")
-    if found.release.state not in ("ready", "changing"):  # one that changes may wait for a file that is lost
-        raise ConflictError(f"The release is {found.release.state}, not ready.", code="release_not_ready")
-    return found
+    if row.release.state not in ("ready", "changing"):  # a changing release may wait for a missing file
+        raise ConflictError(f"The release is {row.release.state}, not ready.", code="release_not_ready")
+    return row
 
 
-def _freeze_now(database: Database, found: NamedRelease, folder: Path) -> ReleaseFiles:
+def _freeze_now(database: Database, release: Release, folder: Path) -> ReleaseFiles:
     folder.mkdir()
 
     def keep(name: str, file: StagedFile) -> str:
@@ -126,14 +125,14 @@ def _freeze_now(database: Database, found: NamedRelease, folder: Path) -> Releas
 
     files = ReleaseFiles(lambda: staged_file(folder, lambda _: None, 0), keep)
     with long_snapshot(database) as session:
-        study = session.get_one(Study, found.release.study_id)
-        freeze(session, study.id, study.code, filters_of_json(found.release.filters), files)
+        study = session.get_one(Study, release.study_id)
+        freeze(session, study.id, study.code, filters_of_json(release.filters), files)
     return files
 
 
-def _fetch(blobs: BlobStore, found: NamedRelease, folder: Path) -> Path:
+def _fetch(blobs: BlobStore, row: ReleaseRow, folder: Path) -> Path:
     folder.mkdir()
-    for file in found.files:
+    for file in row.files:
         if file.name == MANIFEST or file.name.endswith(".parquet"):
             blobs.fetch(file.blob_key, folder / file.name)
     return folder
@@ -142,58 +141,60 @@ def _fetch(blobs: BlobStore, found: NamedRelease, folder: Path) -> Path:
 def _difference(
     table: str, columns: Sequence[Column], frozen: Path, columns_now: Sequence[Column], now: Path
 ) -> TableDifference:
-    """Of rows that have the same key, in the columns that both have; a table without keys by whole rows."""
-    of_now = {column.name: column for column in columns_now}
-    both = [column for column in columns if column.name in of_now]
-    names = [column.name for column in both]
-    before = _Table(frozen / f"{table}.parquet", both, KEYS.get(table))
-    after = _Table(now / f"{table}.parquet", [of_now[name] for name in names], KEYS.get(table)) if columns_now else None
-    parts = 1 + max(one.count() for one in (before, after) if one is not None) // ROWS_AT_A_TIME
+    """Compare rows with the same key in the columns that both have; whole rows in a table without keys."""
+    current = {column.name: column for column in columns_now}
+    common = [column for column in columns if column.name in current]
+    names = [column.name for column in common]
+    before = _Table(frozen / f"{table}.parquet", common, KEYS.get(table))
+    after = (
+        _Table(now / f"{table}.parquet", [current[name] for name in names], KEYS.get(table)) if columns_now else None
+    )
+    parts = 1 + max(side.count() for side in (before, after) if side is not None) // ROWS_AT_A_TIME
     sums, by_column = Counter[str](), Counter[str]()
     for part in range(parts):
-        old = dict(before.rows(part, parts))
+        old_rows = dict(before.rows(part, parts))
         for key, row in after.rows(part, parts) if after is not None else ():
-            was = old.pop(key, None)
-            sums["only_now" if was is None else "same" if was == row else "other"] += 1
-            if was is not None and was != row:
-                by_column.update(name for name, one, other in zip(names, was, row, strict=True) if one != other)
-        sums["only_frozen"] += len(old)
-    of_frozen, of_both = sums["same"] + sums["other"] + sums["only_frozen"], sums["same"] + sums["other"]
-    known = {column.name for column in columns}
+            old = old_rows.pop(key, None)
+            sums["only_now" if old is None else "same" if old == row else "other"] += 1
+            if old is not None and old != row:
+                by_column.update(name for name, was, value in zip(names, old, row, strict=True) if was != value)
+        sums["only_frozen"] += len(old_rows)
+    frozen_rows, common_rows = sums["same"] + sums["other"] + sums["only_frozen"], sums["same"] + sums["other"]
+    frozen_names = {column.name for column in columns}
     differing = (
         dict(by_column)
-        | {column.name: of_frozen for column in columns if column.name not in of_now}
-        | {name: of_both + sums["only_now"] for name in of_now if name not in known}
+        | {column.name: frozen_rows for column in columns if column.name not in current}
+        | {name: common_rows + sums["only_now"] for name in current if name not in frozen_names}
     )
     return TableDifference(table, sums["same"], sums["other"], sums["only_frozen"], sums["only_now"], differing)
 
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """A Parquet file of these columns. keys: by which its rows are known; None: by all they say, and how often."""
+    """A Parquet file of these columns. keys: columns that identify a row; None: all columns, and their occurrence."""
 
     path: Path
     columns: Sequence[Column]
     keys: tuple[str, ...] | None
 
     def count(self) -> int:
-        """How many rows it has."""
+        """Return the number of rows."""
         from app.http.tables.table_files import count_rows  # noqa: PLC0415  # pyarrow
 
         return count_rows(self.path)
 
     def rows(self, part: int, parts: int) -> Iterator[tuple[Row, Row]]:
-        """(key, row) of one of so many parts: the same keys are in the same part of each table."""
+        """Yield (key, row) of a part; equal keys are in the same part of each table."""
         from app.http.tables.table_files import read_rows  # noqa: PLC0415  # pyarrow
 
         names = [column.name for column in self.columns]
         places = [names.index(name) for name in (names if self.keys is None else self.keys)]
-        alike = Counter[Row]()
+        occurrences = Counter[Row]()
         for row in read_rows(self.columns, self.path):
             key = tuple(row[place] for place in places)
             if hash(key) % parts != part:
                 continue
             if self.keys is None:
-                alike[key] += 1
-                key = (*key, alike[key])
+                occurrences[key] += 1
+                key = (*key, occurrences[key])
             yield key, row

@@ -1,9 +1,8 @@
-"""Makes one file that waits for it: claims it, writes it of one moment, seals it, and says so in the database.
+"""Makes one waiting export or release: claims it, writes its files from one snapshot, seals them, commits them.
 
-Run in a process beside the worker (app/file_worker.py). Whatever happens in between, nobody is served half a file, or
-one with rows that were erased while it was written: it counts only by the last transaction, which asks whether the
-claim is still ours and whether the study has erased anything since the snapshot. Broken off, the file is made again
-from its beginning, of the moment of then.
+Runs in a process beside the worker (app/file_worker.py). A partial file, or one with rows that were erased while it was
+written, is never served: the files count only with the last transaction, which checks that the claim still holds and
+that the study has erased nothing since the snapshot. An interrupted file is made again from a new snapshot.
 """
 
 import errno
@@ -38,14 +37,14 @@ log = structlog.get_logger()
 MOST_ATTEMPTS = 5
 FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
 DONE, AGAIN, LOST = "done", "again", "lost"
-CHANGING = "changing"  # of a release: it is tried until it is done
-MOST_TRIES_WITHOUT_FILES = 870  # of such a one whose files are lost: three days, in which they can be put back
+CHANGING = "changing"  # state of a release that is retried until it succeeds
+MOST_TRIES_WITHOUT_FILES = 870  # of such a release with lost files: three days, in which they can be restored
 INTERNAL_ERROR = "internal_error"
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """What became of a try. outcome: done, again (later), lost (called off, taken over), or the code of a failure."""
+    """The result of an attempt. outcome: done, again (later), lost (cancelled, taken over), or a failure's code."""
 
     kind: str
     work_id: uuid.UUID
@@ -53,7 +52,7 @@ class Ended:
 
 
 class FileRunner:
-    """One try of one file. claim: drawn for it. beat_seconds: shorter in tests."""
+    """One attempt at one export or release. claim: random id. beat_seconds: shorter in tests."""
 
     def __init__(
         self,
@@ -71,13 +70,13 @@ class FileRunner:
         self._lease_seconds, self._beat_seconds = lease_seconds, beat_seconds
 
     def run_one(self) -> Ended | None:
-        """Make what waits longest; None: nothing waits. Raises what keeps the database from being told."""
+        """Make the work that has waited longest; None if nothing waits. Raises if the outcome cannot be saved."""
         with self._database.write() as session:
             work = file_work.claim_next(session, self._claim, self._lease_seconds)
         if work is None:
             return None
         died_each_time = work.attempts > MOST_ATTEMPTS and work.state != CHANGING
-        outcome = self._tell(work, code="export_gave_up") if died_each_time else self._try(work)
+        outcome = self._save_failure(work, code="export_gave_up") if died_each_time else self._try(work)
         return Ended(work.__tablename__, work.id, outcome)
 
     def _try(self, work: Work) -> str:
@@ -91,19 +90,19 @@ class FileRunner:
                     return DONE if make_release(making, self._box) else AGAIN
         except ClaimLostError:
             return LOST
-        except Exception as error:  # the worker's edge: the work's row tells it
+        except Exception as error:  # the worker's edge: the failure is saved in the work's row
             log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
             is_over = work.state != CHANGING or (
                 isinstance(error, FilesLostError) and work.attempts >= MOST_TRIES_WITHOUT_FILES
             )
-            return self._tell(work, _lasting_code(error, work.attempts), is_over=is_over)
+            return self._save_failure(work, _lasting_code(error, work.attempts), is_over=is_over)
 
     def _make_export(self, attempt: Attempt[Export]) -> bool:
         export, life, spec = attempt.work, attempt.life, spec_of_json(attempt.work.spec)
         with attempt.new_file() as file:
             with long_snapshot(self._database) as session:
                 moment = exports.moment_of(session, export.study_id)
-                self._estimate(export, estimate_rows(session, export.study_id, spec))
+                self._save_estimate(export, estimate_rows(session, export.study_id, spec))
                 file.write_all(write_export(session, _acting_for(session, export), spec, counted=life.count_rows))
             key = attempt.seal(file)
 
@@ -115,13 +114,13 @@ class FileRunner:
 
         return attempt.finish(lambda session: exports.erasures_since(session, export.study_id, moment) == 0, end)
 
-    def _estimate(self, work: Work, rows: int | None) -> None:
+    def _save_estimate(self, work: Work, rows: int | None) -> None:
         if rows is not None:
             with self._database.write() as session:
-                file_work.estimate(session, work, self._claim, rows)
+                file_work.save_estimate(session, work, self._claim, rows)
 
-    def _tell(self, work: Work, code: str | None, *, is_over: bool = True) -> str:
-        """Note a failure for good; or that it is to be begun again after a while, and why it failed, if that lasts."""
+    def _save_failure(self, work: Work, code: str | None, *, is_over: bool = True) -> str:
+        """Save a lasting failure, or schedule another attempt; return the outcome. code: None for a transient fault."""
         with self._database.write() as session:
             held = file_work.hold(session, work, self._claim)
             if held is None:
@@ -138,7 +137,7 @@ class FileRunner:
 
 
 def _acting_for(session: Session, export: Export) -> StaffCaller:
-    """Who asked for it, with what anybody needs who may fetch it: a viewer's eyes, in this study alone."""
+    """Return the person who requested it, as a viewer of this study: everybody in the study may download the file."""
     return StaffCaller(
         staff_id=export.staff_id,
         name=session.get_one(Staff, export.staff_id).name,
@@ -151,12 +150,12 @@ def _acting_for(session: Session, export: Export) -> StaffCaller:
 
 
 def _wait_seconds(attempts: int) -> float:
-    """Twice as long after each try. There is no end to tries: the power has one, or it is too large for a float."""
+    """Return the wait before the next attempt, doubled each time; the exponent is bounded, as attempts are not."""
     return min(FIRST_WAIT_SECONDS * 2.0 ** min(attempts - 1, 10), LONGEST_WAIT_SECONDS)
 
 
 def _lasting_code(error: Exception, attempts: int) -> str | None:
-    """The code by which the work fails; None: it is tried again."""
+    """Return the code with which the work fails; None if it is tried again."""
     if isinstance(error, StorageFullError):
         return error.code
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):

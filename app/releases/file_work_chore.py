@@ -1,7 +1,7 @@
-"""The worker's part in making files: a process beside it makes them, one at a time; files whose time is over go.
+"""The worker's chores for exports and releases: runs a side process that makes them, and expires exports.
 
-The process does one piece of work, prints its outcome as a line of JSON, and ends. It runs at a lower priority than
-estimates, dies with the worker (process_life.py), and is asked to end (SIGTERM) when the worker ends.
+The side process makes one export or release, prints its outcome as a line of JSON, and exits. It runs at a lower
+priority than estimates, dies with the worker (process_life.py), and gets SIGTERM when the worker ends.
 """
 
 import json
@@ -24,15 +24,15 @@ from app.metrics import instruments
 log = structlog.get_logger()
 
 COMMAND = (sys.executable, "-m", "app.file_worker")
-END_SECONDS = 3.0  # between asking the process to end and killing it
+END_SECONDS = 3.0  # between SIGTERM and SIGKILL
 BATCH = 200
-TOLD_FOR = timedelta(days=30)  # what has ended without a file stays in the list so long
+LISTED_FOR = timedelta(days=30)  # exports without a file, after their end
 
 
 class FileProcess:
-    """At most one process of one worker. Used by one thread, which lives as long as the processes shall.
+    """At most one side process of a worker. Used by one thread, which must outlive the processes.
 
-    command, lease_seconds: others in tests.
+    command, lease_seconds: set by tests.
     """
 
     def __init__(
@@ -51,15 +51,15 @@ class FileProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that runs now."""
+        """The running process's id."""
         return self._process.pid if self._process is not None else None
 
     def look(self) -> None:
-        """Clear up after a process that has ended, and start one if there is work and none runs. Returns at once."""
+        """Clean up after an ended process, and start one if there is work and none runs. Returns at once."""
         if self._process is not None:
             if self._process.poll() is None:
                 return
-            self._clear_up(self._process, is_asked=False)
+            self._clean_up(self._process, is_stopped=False)
         with self._database.read() as session:
             if not file_work.has_work(session, self._lease_seconds):
                 return
@@ -72,7 +72,7 @@ class FileProcess:
         )
 
     def stop(self) -> None:
-        """Ask the process to end, kill it if it does not, and clear up after it."""
+        """Terminate the process, kill it if it does not end, and clean up after it."""
         if self._process is None:
             return
         self._process.terminate()
@@ -81,12 +81,12 @@ class FileProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._clear_up(self._process, is_asked=True)
+        self._clean_up(self._process, is_stopped=True)
 
-    def _clear_up(self, process: subprocess.Popen[bytes], *, is_asked: bool) -> None:
-        """Count its outcome; the work of a process that died goes back at once, not when its lease ends.
+    def _clean_up(self, process: subprocess.Popen[bytes], *, is_stopped: bool) -> None:
+        """Count the outcome; release the claim of a process that died at once, not when its lease ends.
 
-        If it was asked to end and took too long, that counts as no attempt.
+        is_stopped: `stop` ended it, which does not count as an attempt.
         """
         with process:
             ended = _last_line(process.stdout.read() if process.stdout is not None else b"")
@@ -94,26 +94,26 @@ class FileProcess:
         if ended is None:
             log.warning("side_process_died", status=process.returncode)
             with self._database.write() as session:
-                file_work.put_back(session, self._claim, counts=not is_asked)
-            instruments.FILES_MADE.labels("export", "again" if is_asked else "died").inc()
+                file_work.put_back(session, self._claim, counts=not is_stopped)
+            instruments.FILES_MADE.labels("export", "again" if is_stopped else "died").inc()
         elif ended:
             instruments.FILES_MADE.labels(ended["kind"], instruments.outcome_label(ended["outcome"])).inc()
 
 
 def expire_exports(database: Database, now: datetime | None = None) -> int:
-    """Files whose time is over are to go, and old lines of the list. Returns how many files."""
+    """Expire exports whose time is over, and delete old rows without a file. Returns the number of expired exports."""
     now, total = now or datetime.now(UTC), 0
     while True:
         with database.write() as session:
             count = exports.expire_due(session, now, BATCH)
-            exports.forget_ended(session, now - TOLD_FOR)
+            exports.forget_ended(session, now - LISTED_FOR)
         total += count
         if count < BATCH:
             return total
 
 
 def _last_line(output: bytes) -> Mapping[str, str] | None:
-    """What the process said of its work, empty where there was none; None: it came to no end of its own."""
+    """Return the outcome that the process printed, empty if there was no work; None if it did not end by itself."""
     try:
         ended: object = json.loads(output.splitlines()[-1])
     except (ValueError, IndexError):

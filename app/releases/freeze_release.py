@@ -1,7 +1,8 @@
-"""What a release holds, read of one moment: the tables that exports have, and the foods and densities behind them.
+"""The contents of a release, read in one snapshot: the tables of exports, and the foods and densities behind them.
 
-Left out is what would make the same data another file (counters of changes), and of days what no frozen figure tells
-(releases/release_days.py). With statuses chosen there are no days: a day is of everything that was eaten on it.
+Columns are left out if they would change the files of unchanged data (change counters), or if they do not follow from
+frozen figures (releases/release_days.py). With a filter of statuses there is no table of days, since a day covers
+everything that was eaten.
 """
 
 import uuid
@@ -9,8 +10,9 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from itertools import islice
-from typing import Any
+from typing import Annotated
 
+from pydantic import Field, JsonValue, TypeAdapter
 from sqlalchemy.orm import Session
 
 from app.exports.export_spec import ExportSpec, Rows
@@ -67,63 +69,59 @@ OF_FOODS = {"foods": FOODS, "food_nutrients": FOOD_NUTRIENTS, "food_densities": 
 
 @dataclass(frozen=True, slots=True)
 class ReleaseFilters:
-    """Local days, both included, and statuses of items; None, or none, leaves a filter out."""
+    """Local days, both included, and statuses of items; None or an empty tuple is no filter."""
 
-    first_day: date | None = None
-    last_day: date | None = None
+    first_day: Annotated[date | None, Field(alias="from")] = None
+    last_day: Annotated[date | None, Field(alias="to")] = None
     statuses: tuple[str, ...] = ()
 
-    def told(self) -> dict[str, Any]:
-        """As JSON."""
-        return {
-            "from": self.first_day.isoformat() if self.first_day is not None else None,
-            "to": self.last_day.isoformat() if self.last_day is not None else None,
-            "statuses": list(self.statuses),
-        }
+    def as_json(self) -> dict[str, JsonValue]:
+        """Return the filters as JSON values."""
+        values: dict[str, JsonValue] = FILTERS.dump_python(self, mode="json", by_alias=True)
+        return values
 
 
-def filters_of_json(told: Mapping[str, Any]) -> ReleaseFilters:
-    """As they were told."""
-    return ReleaseFilters(
-        date.fromisoformat(told["from"]) if told["from"] is not None else None,
-        date.fromisoformat(told["to"]) if told["to"] is not None else None,
-        tuple(told["statuses"]),
-    )
+FILTERS = TypeAdapter(ReleaseFilters)
+
+
+def filters_of_json(values: Mapping[str, JsonValue]) -> ReleaseFilters:
+    """Return the filters that `as_json` stored."""
+    return FILTERS.validate_python(values)
 
 
 def freeze(
     session: Session, study_id: uuid.UUID, study_code: str, filters: ReleaseFilters, files: ReleaseFiles
 ) -> Contents:
-    """Write all tables and the dictionary, of the session's one moment."""
+    """Write all tables and the dictionary from the session's snapshot."""
     contents = Contents()
     for name in TABLES:
         if name == "days" and filters.statuses:
             continue
         columns, rows = _table(session, study_id, study_code, filters, name)
-        files.add_table(name, columns, contents.of_table(name, columns, rows))
+        files.add_table(name, columns, contents.count_rows(name, columns, rows))
     add_foods(session, study_id, contents.foods, files)
     files.add_dictionary()
     return contents
 
 
 def add_foods(session: Session, study_id: uuid.UUID, used: Collection[UsedFood], files: ReleaseFiles) -> None:
-    """The foods that items are of, with what is known of them and what may have weighed them."""
+    """Write the foods of the items, their nutrients, and the densities that may have weighed them."""
     ids = releases.foods_used(session, used)
     foods = releases.foods_by_id(session, list(ids))
     files.add_table(
         "foods",
         FOODS,
         (
-            (*names, foods[one].name, foods[one].food_group, foods[one].state, foods[one].is_mixed_dish)
-            for one, names in ids.items()
+            (*key, foods[id_].name, foods[id_].food_group, foods[id_].state, foods[id_].is_mixed_dish)
+            for id_, key in ids.items()
         ),
     )
     files.add_table(
         "food_nutrients",
         FOOD_NUTRIENTS,
         (
-            (*ids[one], *values)
-            for one, nutrients in releases.nutrients_by_food(session, list(ids))
+            (*ids[food_id], *values)
+            for food_id, nutrients in releases.nutrients_by_food(session, list(ids))
             for values in nutrients
         ),
     )
@@ -148,19 +146,19 @@ def _table(
     )
     table = table_of(session, _reader(study_id), spec)
     columns = columns_of(table.parts)
-    kept = [place for place, column in enumerate(columns) if column.name not in LEFT_OUT[name]]
-    rows = (tuple(row[place] for place in kept) for row in rows_of_batches(table.batches))
-    told = [columns[place] for place in kept]
-    return told, exact_days(session, study_id, told, rows) if name == "days" else rows
+    places = [place for place, column in enumerate(columns) if column.name not in LEFT_OUT[name]]
+    rows = (tuple(row[place] for place in places) for row in rows_of_batches(table.batches))
+    kept = [columns[place] for place in places]
+    return kept, exact_days(session, study_id, kept, rows) if name == "days" else rows
 
 
 def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column], rows: Iterator[Row]) -> Iterator[Row]:
-    """Rows of days, by day, with figures that do not depend on the order in which a database adds."""
+    """Yield the rows of days with sums that do not depend on the order in which a database adds. rows: by day."""
     names = [column.name for column in columns]
     named: Iterator[NamedRow] = (dict(zip(names, row, strict=True)) for row in rows)
-    while some := list(islice(named, DAYS_AT_A_TIME)):
-        codes = {day["participant"] for day in some}
-        first, last = (date.fromisoformat(some[place]["local_date"]) for place in (0, -1))
+    while days := list(islice(named, DAYS_AT_A_TIME)):
+        codes = {day["participant"] for day in days}
+        first, last = (date.fromisoformat(days[place]["local_date"]) for place in (0, -1))
         eaten: dict[tuple[str, str], list[NamedRow]] = {}
         for code, local_date, *amounts in releases.eaten_on_days(session, study_id, codes, first, last):
             record = dict(zip(EATEN, amounts, strict=True))
@@ -171,7 +169,7 @@ def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column],
         ):
             seconds = (received_at - captured_at).total_seconds()
             delays.setdefault((code, local_date.isoformat()), []).append(seconds)
-        for day in some:
+        for day in days:
             key = (day["participant"], day["local_date"])
             exact = exact_sums(
                 eaten.get(key, []), is_nothing=_is_nothing(day), is_partial=day["unmeasured_meals"] > 0
@@ -180,17 +178,17 @@ def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column],
 
 
 def _is_nothing(day: NamedRow) -> bool:
-    """As of DayRow: by that word, or since each meal was confirmed to be without food."""
+    """As DayRow: nothing eaten was stated, or every meal of the closed day was confirmed to be without food."""
     is_empty = day["meals"] > 0 and day["items"] == 0 and day["unmeasured_meals"] == 0
     return bool(day["ate_nothing"] or (day["day_status"] == "closed" and is_empty))
 
 
 def _densities(session: Session, study_id: uuid.UUID, ids: Mapping[int, UsedFood]) -> Iterator[Row]:
     for food_id, densities in releases.densities_by_food(session, list(ids)).items():
-        for one in densities:
+        for density in densities:
             yield (
-                *(*ids[food_id], "table", one.g_per_ml, one.sd_g_per_ml),
-                *(one.state, one.kind, one.basis, one.weighs, one.source),
+                *(*ids[food_id], "table", density.g_per_ml, density.sd_g_per_ml),
+                *(density.state, density.kind, density.basis, density.weighs, density.source),
             )
     for own in releases.study_densities(session, study_id, {key for key, _, _ in ids.values()}):
         yield (
@@ -200,7 +198,7 @@ def _densities(session: Session, study_id: uuid.UUID, ids: Mapping[int, UsedFood
 
 
 def _reader(study_id: uuid.UUID) -> StaffCaller:
-    """Nobody in particular, who sees this study and no other."""
+    """Return a viewer of this study who is no real person."""
     nobody = uuid.UUID(int=0)
     return StaffCaller(
         nobody, "", is_admin=False, token_id=nobody, roles={study_id: "viewer"}, can_write=False, only_study_id=study_id

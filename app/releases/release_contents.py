@@ -1,4 +1,4 @@
-"""What a release's own release.json tells of it: protocol, versions of the pipeline, food tables."""
+"""The contents of a release by its release.json: protocol, versions of the pipeline, food tables."""
 
 import json
 from collections.abc import Mapping
@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 from pydantic import JsonValue, TypeAdapter
 
-from app.releases.queries import NamedRelease
+from app.releases.queries import ReleaseRow
 from app.releases.release_files import MANIFEST
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 
 @dataclass(frozen=True, slots=True)
 class ReleaseContents:
-    """program: the version that froze it. protocol: the study's, at that moment. placed_meals: whose place it holds.
+    """program: version that froze it. protocol: the study's at that moment. placed_meals: meals with a place.
 
-    pipeline_versions, methods, food_tables: the number of items of each.
+    pipeline_versions, methods, food_tables: number of items of each.
     """
 
     program: str
@@ -30,13 +30,13 @@ class ReleaseContents:
 CONTENTS = TypeAdapter(ReleaseContents)
 
 
-def read_contents(blobs: BlobStore, found: NamedRelease) -> ReleaseContents | None:
-    """From the file itself; None: the release is not ready, or its file is not what was frozen (its check tells).
+def read_contents(blobs: BlobStore, row: ReleaseRow) -> ReleaseContents | None:
+    """Read release.json; None if the release is not ready, or the file is damaged or missing.
 
-    Raises OSError of a store that is away.
+    Raises OSError if the store is unavailable.
     """
-    key = next((file.blob_key for file in found.files if file.name == MANIFEST), None)
-    if key is None or found.release.state != "ready":
+    key = next((file.blob_key for file in row.files if file.name == MANIFEST), None)
+    if key is None or row.release.state != "ready":
         return None
     try:
         manifest = json.loads(b"".join(blobs.stream(key)))

@@ -1,8 +1,8 @@
-"""The files of a release in the making: tables as Parquet and CSV, what they are made of counted on the way.
+"""Writing the files of a release: tables as Parquet and CSV, the data dictionary, release.json.
 
-The caller decides where the files go: into the store for a release, a folder for a comparison. The
-checksum of a release is the SHA-256 over the sorted lines `sha256  name` of its files, as sha256sum writes them,
-without release.json, which tells who froze it when: the same data frozen twice have one checksum.
+The caller decides where the files go: into the store for a release, into a folder for a comparison. The checksum of a
+release is the SHA-256 over the sorted lines `sha256  name` of its files, as sha256sum writes them, without
+release.json, which has the person and time: the same data frozen twice have the same checksum.
 """
 
 import hashlib
@@ -11,7 +11,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
-from typing import Any, cast
+from typing import TypedDict, cast
+
+from pydantic import BaseModel
 
 from app.exports.made_file import StagedFile
 from app.http.tables.columns import Column, Part, PartOfBatch, Row
@@ -25,7 +27,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class MadeFile:
-    """A file of a release. rows: None, it is no table. place: where it was put."""
+    """A file of a release. rows: None if it is no table. place: where it was put."""
 
     name: str
     rows: int | None
@@ -34,9 +36,41 @@ class MadeFile:
     place: str
 
 
+class Protocol(BaseModel):
+    """The part of the study's protocol in release.json that a removal of erased data needs."""
+
+    expects_after_pair: bool
+
+
+class FormerChecksum(BaseModel):
+    """The checksum that a release had until erased data were removed from it."""
+
+    checksum: str
+    until: str
+
+
+class Manifest(BaseModel):
+    """The part of release.json that the server reads. tables: name -> columns from left to right."""
+
+    protocol: Protocol
+    tables: dict[str, tuple[Column, ...]]
+    checksum: str
+    altered: list[FormerChecksum]
+
+
+class ContentsJson(TypedDict):
+    """The contents in release.json: numbers of items of each version, method and table; of foods, and placed meals."""
+
+    pipeline_versions: dict[str, int]
+    methods: dict[str, int]
+    food_tables: dict[str, int]
+    foods: int
+    placed_meals: int
+
+
 @dataclass(slots=True)
 class Contents:
-    """What the items of a release are made of. foods: (key, version, table). placed_meals: whose place it holds."""
+    """Counts of a release's items by origin. foods: (key, version, table). placed_meals: meals with a place."""
 
     pipeline_versions: Counter[str] = field(default_factory=Counter)
     methods: Counter[str] = field(default_factory=Counter)
@@ -44,23 +78,23 @@ class Contents:
     foods: set[UsedFood] = field(default_factory=set)
     placed_meals: int = 0
 
-    def of_table(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> Iterable[Row]:
-        """The rows of a table, those that count counted on their way."""
+    def count_rows(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> Iterable[Row]:
+        """Return a table's rows; items and meals are counted while they are read."""
         match name:
             case "items":
-                return self._tally_items(columns, rows)
+                return self._count_items(columns, rows)
             case "meals":
-                return self._tally_meals(columns, rows)
+                return self._count_meals(columns, rows)
             case _:
                 return rows
 
-    def _tally_meals(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
+    def _count_meals(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
         latitude = [column.name for column in columns].index("latitude")
         for row in rows:
             self.placed_meals += row[latitude] is not None
             yield row
 
-    def _tally_items(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
+    def _count_items(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
         place = {column.name: number for number, column in enumerate(columns)}
         run, method = place["pipeline_version"], place["method"]
         key, version, table = place["food_key"], place["food_version"], place["food_table"]
@@ -73,8 +107,8 @@ class Contents:
                 self.foods.add(cast("UsedFood", (row[key], row[version], row[table])))
             yield row
 
-    def told(self) -> dict[str, Any]:
-        """As release.json has them: how many items each."""
+    def as_json(self) -> ContentsJson:
+        """Return the contents as release.json has them."""
         return {
             "pipeline_versions": dict(sorted(self.pipeline_versions.items())),
             "methods": dict(sorted(self.methods.items())),
@@ -85,10 +119,10 @@ class Contents:
 
 
 class ReleaseFiles:
-    """Writes the files one after the other.
+    """Writes a release's files one after the other.
 
-    new_file: a file to write, gone at its end unless it was kept. keep: name, file -> its place. progress: called with
-    the number of rows of each table as they are written.
+    new_file: opens a file that is removed at its end unless it was kept. keep: name, file -> where it was put.
+    progress: called with numbers of written rows.
     """
 
     def __init__(
@@ -99,10 +133,10 @@ class ReleaseFiles:
     ) -> None:
         self.files: dict[str, MadeFile] = {}
         self.columns: dict[str, tuple[Column, ...]] = {}
-        self._new_file, self._place, self._progress = new_file, keep, progress
+        self._new_file, self._keep_file, self._progress = new_file, keep, progress
 
     def add_table(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> None:
-        """`name`.parquet and `name`.csv."""
+        """Write `name`.parquet and `name`.csv."""
         from app.http.tables.table_files import csv_pieces, parquet_pieces  # noqa: PLC0415  # pyarrow
 
         count = 0
@@ -124,19 +158,19 @@ class ReleaseFiles:
             self._keep(f"{name}.csv", text, count)
 
     def add_dictionary(self) -> None:
-        """Every column of every table, by the columns that the tables were written by."""
+        """Write the dictionary of all columns of the tables that were written."""
         part = Part("shared", (Column("table", "word", meaning="The table."), *DICTIONARY_PARTS[0].columns))
         rows = [(name, *entry) for name, columns in sorted(self.columns.items()) for entry in entries(columns)]
         with self._new_file() as file:
             file.write_all(encode_csv((part,), [[PartOfBatch(part, rows)]]))
             self._keep(DICTIONARY, file, len(rows))
 
-    def add_manifest(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """release.json: what is told, the files, the tables' columns, the checksum. Returns it."""
+    def add_manifest(self, facts: Mapping[str, object]) -> None:
+        """Write release.json: the facts, the tables' columns, the files, the checksum."""
         manifest = {
             "format": FORMAT,
-            **told,
-            "tables": {name: [_column_told(column) for column in columns] for name, columns in self.columns.items()},
+            **facts,
+            "tables": {name: [asdict(column) for column in columns] for name, columns in self.columns.items()},
             "files": [
                 {"name": file.name, "rows": file.rows, "bytes": file.bytes, "sha256": file.sha256}
                 for _, file in sorted(self.files.items())
@@ -146,28 +180,18 @@ class ReleaseFiles:
         with self._new_file() as file:
             file.write_all([json.dumps(manifest, indent=1, ensure_ascii=False).encode() + b"\n"])
             self._keep(MANIFEST, file, None)
-        return manifest
 
     @property
     def checksum(self) -> str:
-        """Over all files but release.json."""
+        """The release's checksum, over all files but release.json."""
         return checksum_of({file.name: file.sha256 for file in self.files.values()})
 
     def _keep(self, name: str, file: StagedFile, rows: int | None) -> None:
         length, sha256 = file.length, file.sha256
-        self.files[name] = MadeFile(name, rows, length, sha256, self._place(name, file))
+        self.files[name] = MadeFile(name, rows, length, sha256, self._keep_file(name, file))
 
 
 def checksum_of(sha256s: Mapping[str, str]) -> str:
-    """Of a release whose files have these SHA-256, by name."""
+    """Return the checksum of a release. sha256s: by file name."""
     lines = sorted(f"{sha256}  {name}\n" for name, sha256 in sha256s.items() if name != MANIFEST)
     return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
-def columns_told(manifest: Mapping[str, Any], table: str) -> tuple[Column, ...]:
-    """A table's columns, as its release.json tells them."""
-    return tuple(Column(**{**one, "values": tuple(one["values"])}) for one in manifest["tables"][table])
-
-
-def _column_told(column: Column) -> dict[str, Any]:
-    return {**asdict(column), "values": list(column.values)}

@@ -1,9 +1,9 @@
-"""What a side process does for a release: freezes it, or writes it anew without what was erased.
+"""Freezing a release, or rewriting it without erased data, in the side process.
 
-As with exports it counts only by the last transaction (file_runner.py): there the claim must still be ours, and of a
-release that is frozen nothing may have been erased since the moment; of one that is changed nothing more may wait to be
-taken out. A change is tried until it is done, however often it fails: until then the release is not served. Only files
-that are what was frozen are changed: a damaged one would give other figures under a checksum of their own.
+As for exports, only the last transaction counts (file_runner.py): the claim must still hold; for a new release nothing
+may have been erased since the snapshot; for a changed one no further removal may be pending. A change is retried until
+it succeeds, and the release is not served until then. Only undamaged files are rewritten: a damaged one would give
+wrong figures under a valid checksum.
 """
 
 import hashlib
@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pydantic import JsonValue
 from sqlalchemy.orm import Session
 
 import app
@@ -27,25 +28,25 @@ from app.people.models import Staff, Study
 from app.releases import queries as releases
 from app.releases.alter_release import ReleaseAlteration, Verdicts
 from app.releases.freeze_release import filters_of_json, freeze
-from app.releases.release_files import MANIFEST, ReleaseFiles
+from app.releases.release_files import MANIFEST, FormerChecksum, Manifest, ReleaseFiles
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
-PROTOCOL = (  # what a study's protocol tells of how the data came about
+PROTOCOL = (  # parts of a study's protocol that explain the data
     *("code", "name", "marker", "expects_after_pair", "after_window_minutes", "location_policy", "location_decimals"),
     *("withdrawal_policy", "retention_days", "gives_feedback", "day_starts_minutes", "version"),
 )
 
 
 class FilesLostError(TadaError):
-    """A file of a release is not in the store, or not what was frozen: unless it is put back, nobody can change it."""
+    """A file of a release is missing or damaged in the store: the release cannot be changed until it is restored."""
 
     code = "release_files_missing"
 
 
 def make_release(attempt: Attempt[Release], box: SecretBox) -> bool:
-    """Freeze a release, or write it anew without what was erased.
+    """Freeze a release, or rewrite it without erased data.
 
-    Returns whether it is ready; False: it begins again. Raises ClaimLostError, FilesLostError, and what goes wrong.
+    Returns whether it is ready; False if it has to begin again. Raises ClaimLostError, FilesLostError and others.
     """
     files = ReleaseFiles(attempt.new_file, lambda name, file: attempt.seal(file, name), attempt.life.count_rows)
     return _alter(attempt, box, files) if attempt.work.state == "changing" else _freeze(attempt, files)
@@ -58,7 +59,7 @@ def _freeze(attempt: Attempt[Release], files: ReleaseFiles) -> bool:
         study = session.get_one(Study, release.study_id)
         frozen_at = datetime.now(UTC)
         contents = freeze(session, study.id, study.code, filters_of_json(release.filters), files)
-        told = {
+        facts = {
             "study": study.code,
             "name": release.name,
             "note": release.note,
@@ -68,10 +69,10 @@ def _freeze(attempt: Attempt[Release], files: ReleaseFiles) -> bool:
             "frozen_by": session.get_one(Staff, release.staff_id).name,
             "change_seq": moment.change_seq,
             "program": app.__version__,
-            "contents": contents.told(),
+            "contents": contents.as_json(),
             "altered": [],
         }
-    files.add_manifest(told)
+    files.add_manifest(facts)
 
     def end(session: Session, held: Release) -> None:
         held.frozen_at, held.at_change_seq = frozen_at, moment.change_seq
@@ -88,19 +89,22 @@ def _alter(attempt: Attempt[Release], box: SecretBox, files: ReleaseFiles) -> bo
         frozen = {file.name: file for file in releases.files_of(session, release.id)}
     done = {change.id for change in changes}
     with TemporaryDirectory(prefix="made-", dir=blobs.staging_folder()) as folder:
-        fetched = _Fetched(blobs, frozen, Path(folder))
-        manifest = json.loads(fetched(MANIFEST).read_bytes())
-        alteration = ReleaseAlteration(manifest, fetched, Verdicts(box, changes))
-        is_met, now = alteration.is_met(), datetime.now(UTC)
-        if is_met:
+        fetch_file = _FrozenFiles(blobs, frozen, Path(folder))
+        values: dict[str, JsonValue] = json.loads(fetch_file(MANIFEST).read_bytes())
+        manifest = Manifest.model_validate(values)
+        alteration = ReleaseAlteration(manifest, fetch_file, Verdicts(box, changes))
+        is_affected, now = alteration.is_affected(), datetime.now(UTC)
+        if is_affected:
             contents = alteration.write(files)
-            told = {name: manifest[name] for name in manifest if name not in ("format", "tables", "files")}
-            former = [*manifest["altered"], {"checksum": manifest["checksum"], "until": now.isoformat()}]
-            files.add_manifest(told | {"contents": contents.told(), "altered": former})
+            facts = {name: value for name, value in values.items() if name not in ("format", "tables", "files")}
+            former = [*manifest.altered, FormerChecksum(checksum=manifest.checksum, until=now.isoformat())]
+            files.add_manifest(
+                {**facts, "contents": contents.as_json(), "altered": [each.model_dump() for each in former]}
+            )
 
     def end(session: Session, held: Release) -> None:
         releases.forget_changes(session, done)
-        if not is_met:
+        if not is_affected:
             _become_ready(held, [(file.name, file.rows, file.bytes) for file in frozen.values()])
             return
         held.former_checksums = [*held.former_checksums, [held.checksum, now.isoformat()]]
@@ -115,7 +119,7 @@ def _alter(attempt: Attempt[Release], box: SecretBox, files: ReleaseFiles) -> bo
 
 
 def _replace_files(session: Session, held: Release, files: ReleaseFiles) -> None:
-    """The release has these files now, and those that it had are to go."""
+    """Replace the release's files and mark the former ones for deletion."""
     rows = [
         ReleaseFile(
             release_id=held.id,
@@ -141,18 +145,18 @@ def _become_ready(held: Release, files: Sequence[tuple[str, int | None, int]]) -
     held.attempts = 0
 
 
-class _Fetched:
-    """Files of a release as local files, each fetched once and compared with what was frozen."""
+class _FrozenFiles:
+    """Fetches files of a release into a folder, each once, and compares them with their SHA-256."""
 
     def __init__(self, blobs: BlobStore, files: Mapping[str, ReleaseFile], folder: Path) -> None:
         self._blobs, self._files, self._folder = blobs, files, folder
-        self._there: dict[str, Path] = {}
+        self._paths: dict[str, Path] = {}
 
     def __call__(self, name: str) -> Path:
-        """Raises FilesLostError."""
-        if name not in self._there:
-            self._there[name] = self._fetch(name)
-        return self._there[name]
+        """Return the local file. Raises FilesLostError."""
+        if name not in self._paths:
+            self._paths[name] = self._fetch(name)
+        return self._paths[name]
 
     def _fetch(self, name: str) -> Path:
         if name not in self._files:

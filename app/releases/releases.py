@@ -1,6 +1,6 @@
-"""Releases as a study's people see them: asked for by an owner, listed, fetched and checked by whoever sees the study.
+"""Releases: requested by an owner; listed, downloaded and checked by everybody with access to the study.
 
-A release is made by the same process as exports (file_runner.py). Its name is its own for ever; it is never deleted.
+A release is made by the same process as exports (file_runner.py). It is never deleted, and its name is never reused.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from app.people.access.caller import StaffCaller
 from app.people.studies import enter_study
 from app.releases import queries as releases
 from app.releases.freeze_release import ReleaseFilters
-from app.releases.queries import NamedRelease
+from app.releases.queries import ReleaseRow
 from app.releases.release_files import checksum_of
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
@@ -31,17 +31,17 @@ CHANGING_RETRY_SECONDS = 10
 
 @dataclass(frozen=True, slots=True)
 class CheckedFile:
-    """A file of a release as the store has it."""
+    """A file of a release compared with the store. sha256: as frozen."""
 
     name: str
     blob_key: str
     sha256: str
-    found: Literal["whole", "damaged", "missing"]
+    state: Literal["whole", "damaged", "missing"]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedRelease:
-    """Whether a release's files are those that were frozen. checksum: of what the store has, None where files lack."""
+    """A release's files compared with the store. checksum: of the store's files, None if some are missing."""
 
     release: Release
     files: list[CheckedFile]
@@ -49,30 +49,29 @@ class CheckedRelease:
 
     @property
     def is_whole(self) -> bool:
-        """Every file is there as it was frozen, and they come to the checksum."""
-        return self.checksum == self.release.checksum and all(file.found == "whole" for file in self.files)
+        """Whether every file is as it was frozen, and the checksum matches."""
+        return self.checksum == self.release.checksum and all(file.state == "whole" for file in self.files)
 
 
 def request_release(
     database: Database, caller: StaffCaller, study_code: str, *, name: str, note: str, filters: ReleaseFilters
-) -> NamedRelease:
-    """Freeze the study's data under a name: a worker does it soon.
+) -> ReleaseRow:
+    """Request a release of the study's data, which a worker makes.
 
     Raises NotFoundError, InvalidInputError (`days_reversed`), ConflictError (`release_exists`). A name whose release
-    failed was never anybody's: it may be asked for again.
+    was never made may be used again.
     """
-    first_day, last_day = filters.first_day, filters.last_day
-    require_order(first_day, last_day)
+    require_order(filters.first_day, filters.last_day)
     taken = ConflictError(f"The study has a release {name!r}, or is making it.", code="release_exists")
     now = datetime.now(UTC)
     try:
         with database.write() as session:
             study = enter_study(session, caller, study_code)
-            there = releases.find_release(session, study.id, name, lock=True)
-            if there is not None and (there.release.state != "failed" or there.release.checksum is not None):
+            existing = releases.find_release(session, study.id, name, lock=True)
+            if existing is not None and (existing.release.state != "failed" or existing.release.checksum is not None):
                 raise taken
-            if there is not None:
-                session.delete(there.release)
+            if existing is not None:
+                session.delete(existing.release)
                 session.flush()
             release = Release(
                 id=uuid.uuid4(),
@@ -80,7 +79,7 @@ def request_release(
                 staff_id=caller.staff_id,
                 name=name,
                 note=note,
-                filters=filters.told(),
+                filters=filters.as_json(),
                 state="queued",
                 attempts=0,
                 rows_written=0,
@@ -90,16 +89,16 @@ def request_release(
             )
             session.add(release)
             session.flush()
-            audit.note(session, caller, "release.request", study_id=study.id, subject=name, filters=filters.told())
+            audit.note(session, caller, "release.request", study_id=study.id, subject=name, filters=filters.as_json())
     except IntegrityError:  # the same name at the same moment
         raise taken from None
-    return NamedRelease(release, caller.name, [])
+    return ReleaseRow(release, caller.name, [])
 
 
 def list_releases(
     database: Database, caller: StaffCaller, study_code: str, *, cursor: str | None, limit: int
-) -> Page[NamedRelease]:
-    """A study's releases, the newest first. Raises NotFoundError, InvalidInputError for a cursor of another list."""
+) -> Page[ReleaseRow]:
+    """Return a study's releases, newest first. Raises NotFoundError, InvalidInputError for a cursor of another list."""
     listed = f"releases of {study_code}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
@@ -108,40 +107,40 @@ def list_releases(
     return page_of(listed, rows, limit, lambda row: (row.release.requested_at, row.release.id))
 
 
-def read_release(database: Database, caller: StaffCaller, study_code: str, name: str) -> NamedRelease:
-    """One release. Raises NotFoundError."""
+def read_release(database: Database, caller: StaffCaller, study_code: str, name: str) -> ReleaseRow:
+    """Return a release. Raises NotFoundError."""
     with database.read() as session:
         return _find(session, caller, study_code, name)
 
 
 def open_release_file(database: Database, caller: StaffCaller, study_code: str, name: str, file: str) -> StoredFile:
-    """A file, its fetching noted.
+    """Return a file of a release and record the download in the audit log.
 
     Raises NotFoundError, ConflictError (`release_not_ready`, `release_failed`), UnavailableError (`release_changing`).
     """
     with database.write() as session:
-        found = _find(session, caller, study_code, name)
-        _require_ready(found.release)
-        chosen = next((one for one in found.files if one.name == file), None)
-        if chosen is None:
+        release, _, files = _find(session, caller, study_code, name)
+        _require_ready(release)
+        frozen = next((frozen for frozen in files if frozen.name == file), None)
+        if frozen is None:
             raise NotFoundError("The release has no such file.")
-        audit.note(session, caller, "release.download", study_id=found.release.study_id, subject=name, file=chosen.name)
-        return StoredFile(name=chosen.name, length=chosen.bytes, sha256=chosen.sha256, blob_key=chosen.blob_key)
+        audit.note(session, caller, "release.download", study_id=release.study_id, subject=name, file=frozen.name)
+        return StoredFile(name=frozen.name, length=frozen.bytes, sha256=frozen.sha256, blob_key=frozen.blob_key)
 
 
 def check_release(
     database: Database, blobs: BlobStore, caller: StaffCaller, study_code: str, name: str
 ) -> CheckedRelease:
-    """Read every file of a release back. Raises as open_release_file, and OSError of a store that is away."""
-    found = read_release(database, caller, study_code, name)
-    _require_ready(found.release)
-    return check_files(blobs, found)
+    """Read all files of a release back. Raises as open_release_file, and OSError if the store is unavailable."""
+    row = read_release(database, caller, study_code, name)
+    _require_ready(row.release)
+    return check_files(blobs, row)
 
 
-def check_files(blobs: BlobStore, found: NamedRelease) -> CheckedRelease:
-    """Read every file back and compare."""
+def check_files(blobs: BlobStore, row: ReleaseRow) -> CheckedRelease:
+    """Read all files back and compare them with what was frozen."""
     checked, sha256s = [], dict[str, str]()
-    for file in found.files:
+    for file in row.files:
         sha256 = _sha256_of(blobs, file.blob_key)
         if sha256 is None:
             checked.append(CheckedFile(file.name, file.blob_key, file.sha256, "missing"))
@@ -149,8 +148,8 @@ def check_files(blobs: BlobStore, found: NamedRelease) -> CheckedRelease:
         sha256s[file.name] = sha256
         is_whole = sha256 == file.sha256
         checked.append(CheckedFile(file.name, file.blob_key, file.sha256, "whole" if is_whole else "damaged"))
-    is_all = bool(found.files) and len(sha256s) == len(found.files)
-    return CheckedRelease(found.release, checked, checksum_of(sha256s) if is_all else None)
+    is_complete = bool(row.files) and len(sha256s) == len(row.files)
+    return CheckedRelease(row.release, checked, checksum_of(sha256s) if is_complete else None)
 
 
 def _sha256_of(blobs: BlobStore, key: str) -> str | None:
@@ -165,23 +164,23 @@ def _sha256_of(blobs: BlobStore, key: str) -> str | None:
     return digest.hexdigest()
 
 
-def _find(session: Session, caller: StaffCaller, study_code: str, name: str) -> NamedRelease:
+def _find(session: Session, caller: StaffCaller, study_code: str, name: str) -> ReleaseRow:
     study = enter_study(session, caller, study_code)
-    found = releases.find_release(session, study.id, name)
-    if found is None:
+    row = releases.find_release(session, study.id, name)
+    if row is None:
         raise NotFoundError("There is no such release in this study.")
-    return found
+    return row
 
 
 def _require_ready(release: Release) -> None:
     match release.state:
         case "queued" | "running":
-            raise ConflictError("The release is not made yet: ask again later.", code="release_not_ready")
+            raise ConflictError("The release is not ready yet: try again later.", code="release_not_ready")
         case "failed":
-            raise ConflictError("The release could not be made; it tells why.", code="release_failed")
+            raise ConflictError("The release could not be made; its `failure` says why.", code="release_failed")
         case "changing":
             raise UnavailableError(
-                "Something in the release was erased: its files are being written without it.",
+                "Something in the release was erased: its files are being rewritten without it.",
                 code="release_changing",
                 retry_after_seconds=CHANGING_RETRY_SECONDS,
             )

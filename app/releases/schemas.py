@@ -1,4 +1,4 @@
-"""Releases over the wire."""
+"""Schemas of releases."""
 
 from datetime import datetime
 from typing import Annotated, Any, Literal
@@ -9,6 +9,7 @@ from app.exports.release_models import ReleaseState
 from app.http.field_descriptions import FILTERS, NEXT, PAGE
 from app.http.text_schemas import LocalDay, Text
 from app.meals.record_models import RecordStatus
+from app.releases.freeze_release import ReleaseFilters
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")]
 
@@ -31,6 +32,10 @@ class ReleaseIn(BaseModel):
     statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
         default=[], description="Of items, any of these; none: all. With some there is no table of days."
     )
+
+    def as_filters(self) -> ReleaseFilters:
+        """Return the filters, each status once."""
+        return ReleaseFilters(self.first_day, self.last_day, tuple(sorted(set(self.statuses))))
 
 
 class ReleaseFileOut(BaseModel):

@@ -71,7 +71,7 @@ def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, mea
     assert page.input_value(f"#food-{item}").startswith("Banana")
     page.keyboard.press("Enter")
     page.wait_for_selector(f"#item-{item} .status-corrected")
-    assert "Food: noted." in page.inner_text("#said")
+    assert "Food: saved." in page.inner_text("#said")
     assert page.evaluate("document.activeElement.id") == f"item-{item}"
     assert "Banana" in page.inner_text(f"#name-{item}")
     assert second(served, meal)["food"]["name"].startswith("Banana")

@@ -1,1 +1,1 @@
-"""Pages of a study's figures and files: overview, exports, releases."""
+"""Pages of a study's data: overview, exports, releases."""

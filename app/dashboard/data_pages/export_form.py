@@ -1,4 +1,4 @@
-"""The form of an export: what is asked for, by the API's names, from an address or a form's fields."""
+"""The form of an export: reads an address's or a form's fields, by the API's names, into the API's schema."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from app.meals.models import AfterStatus, MealStatus
 from app.meals.record_models import RecordStatus
 
 TABLES: Final = (("items", "Items"), ("meals", "Meals"), ("days", "Days"), ("photographs", "Photographs"))
-SAID_ONCE: Final = ("participant", "from", "to", "origin", "needs")
-USUAL: Final = {"rows": "items", "layout": "wide", "components": "headline", "format": "csv", "provenance": "true"}
-TYPED: Final = ("food", "failure")  # several in one field, blanks between
-CHOSEN: Final = ("status", "flag", "after_status")  # a field each
+SINGLE: Final = ("participant", "from", "to", "origin", "needs")
+DEFAULTS: Final = {"rows": "items", "layout": "wide", "components": "headline", "format": "csv", "provenance": "true"}
+TYPED: Final = ("food", "failure")  # several values in one field, separated by blanks
+CHECKED: Final = ("status", "flag", "after_status")  # one checkbox per value
 ITEM_STATUSES, MEAL_STATUSES = get_args(RecordStatus), get_args(MealStatus)
 STATUSES: Mapping[str, Sequence[str]] = {
     "items": ITEM_STATUSES,
@@ -37,113 +37,108 @@ FORMATS: Mapping[str, Sequence[str]] = {
     "photographs": ("csv", "parquet", "ndjson"),
 }
 
-Told = Mapping[str, Sequence[str]]
+Values = Mapping[str, Sequence[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """told: the values that were chosen, by the API's names.
+    """values: as entered, by the API's names. spec: None if they are refused; wrong: field -> why."""
 
-    spec: None where it cannot be; wrong: why, by field.
-    """
-
-    told: Told
+    values: Values
     spec: ExportSpec | None
     wrong: Mapping[str, str]
 
     @property
     def rows(self) -> str:
-        """Which table."""
-        return self.told["rows"][0]
+        """The table."""
+        return self.values["rows"][0]
 
     @property
     def filters(self) -> frozenset[str]:
-        """The filters that the table has, by the API's names."""
+        """The table's filters, by the API's names."""
         return frozenset(WIRE_NAMES[name] for name in FILTERS[_rows(self.rows)])
 
     @property
     def statuses(self) -> Sequence[str]:
-        """Those that its rows may have."""
+        """The statuses that the table's rows may have."""
         return STATUSES[self.rows]
 
     @property
     def formats(self) -> Sequence[str]:
-        """Those that the table is offered in."""
+        """The formats in which the table is offered."""
         return FORMATS[self.rows]
 
     def query(self, **changes: str) -> str:
-        """The choice as an address's query; with changes, which may be of another table."""
-        told = {**self.told, **{name: [value] for name, value in changes.items()}}
-        return urlencode([(name, value) for name, values in told.items() for value in values])
+        """Encode the choice as an address's query, with changes."""
+        values = {**self.values, **{name: [value] for name, value in changes.items()}}
+        return urlencode([(name, text) for name, texts in values.items() for text in texts])
 
 
 def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_others: bool = False) -> Choice:
-    """What fields say. drop_others: what the table does not have is left out, as when another table is looked at."""
-    told = _told(fields)
+    """Read the fields. drop_others: ignore what the table does not have, as when switching to another table."""
+    values = _values(fields)
     if drop_others:
-        told = _fitting(told)
-    wrong = _unknown(told)
+        values = _offered(values)
+    wrong = _unknown(values)
     body: ExportIn | None = None
     try:
-        body = ExportIn.model_validate(_body(told))
+        body = ExportIn.model_validate(_body(values))
     except ValidationError as error:
-        wrong = {_field(one["loc"]): sentence(one["type"], one["msg"]) for one in error.errors()} | wrong
+        wrong = {_field(part["loc"]): sentence(part["type"], part["msg"]) for part in error.errors()} | wrong
     if body is None or wrong:
-        return Choice({**told, "rows": [_rows(told["rows"][0])]}, None, wrong)
+        return Choice({**values, "rows": [_rows(values["rows"][0])]}, None, wrong)
     spec = body.as_spec(study)
     try:
         check_spec(spec)
     except InvalidInputError as error:
-        return Choice(told, None, {"": error.message})
-    return Choice(told, spec, {})
+        return Choice(values, None, {"": error.message})
+    return Choice(values, spec, {})
 
 
-def _told(fields: ImmutableMultiDict[str, object]) -> Told:
-    told = {name: [str(fields.get(name) or usual).strip()] for name, usual in USUAL.items()}
-    told |= {name: [text for text in [str(fields.get(name) or "").strip()] if text] for name in SAID_ONCE}
-    told |= {name: " ".join(map(str, fields.getlist(name))).replace(",", " ").split() for name in TYPED}
-    return told | {name: [str(value) for value in fields.getlist(name) if value] for name in CHOSEN}
+def _values(fields: ImmutableMultiDict[str, object]) -> Values:
+    values = {name: [str(fields.get(name) or default).strip()] for name, default in DEFAULTS.items()}
+    values |= {name: [text for text in [str(fields.get(name) or "").strip()] if text] for name in SINGLE}
+    values |= {name: " ".join(map(str, fields.getlist(name))).replace(",", " ").split() for name in TYPED}
+    return values | {name: [str(value) for value in fields.getlist(name) if value] for name in CHECKED}
 
 
-def _fitting(told: Told) -> Told:
-    """Without filters, statuses and formats that the table does not have."""
-    rows = _rows(told["rows"][0])
-    offered = {*USUAL, *(WIRE_NAMES[name] for name in FILTERS[rows])}
-    kept = {name: values if name in offered else [] for name, values in told.items()}
+def _offered(values: Values) -> Values:
+    """Drop filters, statuses and formats that the table does not have."""
+    rows = _rows(values["rows"][0])
+    offered = {*DEFAULTS, *(WIRE_NAMES[name] for name in FILTERS[rows])}
+    kept = {name: texts if name in offered else [] for name, texts in values.items()}
     kept |= {"rows": [rows], "status": [status for status in kept["status"] if status in STATUSES[rows]]}
-    if told["format"][0] not in FORMATS[rows]:
+    if values["format"][0] not in FORMATS[rows]:
         kept["format"] = ["csv"]
     if rows == "photographs":
         kept |= {"layout": ["wide"], "components": ["headline"]}
     return kept
 
 
-def _unknown(told: Told) -> dict[str, str]:
-    """Words that no row has would leave an empty file: they are refused."""
-    rows = told["rows"][0]
+def _unknown(values: Values) -> dict[str, str]:
+    """Refuse values that no row can have: the file would be empty."""
+    rows = values["rows"][0]
     options = {**OPTIONS, "status": STATUSES.get(rows, ())}
     return {
         name: f"There is no {value!r}."
-        for name in CHOSEN
-        for value in told[name]
+        for name in CHECKED
+        for value in values[name]
         if value not in options[name] and rows != "days"
     }
 
 
-def _body(told: Told) -> dict[str, object]:
+def _body(values: Values) -> dict[str, object]:
     filters = {
-        name: values[0] if name in SAID_ONCE else values
-        for name, values in told.items()
-        if values and name not in USUAL
+        name: texts[0] if name in SINGLE else texts for name, texts in values.items() if texts and name not in DEFAULTS
     }
-    return {name: told[name][0] for name in USUAL} | {"filters": filters}
+    return {name: values[name][0] for name in DEFAULTS} | {"filters": filters}
 
 
-def _rows(told: str) -> Rows:
-    return next((rows for rows in get_args(Rows) if rows == told), "items")
+def _rows(name: str) -> Rows:
+    return next((rows for rows in get_args(Rows) if rows == name), "items")
 
 
-def _field(place: Sequence[int | str]) -> str:
-    named = [str(part) for part in place if isinstance(part, str) and part != "filters"]
+def _field(loc: Sequence[int | str]) -> str:
+    names = [part for part in loc if isinstance(part, str) and part != "filters"]
     wire = {"first_day": "from", "last_day": "to"}
-    return wire.get(named[0], named[0]) if named else ""
+    return wire.get(names[0], names[0]) if names else ""

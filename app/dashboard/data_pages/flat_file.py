@@ -1,4 +1,4 @@
-"""A table of a page as a file to keep: the rows that the page shows, in full."""
+"""A page's table as a CSV file."""
 
 import re
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from app.http.tables.media_types import MEDIA_TYPES
 
 
 def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:
-    """Rows of a schema as CSV. name: of the file, without its ending; what no file name should hold becomes `-`."""
-    told = [row.model_dump(mode="json", by_alias=True) for row in rows]
-    plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
+    """Return rows of a schema as CSV. name: the file's, without its extension; unsafe characters become `-`."""
+    records = [row.model_dump(mode="json", by_alias=True) for row in rows]
+    safe_name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     return Response(
-        b"".join(encode_flat("csv", flat_paths(model, told), told)),
+        b"".join(encode_flat("csv", flat_paths(model, records), records)),
         media_type=MEDIA_TYPES["csv"],
-        headers={"Content-Disposition": f'attachment; filename="{plain}.csv"'},
+        headers={"Content-Disposition": f'attachment; filename="{safe_name}.csv"'},
     )

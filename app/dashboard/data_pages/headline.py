@@ -1,4 +1,4 @@
-"""The ten components that a record holds itself, as pages name them."""
+"""The ten headline components of a record, with their names on pages."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from app.meals.record_models import HEADLINE_COLUMNS
 
 
 class Headline(NamedTuple):
-    """A column of a record, what it is called, and its unit, which stands at the column's end."""
+    """A record's column, its name on pages, and its unit, which is the column's suffix."""
 
     column: str
     name: str

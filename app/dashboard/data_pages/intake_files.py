@@ -1,4 +1,4 @@
-"""The tables of mean intakes and of adequacy as files: the API's own lists, fetched by the link of a page."""
+"""Mean intakes and adequacy as files: the API's lists under the pages' addresses."""
 
 from fastapi import APIRouter
 

@@ -1,4 +1,4 @@
-"""A study at a glance: who takes part, what waits, days, energy, nutrients, places. Of `study_overview` alone."""
+"""The overview of a study: participation, waiting meals, days, energy, nutrients, places (`study_overview`)."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query
-from pydantic import BeforeValidator
 from starlette.responses import Response
 
 from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.data_pages.overview_charts import day_charts, nutrient_chart
+from app.dashboard.forms import Blank
 from app.dashboard.page import CurrentPage
 from app.diary import overview_api
 from app.diary.overview_api import Part
@@ -33,12 +33,10 @@ router = APIRouter(include_in_schema=False)
 
 PRESETS = (("7", "7 days"), ("28", "28 days"), ("90", "90 days"), ("all", "All"))
 DAYS = {"7": 7, "28": 28, "90": 90, "all": None}
-USUAL = "28"
+DEFAULT_PRESET = "28"
 PLACES_LISTED = 200
 MOVING: tuple[MealStatus, ...] = ("receiving", "queued", "processing")
 
-# a form sends a field that says nothing as ""
-Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
 Preset = Annotated[Literal["7", "28", "90", "all"] | None, Blank]
 FirstDay = Annotated[LocalDay | None, Query(alias="from"), Blank]
 LastDay = Annotated[LocalDay | None, Query(alias="to"), Blank]
@@ -54,18 +52,16 @@ def get_overview_page(
     last: LastDay = None,
     component: Component = HEADLINES[0].column,
 ) -> Response:
-    """The page, of the days from `from` to `to`; else of so many up to the last that anything is known of."""
-    chosen = "" if first or last else days or USUAL
+    """The overview of the days from `from` to `to`, or of the last days with data."""
     wrong = ""
-    at = next((n for n, each in enumerate(HEADLINES) if each.column == component), 0)
-    column = HEADLINES[at].column
+    headline = next((headline for headline in HEADLINES if headline.column == component), HEADLINES[0])
     try:
-        found = _found(page, study, first, last, days, column)
+        overview = _overview(page, study, first, last, days, headline.column)
     except InvalidInputError as error:
-        found, wrong = _found(page, study, None, None, USUAL, column), error.message
-    nutrient = next(each for each in found.nutrients if each.component == column)
-    charts = day_charts(found.days) | {"nutrient": nutrient_chart(nutrient, HEADLINES[at])}
-    window = {"from": found.first_day.isoformat(), "to": found.last_day.isoformat()}
+        overview, wrong = _overview(page, study, None, None, DEFAULT_PRESET, headline.column), error.message
+    nutrient = next(nutrient for nutrient in overview.nutrients if nutrient.component == headline.column)
+    charts = day_charts(overview.days) | {"nutrient": nutrient_chart(nutrient, headline)}
+    window = {"from": overview.first_day.isoformat(), "to": overview.last_day.isoformat()}
 
     def file(part: Part, output: str = "csv") -> str:
         return f"{study_address(study, 'overview')}?{urlencode(window | {'format': output, 'part': part})}"
@@ -73,22 +69,22 @@ def get_overview_page(
     return page.render(
         "overview.html",
         status=422 if wrong else 200,
-        found=found,
-        waiting=found.waiting,
-        failures=found.failures,
-        is_moving=_is_moving(found.waiting),
-        chosen=chosen,
+        overview=overview,
+        waiting=overview.waiting,
+        failures=overview.failures,
+        is_moving=_is_moving(overview.waiting),
+        chosen="" if first or last else days or DEFAULT_PRESET,
         presets=PRESETS,
-        typed={"from": first, "to": last} if first or last else window,
+        entered={"from": first, "to": last} if first or last else window,
         wrong=wrong,
-        days=found.days,
+        days=overview.days,
         charts={name: asdict(chart) for name, chart in charts.items()},
         headlines=HEADLINES,
-        headline=HEADLINES[at],
+        headline=headline,
         nutrient=nutrient,
         listed=PLACES_LISTED,
-        points=_points(found),
-        persons=_persons(found),
+        points=_map_points(overview),
+        participant_days=_participant_days(overview),
         file=file,
     )
 
@@ -102,38 +98,41 @@ def get_overview_file(
     output: Annotated[Literal["json", "csv", "ndjson"], Query(alias="format")] = "json",
     part: Part | None = None,
 ) -> Response:
-    """The page's figures as the API has them, or a table of them as a file."""
+    """The page's figures as the API returns them, or one of their tables as a file."""
     return overview_api.get_overview(study, page.state, page.caller, first, last, output, part)
 
 
 @router.get(f"{STUDY_PAGES}/waiting")
 def get_waiting(page: CurrentPage, study: str) -> Response:
-    """What waits at this moment: the page asks for it again and again."""
+    """The waiting meals; the page polls them."""
     waiting, failures = study_waiting(page.state.database, page.caller, study)
     return page.render("overview_waiting.html", waiting=waiting, failures=failures, is_moving=_is_moving(waiting))
 
 
-def _found(
+def _overview(
     page: CurrentPage, study: str, first: date | None, last: date | None, days: str | None, column: str
 ) -> StudyOverview:
-    length = DAYS[days or USUAL] if first is None and last is None else DEFAULT_DAYS
+    length = DAYS[days or DEFAULT_PRESET] if first is None and last is None else DEFAULT_DAYS
     return study_overview(
         page.state.database, page.caller, study, first_day=first, last_day=last, days=length, binned=column
     )
 
 
-def _persons(found: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
-    """Participant -> day -> what is known of it; those of whom nothing is known or expected are not there."""
-    persons: dict[str, dict[date, DayOfPerson]] = {}
-    for each in found.person_days:
-        persons.setdefault(each.participant, {})[each.local_date] = each
-    return persons
+def _participant_days(overview: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
+    """Return participant -> local day -> summary, without days that have no data and expect none."""
+    by_participant: dict[str, dict[date, DayOfPerson]] = {}
+    for day in overview.person_days:
+        by_participant.setdefault(day.participant, {})[day.local_date] = day
+    return by_participant
 
 
 def _is_moving(waiting: Mapping[CountedStatus, int]) -> bool:
     return any(waiting[status] for status in MOVING)
 
 
-def _points(found: StudyOverview) -> list[tuple[object, ...]]:
-    """What the map takes: latitude, longitude, participant, local day, the meal's id."""
-    return [(each.latitude, each.longitude, each.participant, each.local_date, each.meal_id) for each in found.places]
+def _map_points(overview: StudyOverview) -> list[tuple[object, ...]]:
+    """Return (latitude, longitude, participant, local day, meal id) for each point of the map."""
+    return [
+        (place.latitude, place.longitude, place.participant, place.local_date, place.meal_id)
+        for place in overview.places
+    ]

@@ -1,4 +1,4 @@
-"""The overview's charts as static/charts.js takes them: figures of the overview, none computed here but percentages."""
+"""The overview's charts in the form that static/charts.js takes; only percentages are computed here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from app.diary.study_overview import OverviewDay
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Values, None where there is none. counts: of how many days each value is."""
+    """A series of values, None for gaps. counts: the number of days behind each value."""
 
     label: str
     values: Sequence[float | None]
@@ -22,7 +22,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A line at a value of the x axis."""
+    """A vertical line at a value of the x axis."""
 
     label: str
     at: float
@@ -32,7 +32,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """A chart of days (labels) or of bins (edges). whole: counts, so no fractions on the y axis. low: not tall."""
+    """A chart of days (labels) or of bins (edges). whole: no fractions on the y axis. low: of small height."""
 
     kind: str = "days"
     caption: str
@@ -48,7 +48,7 @@ class Chart:
 
 
 def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
-    """Name -> chart of the window's days."""
+    """Return name -> chart of the window's days."""
     labels = [day.local_date.isoformat() for day in days]
     late = [None if day.late_share is None else 100 * day.late_share for day in days]
     return {
@@ -77,7 +77,7 @@ def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
             low=True,
         ),
         "delay": Chart(
-            caption="Median delay a day",
+            caption="Median delay per day",
             unit="s",
             labels=labels,
             series=[Series("Median delay", [day.median_delay_seconds for day in days], "series-3", "line")],
@@ -108,7 +108,7 @@ def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
 
 
 def nutrient_chart(nutrient: Distribution, headline: Headline) -> Chart:
-    """How a nutrient lies over whole days, with its mean and median."""
+    """Return the distribution of a nutrient over whole days, with its mean and median."""
     marks = []
     if nutrient.mean is not None:
         marks.append(Mark("mean", nutrient.mean, "series-2", ()))

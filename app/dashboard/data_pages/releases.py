@@ -1,7 +1,7 @@
-"""Releases: a study's data frozen under a name; each with its files, checksums, and what it was made of."""
+"""Releases: a study's data frozen under a name, with files, checksums and sources."""
 
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
 
 from fastapi import APIRouter
 from starlette.responses import Response
@@ -9,14 +9,14 @@ from starlette.responses import Response
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.export_form import ITEM_STATUSES
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
+from app.http import paging
 from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
 from app.people.access.page_rules import STUDY_PAGES
 from app.releases import releases
-from app.releases.freeze_release import ReleaseFilters
-from app.releases.queries import NamedRelease
+from app.releases.queries import ReleaseRow
 from app.releases.release_contents import read_contents
 from app.releases.releases import CheckedRelease
 from app.releases.schemas import ReleaseIn
@@ -30,76 +30,76 @@ MOVING = ("queued", "running", "changing")
 
 @router.get(PATH)
 def get_releases_page(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
-    """All of them, the newest first; an owner freezes another."""
+    """The releases, the newest first, and the form for owners to make one."""
     return _releases(page, study, cursor)
 
 
 @router.post(PATH)
 def post_release(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Freeze the data as they are now: a worker does it."""
-    values: dict[str, Any] = typed(fields) | {"statuses": [str(one) for one in fields.getlist("statuses")]}
-    body, wrong = checked(ReleaseIn, values)
-    if body is None:
-        return _releases(page, study, None, values=values, wrong=wrong, status=422)
-    filters = ReleaseFilters(body.first_day, body.last_day, tuple(sorted(set(body.statuses))))
+    """Request a release of the current data, which a worker makes."""
+    values = {**form_values(fields), "statuses": fields.getlist("statuses")}
     try:
+        body = read_form(ReleaseIn, values)
         releases.request_release(
-            page.state.database, page.caller, study, name=body.name, note=body.note, filters=filters
+            page.state.database, page.caller, study, name=body.name, note=body.note, filters=body.as_filters()
         )
-    except ConflictError as error:
-        return _releases(page, study, None, values=values, wrong={"name": error.message}, status=error.status)
-    except InvalidInputError as error:
-        return _releases(page, study, None, values=values, wrong={"": error.message}, status=error.status)
-    return page.go(study_address(study, "releases", body.name), "The study is being frozen; this page follows it.")
+    except (ConflictError, InvalidInputError) as error:
+        wrong = wrong_fields(error, "name" if isinstance(error, ConflictError) else "")
+        return _releases(page, study, None, values=values, wrong=wrong, status=error.status)
+    return page.redirect(
+        study_address(study, "releases", body.name), "The study is being frozen; this page follows it."
+    )
 
 
 @router.get(f"{STUDY_PAGES}/releases-list")
 def get_list(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
-    """The list again, while one of them is being made."""
-    return page.render("releases_list.html", **_list(page, study, cursor))
+    """The list of releases; the page polls it while one is being made."""
+    return page.render("releases_list.html", releases=_list(page, study, cursor), cursor=cursor)
 
 
 @router.get(f"{PATH}/{{name}}")
 def get_release(page: CurrentPage, study: str, name: str) -> Response:
-    """One of them."""
+    """A release."""
     return _release(page, releases.read_release(page.state.database, page.caller, study, name))
 
 
 @router.get(f"{PATH}/{{name}}/state")
 def get_state(page: CurrentPage, study: str, name: str) -> Response:
-    """How it stands: what the page asks again and again. When that is settled the whole page comes."""
-    found = releases.read_release(page.state.database, page.caller, study, name)
-    if page.is_fragment and found.release.state not in MOVING:
-        return page.go(study_address(study, "releases", name))
-    return page.render("release_state.html", found=found, release=found.release, is_moving=_is_moving(found))
+    """The release's state, which the page polls; once it is final the whole page is loaded."""
+    release = releases.read_release(page.state.database, page.caller, study, name).release
+    is_moving = release.state in MOVING
+    if page.is_fragment and not is_moving:
+        return page.redirect(study_address(study, "releases", name))
+    return page.render("release_state.html", release=release, is_moving=is_moving)
 
 
 @router.get(f"{PATH}/{{name}}/check")
 def get_check(page: CurrentPage, study: str, name: str) -> Response:
-    """Its page, after all files were read back and compared with what was frozen."""
-    found = releases.read_release(page.state.database, page.caller, study, name)
-    checked_release = releases.check_release(page.state.database, page.state.blobs, page.caller, study, name)
-    return _release(page, found, checked_release)
+    """The release's page with the result of reading all files back and comparing them with what was frozen."""
+    row = releases.read_release(page.state.database, page.caller, study, name)
+    check = releases.check_release(page.state.database, page.state.blobs, page.caller, study, name)
+    return _release(page, row, check)
 
 
 @router.get(f"{PATH}/{{name}}/files/{{file}}")
 def get_file(page: CurrentPage, study: str, name: str, file: str) -> Response:
-    """A file of it."""
-    found = releases.open_release_file(page.state.database, page.caller, study, name, file)
-    return answer_stored_file(page.request, page.state.blobs, found)
+    """A file of a release."""
+    stored_file = releases.open_release_file(page.state.database, page.caller, study, name, file)
+    return answer_stored_file(page.request, page.state.blobs, stored_file)
 
 
-def _release(page: Page, found: NamedRelease, checked_release: CheckedRelease | None = None) -> Response:
+def _release(page: Page, row: ReleaseRow, check: CheckedRelease | None = None) -> Response:
+    release = row.release
     return page.render(
         "release.html",
-        found=found,
-        release=found.release,
-        files=found.files if found.release.state == "ready" else [],
-        former=[(checksum, datetime.fromisoformat(until)) for checksum, until in found.release.former_checksums],
-        contents=read_contents(page.state.blobs, found),
-        is_moving=_is_moving(found),
-        check=checked_release,
-        state_of={file.name: file.found for file in checked_release.files} if checked_release is not None else {},
+        release=release,
+        requested_by=row.requested_by,
+        files=row.files if release.state == "ready" else [],
+        former=[(checksum, datetime.fromisoformat(until)) for checksum, until in release.former_checksums],
+        contents=read_contents(page.state.blobs, row),
+        is_moving=release.state in MOVING,
+        check=check,
+        file_states={file.name: file.state for file in check.files} if check is not None else {},
     )
 
 
@@ -108,7 +108,7 @@ def _releases(
     study: str,
     cursor: str | None,
     *,
-    values: dict[str, Any] | None = None,
+    values: Mapping[str, object] | None = None,
     wrong: dict[str, str] | None = None,
     status: int = 200,
 ) -> Response:
@@ -118,19 +118,10 @@ def _releases(
         values=values or {},
         wrong=wrong or {},
         statuses=ITEM_STATUSES,
-        **_list(page, study, cursor),
+        releases=_list(page, study, cursor),
+        cursor=cursor,
     )
 
 
-def _list(page: Page, study: str, cursor: str | None) -> dict[str, Any]:
-    found = releases.list_releases(page.state.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE)
-    return {
-        "rows": found.rows,
-        "is_moving": any(_is_moving(one) for one in found.rows),
-        "next": found.cursor,
-        "cursor": cursor,
-    }
-
-
-def _is_moving(found: NamedRelease) -> bool:
-    return found.release.state in MOVING
+def _list(page: Page, study: str, cursor: str | None) -> paging.Page[ReleaseRow]:
+    return releases.list_releases(page.state.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE)

@@ -1,13 +1,13 @@
-"""A measured density as it is typed: two figures, or the specimens, one a line; for a food and for a study's own."""
+"""The fields of a measured density in a form: two figures, or specimens, one per line. For foods and for studies."""
 
 from collections.abc import Callable, Mapping
 
 from app.dashboard.meal_pages.line_fields import WrongFieldError, lines, number, read_fields
 
 
-def density_values(typed: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
-    """(the fields of a MeasuredDensityIn that were filled in, field -> why it cannot be read)."""
-    return read_fields({name: text for name, text in typed.items() if text}, _READERS)
+def density_values(texts: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
+    """Return (values of a MeasuredDensityIn for the fields that are not empty, field -> why it cannot be read)."""
+    return read_fields({name: text for name, text in texts.items() if text}, _READERS)
 
 
 def _specimens(text: str) -> list[dict[str, float]]:

@@ -1,4 +1,4 @@
-"""Forms that make and correct foods, for admins: each change is previewed, has its reason, and makes a new version."""
+"""Forms that create and correct foods, for admins: a change is previewed, needs a reason, and makes a new version."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.food_pages.density_form import density_values
-from app.dashboard.food_pages.food_history import Difference, differences_in_words
+from app.dashboard.food_pages.food_history import Difference, describe_differences
 from app.dashboard.food_pages.food_texts import (
     ADDED_ROWS,
     NUTRIENT,
@@ -19,7 +19,7 @@ from app.dashboard.food_pages.food_texts import (
     texts_of,
 )
 from app.dashboard.food_pages.foods import FOODS, component_table, food_address, food_page
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.refusals import sentence
 from app.foods.api import FoodKey
@@ -46,15 +46,15 @@ PREVIEW_REASON = "a preview"
 
 @router.get(f"{FOODS}/{{key}}/edit")
 def get_edit(page: CurrentPage, key: FoodKey) -> Response:
-    """The food's fields, as they are in force."""
+    """The fields of the food's current version."""
     version = edit_food.read_version(page.state.database, key)
     return _edit_page(page, version, texts_of(version))
 
 
 @router.post(f"{FOODS}/{{key}}/edit")
 def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
-    """Show what would change, or change it."""
-    database, entered = page.state.database, typed(fields)
+    """Preview the changes, or save them."""
+    database, entered = page.state.database, form_values(fields)
     base = edit_food.read_version(database, key, _number(entered.get("base", "")))
     changed = changed_fields(entered, texts_of(base))
     shown = texts_of(base) | entered
@@ -62,16 +62,14 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         return _edit_page(page, base, shown, more=EMPTY_INGREDIENTS)
     is_preview = entered.get("do") != "save"
     values, wrong = body_of(entered, changed, {row.component.number: row.component.unit for row in base.nutrients})
-    body = _validated(
-        FoodPatch, values | {"reason": PREVIEW_REASON if is_preview else entered.get("reason", "")}, wrong
-    )
-    if body is None:
-        return _edit_page(page, base, shown, wrong=wrong, status=422)
-    edit, expected = food_edit(body), frozenset({base.food.id})
+    values["reason"] = PREVIEW_REASON if is_preview else entered.get("reason", "")
+    expected = frozenset({base.food.id})
     try:
+        body = _read_food(FoodPatch, values, wrong)
+        edit = food_edit(body)
         if is_preview:
             differences = edit_food.preview_edit(database, key, edit, expected=expected)
-            return _edit_page(page, base, shown, preview=differences_in_words(differences, base.nutrients))
+            return _edit_page(page, base, shown, preview=describe_differences(differences, base.nutrients))
         view = edit_food.edit_food(database, key, edit, Editor.of(page.caller, body.reason), expected=expected)
     except PreconditionFailedError as error:
         current = edit_food.read_version(database, key)
@@ -81,84 +79,79 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
             page, current, texts_of(current) | added | kept, since=_since(page, base), status=error.status
         )
     except (InvalidInputError, ConflictError) as error:
-        return _edit_page(page, base, shown, wrong={"": error.message}, status=error.status)
+        return _edit_page(page, base, shown, wrong=wrong_fields(error), status=error.status)
     if view.food.id == base.food.id:
-        return page.go(food_address(view.value.key), "Nothing differs: no version was made.")
-    return page.go(food_address(view.value.key), f"Version {view.food.version} is in force. {STAY}")
+        return page.redirect(food_address(view.value.key), "Nothing differs: no version was made.")
+    return page.redirect(food_address(view.value.key), f"Version {view.food.version} is in force. {STAY}")
 
 
 @router.post(f"{FOODS}/{{key}}/restore")
 def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
-    """Put an earlier version back, by a new one that equals it."""
-    entered = typed(fields)
-    values = {"version": _number(entered.get("version", "")) or 0, "reason": entered.get("reason", "")}
-    body, wrong = checked(RestoreIn, values)
-    if body is None:
-        sentence = "; ".join(f"{name}: {why}" for name, why in wrong.items())
-        return food_page(page, key, refused=sentence, reason=values["reason"], status=422)
-    expected = _base(entered)
+    """Restore an earlier version as a new version."""
+    entered = form_values(fields)
+    reason = entered.get("reason", "")
     try:
+        body = read_form(RestoreIn, {"version": _number(entered.get("version", "")) or 0, "reason": reason})
         view = edit_food.restore_food(
-            page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=expected
+            page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=_base(entered)
         )
+    except WrongFormError as error:
+        refused = "; ".join(f"{name}: {text}" for name, text in error.wrong.items())
+        return food_page(page, key, refused=refused, reason=reason, status=error.status)
     except (PreconditionFailedError, ConflictError) as error:
-        return food_page(page, key, refused=error.message, reason=body.reason, status=error.status)
-    return page.go(
-        food_address(view.value.key), f"Version {view.food.version} is as version {body.version} was. {STAY}"
+        return food_page(page, key, refused=error.message, reason=reason, status=error.status)
+    return page.redirect(
+        food_address(view.value.key), f"Version {view.food.version} equals version {body.version}. {STAY}"
     )
 
 
 @router.get(f"{FOODS}/{{key}}/densities")
 def get_density(page: CurrentPage, key: FoodKey) -> Response:
-    """A form for a measured density."""
+    """The form for a measured density."""
     return _density_page(page, key, {}, {})
 
 
 @router.post(f"{FOODS}/{{key}}/densities")
 def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
-    """Add a measured density before the food's others of its worth."""
-    entered = typed(fields)
-    values, wrong = density_values(entered)
-    body, more = checked(MeasuredDensityIn, values)
-    if body is None or wrong:
-        return _density_page(page, key, entered, more | wrong, status=422)
+    """Add a measured density with priority over the food's other measured densities."""
+    entered = form_values(fields)
     try:
+        body = read_form(MeasuredDensityIn, *density_values(entered))
         density, _ = measured_density(body)
         view = edit_food.add_density(
             page.state.database, key, density, Editor.of(page.caller, body.reason), expected=_base(entered)
         )
     except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
-        return _density_page(page, key, entered, {"": error.message}, status=error.status)
-    return page.go(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
+        return _density_page(page, key, entered, wrong_fields(error), status=error.status)
+    return page.redirect(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
 
 
 @router.get(NEW_FOOD)
 def get_new_food(page: CurrentPage) -> Response:
-    """A form for a food, or a dish with its recipe."""
+    """The form for a food, or a dish with its recipe."""
     return _new_page(page, {})
 
 
 @router.post(NEW_FOOD)
 def post_new_food(page: CurrentPage, fields: Fields) -> Response:
-    """Make it."""
-    entered = typed(fields)
+    """Create a food."""
+    entered = form_values(fields)
     if entered.get("do") == "rows":
         return _new_page(page, entered, more=EMPTY_INGREDIENTS)
     changed = frozenset(name for name, text in entered.items() if text) - {"key", "reason", "do"}
     headlines = {numbers[0] for numbers in HEADLINE_NUMBERS}
-    known = frozenset(name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name)
-    values, wrong = body_of(entered, known, {})
-    body = _validated(FoodIn, values | {"key": entered.get("key", ""), "reason": entered.get("reason", "")}, wrong)
-    if body is None:
-        return _new_page(page, entered, wrong=wrong, status=422)
+    offered = frozenset(name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name)
+    values, wrong = body_of(entered, offered, {})
+    values |= {"key": entered.get("key", ""), "reason": entered.get("reason", "")}
     try:
+        body = _read_food(FoodIn, values, wrong)
         view = edit_food.create_food(
             page.state.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
         )
     except (InvalidInputError, ConflictError) as error:
         field = "key" if error.code == "food_exists" else ""
-        return _new_page(page, entered, wrong={field: error.message}, status=error.status)
-    return page.go(food_address(view.value.key), f"{view.value.name} was made.")
+        return _new_page(page, entered, wrong=wrong_fields(error, field), status=error.status)
+    return page.redirect(food_address(view.value.key), f"{view.value.name} was created.")
 
 
 def _edit_page(
@@ -172,7 +165,7 @@ def _edit_page(
     more: int = 0,
     status: int = 200,
 ) -> Response:
-    known = {row.component.number for row in version.nutrients}
+    with_figures = {row.component.number for row in version.nutrients}
     return page.render(
         "food_edit.html",
         status=status,
@@ -183,7 +176,7 @@ def _edit_page(
         preview=preview,
         since=since,
         stay=STAY,
-        **_choices(page, texts, wrong, more, [one for one in COMPONENTS if one.number not in known]),
+        **_choices(page, texts, wrong, more, [part for part in COMPONENTS if part.number not in with_figures]),
     )
 
 
@@ -191,7 +184,7 @@ def _new_page(
     page: Page, texts: Mapping[str, str], *, wrong: Mapping[str, str] | None = None, more: int = 0, status: int = 200
 ) -> Response:
     headlines = [COMPONENT_BY_NUMBER[numbers[0]] for numbers in HEADLINE_NUMBERS]
-    others = [one for one in COMPONENTS if one not in headlines]
+    others = [component for component in COMPONENTS if component not in headlines]
     return page.render(
         "food_new.html", status=status, headlines=headlines, **_choices(page, texts, wrong, more, others)
     )
@@ -206,16 +199,17 @@ def _choices(
         "rows": ingredient_rows(texts) + (more or EMPTY_INGREDIENTS // 2),
         "added": ADDED_ROWS,
         "addable": addable,
-        "groups_known": [group.name for group in food_groups(page.state.database)],
+        "existing_groups": [group.name for group in food_groups(page.state.database)],
         "forms": FOOD_FORMS,
         "states": FOOD_STATES,
         "slice_forms": SLICE_FORMS,
         "food_url": food_address,
-        "worded": _worded,
+        "code_choices": _code_choices,
     }
 
 
-def _worded(codes: Sequence[str]) -> list[tuple[str, str]]:
+def _code_choices(codes: Sequence[str]) -> list[tuple[str, str]]:
+    """Return (code, label) for a list of choices."""
     return [(code, code.replace("_", " ")) for code in codes]
 
 
@@ -229,33 +223,36 @@ def _density_page(
 
 
 def _since(page: Page, base: FoodVersion) -> list[DatedDifferences]:
-    """What others changed since that version, as the history tells it."""
+    """Return what others changed since that version."""
     changes = edit_food.list_changes(page.state.database, base.value.key)
-    later = [found for found in changes if found.food.id > base.food.id]
-    return [(change, differences_in_words(change.differences)) for change in render_changes(later).items]
+    later = [change for change in changes if change.food.id > base.food.id]
+    return [(change, describe_differences(change.differences)) for change in render_changes(later).items]
 
 
-def _validated(model: type[Body], values: Mapping[str, object], wrong: dict[str, str]) -> Body | None:
-    """The body; None where it is wrong: then `wrong` tells which field of the form, and why."""
+def _read_food(model: type[Body], values: Mapping[str, object], wrong: dict[str, str]) -> Body:
+    """As read_form; but an empty field is a value, and errors are named by the form's fields."""
     try:
         body = model.model_validate(values)
     except ValidationError as error:
-        for one in error.errors():
-            field = _field_of(one["loc"])
-            wrong.setdefault(field, _place_in(one["loc"]) + sentence(one["type"], one["msg"]))
-        return None
-    return None if wrong else body
+        first: dict[str, str] = {}
+        for detail in error.errors():
+            text = _place_in(detail["loc"]) + sentence(detail["type"], detail["msg"])
+            first.setdefault(_field_of(detail["loc"]), text)
+        raise WrongFormError(first | wrong) from None
+    if wrong:
+        raise WrongFormError(wrong)
+    return body
 
 
 def _field_of(loc: Sequence[int | str]) -> str:
-    """Where in the form a body's field stands."""
+    """Return the form's field for a place in the body."""
     if loc and loc[0] == "nutrients" and len(loc) > 1:
         return f"{NUTRIENT}{loc[1]}"
     return str(loc[0]) if loc else ""
 
 
 def _place_in(loc: Sequence[int | str]) -> str:
-    """Which line or part of a field is meant: "2, g_per_ml: "; nothing where the field itself is."""
+    """Return the line or part of a field as a prefix, such as "2, g per ml: "; empty for the field itself."""
     if loc and loc[0] == "nutrients":
         return ""
     inner = [str(part + 1) if isinstance(part, int) else part.replace("_", " ") for part in loc[1:]]
@@ -263,7 +260,7 @@ def _place_in(loc: Sequence[int | str]) -> str:
 
 
 def _base(entered: Mapping[str, str]) -> frozenset[int]:
-    """The version that the form was made of."""
+    """Return the version with which the form was opened."""
     return frozenset({_number(entered.get("base", "")) or 0})
 
 

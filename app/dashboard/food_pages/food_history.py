@@ -1,4 +1,4 @@
-"""What changed in a food, as lines that a person reads: the field, what it was, what it is."""
+"""Changes of a food as readable lines: field, old value, new value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ NONE = "none"
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One field of a food that changed. unit: of figures, else empty."""
+    """A changed field of a food. unit: of figures, else empty."""
 
     label: str
     old: str
@@ -22,10 +22,10 @@ class Difference:
     unit: str = ""
 
 
-def differences_in_words(
+def describe_differences(
     differences: Mapping[str, Sequence[object]], rows: Iterable[NutrientRow] = ()
 ) -> list[Difference]:
-    """Field -> (old, new) as lines, figures behind the fields. rows: name components that components.csv lacks."""
+    """Describe field -> (old, new), nutrient figures last. rows: name components that components.csv lacks."""
     components: dict[str, Component | ComponentRow] = {row.component.number: row.component for row in rows}
     components |= COMPONENT_BY_NUMBER
     changed, figures = [], []
@@ -36,7 +36,7 @@ def differences_in_words(
             label, unit = (component.name, str(component.unit)) if component is not None else (number, "")
             figures.append(Difference(label, _figure(old), _figure(new), unit))
         else:
-            changed.append(Difference(name.replace("_", " ").capitalize(), _in_words(name, old), _in_words(name, new)))
+            changed.append(Difference(name.replace("_", " ").capitalize(), _describe(name, old), _describe(name, new)))
     return changed + figures
 
 
@@ -44,8 +44,7 @@ def _figure(value: object) -> str:
     return NOT_KNOWN if value is None else repr(value)
 
 
-def _in_words(field: str, value: Any) -> str:
-    """A field's value in words."""
+def _describe(field: str, value: Any) -> str:
     if value is None or value in ("", [], {}):
         return NONE
     if isinstance(value, bool):
@@ -56,7 +55,7 @@ def _in_words(field: str, value: Any) -> str:
         parts = "; ".join(_part("ingredients", part) for part in value["ingredients"])
         return f"yield {value['yield']}: {parts}"
     if isinstance(value, dict):
-        return "; ".join(f"{name} {one}" for name, one in value.items())
+        return "; ".join(f"{name} {part}" for name, part in value.items())
     return str(value)
 
 
@@ -67,10 +66,10 @@ def _part(field: str, part: Any) -> str:
             f"({part['basis']}: {part['source']})"
         )
     if field == "refuse":
-        return f"{part['part']} {part['percent']} %{'' if part['is_served'] else ', off before it is served'}"
+        return f"{part['part']} {part['percent']} %{'' if part['is_served'] else ', removed before serving'}"
     if field == "portions":
         return f"{part['amount']} {part['measure']} = {part['mass_g']} g"
     if field == "ingredients":
-        kept = ", ".join(f"{number} {share}" for number, share in part["retention"].items())
-        return f"{part['mass_g']} g {part['food_key']}" + (f" (keeps {kept})" if kept else "")
+        retained = ", ".join(f"{number} {share}" for number, share in part["retention"].items())
+        return f"{part['mass_g']} g {part['food_key']}" + (f" (keeps {retained})" if retained else "")
     return str(part)

@@ -1,7 +1,7 @@
-"""A food as a form shows it, field by field as text; and what was typed back into the fields as the API's body.
+"""A food as the texts of a form's fields, and the changed texts as the API's body.
 
-Only what differs from the version that the form was made of is in the body, so that a form does not undo what others
-have corrected meanwhile.
+The body holds only what differs from the version with which the form was opened, so that saving does not undo what
+others have corrected meanwhile.
 """
 
 import re
@@ -21,7 +21,7 @@ _INGREDIENT = re.compile(rf"(?:{'|'.join(INGREDIENT_PARTS)})-(?P<place>\d{{1,3}}
 
 
 def texts_of(version: FoodVersion) -> Texts:
-    """Field -> text."""
+    """Return field -> text."""
     food, recipe = version.value, version.recipe
     texts = {
         **{name: getattr(food, name) or "" for name in ("name", "form", "slice_form", "state")},
@@ -46,20 +46,20 @@ def texts_of(version: FoodVersion) -> Texts:
     return texts | {f"{NUTRIENT}{number_}": shown(content) for number_, content in food.per_100_g.items()}
 
 
-def changed_fields(typed: Mapping[str, str], base: Texts) -> frozenset[str]:
-    """The fields that say something else than they said when the form was made; one that was not sent says nothing."""
-    sent = [name for name in typed if name in base or is_of_recipe(name)]
-    return frozenset(name for name in sent if _plain(typed[name]) != _plain(base.get(name, "")))
+def changed_fields(entered: Mapping[str, str], base: Texts) -> frozenset[str]:
+    """Return the fields whose text differs from the base version's; a field that was not sent is unchanged."""
+    sent = [name for name in entered if name in base or is_of_recipe(name)]
+    return frozenset(name for name in sent if _normalised(entered[name]) != _normalised(base.get(name, "")))
 
 
 def body_of(
-    typed: Mapping[str, str], changed: frozenset[str], units: Mapping[str, str]
+    entered: Mapping[str, str], changed: frozenset[str], units: Mapping[str, str]
 ) -> tuple[dict[str, object], dict[str, str]]:
-    """(the fields of a FoodPatch that the changed fields mean, field -> why it cannot be read).
+    """Return (values of a FoodPatch for the changed fields, field -> why it cannot be read).
 
-    units: component -> unit, of the figures that the form shows.
+    units: component -> unit of the figures that the form shows.
     """
-    texts = {name: typed.get(name, "") for name in changed}
+    texts = {name: entered.get(name, "") for name in changed}
     body, wrong = read_fields(texts, _READERS)
     figures = [  # field, component, figure, unit
         (name, component, texts[name], units.get(component) or COMPONENT_BY_NUMBER[component].unit.value)
@@ -67,14 +67,14 @@ def body_of(
         if (component := name.removeprefix(NUTRIENT)) != name
     ]
     for place in range(ADDED_ROWS):
-        component, figure, unit = (typed.get(f"{part}-{place}", "") for part in ("add", "figure", "unit"))
+        component, figure, unit = (entered.get(f"{part}-{place}", "") for part in ("add", "figure", "unit"))
         if component and figure:
             figures.append((f"figure-{place}", component, figure, unit))
         elif component or figure:
             wrong[f"figure-{place}"] = "Name both the component and its figure."
     nutrients: dict[str, object] = {}
     for field, component, figure, unit in figures:
-        try:  # an emptied field says that the figure is not known
+        try:  # an emptied field means that the figure is not known
             nutrients[component] = {"per_100_g": number(figure), "unit": unit} if figure else None
         except WrongFieldError as error:
             wrong[field] = str(error)
@@ -82,24 +82,24 @@ def body_of(
         body["nutrients"] = nutrients
     if any(is_of_recipe(name) for name in changed):
         try:
-            body["recipe"] = _recipe(typed)
+            body["recipe"] = _recipe(entered)
         except WrongFieldError as error:
             wrong["recipe"] = str(error)
     return body, wrong
 
 
 def is_of_recipe(field: str) -> bool:
-    """Whether a field tells of the recipe."""
+    """Whether a field belongs to the recipe."""
     return field == "yield_factor" or _INGREDIENT.fullmatch(field) is not None
 
 
-def ingredient_rows(typed: Mapping[str, str]) -> int:
-    """How many rows of ingredients there are, up to the last one that says something."""
-    found = (_INGREDIENT.fullmatch(name) for name, text in typed.items() if text)
-    return max((int(match["place"]) + 1 for match in found if match is not None), default=0)
+def ingredient_rows(entered: Mapping[str, str]) -> int:
+    """Return the number of ingredient rows, up to the last one that is not empty."""
+    matches = (_INGREDIENT.fullmatch(name) for name, text in entered.items() if text)
+    return max((int(match["place"]) + 1 for match in matches if match is not None), default=0)
 
 
-def _plain(text: str) -> str:
+def _normalised(text: str) -> str:
     return "\n".join(line.strip() for line in text.strip().splitlines())
 
 
@@ -112,12 +112,12 @@ def _densities(text: str) -> list[dict[str, object]]:
 
 def _refuse(text: str) -> list[dict[str, object]]:
     return [
-        {"part": row["part"], "percent": number(row["percent"]), "is_served": _yes(row.get("is_served", "yes"))}
+        {"part": row["part"], "percent": number(row["percent"]), "is_served": _is_yes(row.get("is_served", "yes"))}
         for row in entries(text, ("part", "percent", "is_served"), needed=2)
     ]
 
 
-def _yes(text: str) -> bool:
+def _is_yes(text: str) -> bool:
     if text.lower() not in ("yes", "no", ""):
         raise WrongFieldError(f"“{text[:40]}”: write yes or no.")
     return text.lower() != "no"
@@ -128,7 +128,7 @@ def _portions(text: str) -> list[dict[str, object]]:
 
 
 def _portion(line: str) -> dict[str, object]:
-    """A measure may have semicolons in it: the amount is before the first, the mass behind the last."""
+    """Read amount; measure; mass_g. The measure may contain semicolons."""
     amount, first, rest = line.partition(";")
     measure, last, mass = rest.rpartition(";")
     if not first or not last:
@@ -140,31 +140,33 @@ def _source_ids(text: str) -> dict[str, str]:
     return {row["system"]: row["code"] for row in entries(text, ("system", "code"))}
 
 
-def _recipe(typed: Mapping[str, str]) -> dict[str, object] | None:
-    """The recipe that the rows tell; None: all are empty, so there is none any more."""
-    ingredients = list(_ingredients(typed))
+def _recipe(entered: Mapping[str, str]) -> dict[str, object] | None:
+    """Return the recipe; None removes it: all rows are empty."""
+    ingredients = list(_ingredients(entered))
     if not ingredients:
         return None
-    return {"yield_factor": number(typed.get("yield_factor", "")), "ingredients": ingredients}
+    return {"yield_factor": number(entered.get("yield_factor", "")), "ingredients": ingredients}
 
 
-def _ingredients(typed: Mapping[str, str]) -> Iterator[dict[str, object]]:
-    for place in range(ingredient_rows(typed)):
-        row = {part: typed.get(f"{part}-{place}", "") for part in INGREDIENT_PARTS}
+def _ingredients(entered: Mapping[str, str]) -> Iterator[dict[str, object]]:
+    for place in range(ingredient_rows(entered)):
+        row = {part: entered.get(f"{part}-{place}", "") for part in INGREDIENT_PARTS}
         if not row["food"]:
             if any(row[part] for part in ("mass", "retention", "source")):
                 raise WrongFieldError(f"Ingredient {place + 1} names no food.")
             continue
-        told: dict[str, object] = {"food": row["food"], "mass_g": number(row["mass"]), "state": row["state"]}
+        ingredient: dict[str, object] = {"food": row["food"], "mass_g": number(row["mass"]), "state": row["state"]}
         if row["retention"]:
-            told["retention"] = dict(_share(one) for one in row["retention"].split(","))
-        yield told | ({"retention_source": row["source"]} if row["source"] else {})
+            ingredient["retention"] = dict(_share(text) for text in row["retention"].split(","))
+        if row["source"]:
+            ingredient["retention_source"] = row["source"]
+        yield ingredient
 
 
 def _share(text: str) -> tuple[str, float]:
     name, _, share = text.strip().rpartition(" ")
     if not name:
-        raise WrongFieldError(f"“{text[:40]}”: write a component and the share of it that stays, VITC 0.75.")
+        raise WrongFieldError(f"“{text[:40]}”: write a component and the share of it that is kept, such as VITC 0.75.")
     return name.strip(), number(share)
 
 

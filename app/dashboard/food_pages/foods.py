@@ -1,15 +1,15 @@
-"""The food tables: a search with figures, and one food with all that is known of it."""
+"""The food tables: a search with figures, and the page of one food."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.dashboard.data_pages.flat_file import csv_file
-from app.dashboard.food_pages.food_history import differences_in_words
+from app.dashboard.food_pages.food_history import describe_differences
 from app.dashboard.page import CurrentPage, Page
 from app.foods.api import FoodKey, render_food
 from app.foods.edits.api import render_changes
@@ -27,13 +27,13 @@ from app.records.food_uses import COUNTED, read_uses
 router = APIRouter(include_in_schema=False)
 
 FOODS = f"{PREFIX}/foods"
-LENGTHS = (50, 200, 1000)  # of the list; the last is the most that the search gives
+LENGTHS = (50, 200, 1000)  # of the list; the last is the search's limit
 
 Output = Annotated[str, Query(alias="format", max_length=8)]
 
 
 class FoodRow(FoodMatch):
-    """A food of the list as a row of its file. Figures: of 100 g edible portion; the density that is chosen."""
+    """A row of the list as a file: figures per 100 g edible portion, and the chosen density."""
 
     energy_kcal_per_100_g: float | None
     density_g_per_ml: float | None
@@ -45,14 +45,14 @@ class FoodRow(FoodMatch):
 
 @dataclass(frozen=True, slots=True)
 class ComponentGroup:
-    """One group of a food's components: those with a figure, and the names of those without."""
+    """A group of a food's components: those with a figure, and the names of those without."""
 
     known: Sequence[NutrientRow]
     unknown: Sequence[str]
 
 
 def food_address(key: str, *parts: str) -> str:
-    """The page of a food, and those below it."""
+    """Return the address of a food's page, or of a page below it."""
     return "/".join([FOODS, *[quote(part, safe="") for part in (key, *parts)]])
 
 
@@ -64,36 +64,41 @@ def get_foods(
     limit: Annotated[int, Query(ge=1, le=LENGTHS[-1])] = LENGTHS[0],
     output: Output = "",
 ) -> Response:
-    """Foods, best match first; without words in the tables' order."""
+    """Foods, best match first; without search words in the tables' order."""
     database, words = page.state.database, q.strip()
     limit = LENGTHS[-1] if output == "csv" else limit
     rows = list_foods(database, words or None, group=group or None, limit=limit)
     if output == "csv":
         return csv_file(FoodRow, [_row(row) for row in rows], "foods")
     longer = next((length for length in LENGTHS if length > limit), None) if len(rows) == limit else None
-    found: dict[str, Any] = {"rows": rows, "q": words, "group": group, "longer": longer, "food_url": food_address}
+    answer = page.render(
+        "foods_found.html" if page.is_fragment else "foods.html",
+        rows=rows,
+        q=words,
+        group=group,
+        longer=longer,
+        food_url=food_address,
+        groups=() if page.is_fragment else food_groups(database),
+    )
     if page.is_fragment:
-        answer = page.render("foods_found.html", **found)
         answer.headers["HX-Replace-Url"] = page.address(q=words, group=group, limit=None)
-        return answer
-    return page.render("foods.html", **found, groups=food_groups(database))
+    return answer
 
 
 @router.get(f"{FOODS}/{{key}}")
 def get_food(page: CurrentPage, key: FoodKey, output: Output = "") -> Response:
-    """One food."""
+    """The page of a food, or its nutrients as CSV."""
     if output == "csv":
-        told = render_food(read_food(page.state.database, key))
-        return csv_file(NutrientOut, told.nutrients, f"nutrients-of-{told.key}")
+        food = render_food(read_food(page.state.database, key))
+        return csv_file(NutrientOut, food.nutrients, f"nutrients-of-{food.key}")
     return food_page(page, key)
 
 
-def food_page(page: Page, key: str, *, status: int = 200, **context: Any) -> Response:
-    """The page of a food. context: what a form below it needs to show again."""
+def food_page(page: Page, key: str, *, refused: str | None = None, reason: str = "", status: int = 200) -> Response:
+    """Render the page of a food. refused: why restoring a version failed; reason: as entered there."""
     database = page.state.database
     view = read_food(database, key)
     changes = render_changes(list_changes(database, view.value.key)).items
-    context = {"refused": None, "reason": ""} | context
     return page.render(
         "food.html",
         status=status,
@@ -103,21 +108,22 @@ def food_page(page: Page, key: str, *, status: int = 200, **context: Any) -> Res
         headlines=_headlines(view.nutrients),
         corrected=_corrected(changes),
         origin=changes[-1].previous_release if changes else view.release,
-        component_names={one.number: one.name for one in COMPONENTS},
-        changes=[(change, differences_in_words(change.differences, view.nutrients)) for change in changes],
+        component_names={component.number: component.name for component in COMPONENTS},
+        changes=[(change, describe_differences(change.differences, view.nutrients)) for change in changes],
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
         restorable=_restorable(view, changes),
-        **context,
+        refused=refused,
+        reason=reason,
     )
 
 
 def component_table(rows: Sequence[NutrientRow]) -> Mapping[str, ComponentGroup]:
-    """Group -> its components: those known of a food, in a reader's order, and the names of the rest."""
-    known = {row.component.number for row in rows}
+    """Return group -> components with a figure, in reading order, and the names of the others."""
+    with_figures = {row.component.number for row in rows}
     listed: list[tuple[str, str, NutrientRow | str]] = [(row.component.number, row.component.name, row) for row in rows]
-    listed += [(one.number, one.name, one.name) for one in COMPONENTS if one.number not in known]
+    listed += [(part.number, part.name, part.name) for part in COMPONENTS if part.number not in with_figures]
     return {
         group: ComponentGroup(
             known=[member for member in members if not isinstance(member, str)],
@@ -128,29 +134,29 @@ def component_table(rows: Sequence[NutrientRow]) -> Mapping[str, ComponentGroup]
 
 
 def _headlines(rows: Sequence[NutrientRow]) -> list[tuple[str, NutrientRow | None]]:
-    """The first four of the components that a record has, as it takes them."""
-    known = {row.component.number: row for row in rows}
+    """Return the first four headline components as (label, row), by a record's order of preference."""
+    by_number = {row.component.number: row for row in rows}
     labels = ("Energy", "Protein", "Fat", "Carbohydrate")
     return [
-        (label, next((known[number] for number in numbers if number in known), None))
+        (label, next((by_number[number] for number in numbers if number in by_number), None))
         for label, numbers in zip(labels, HEADLINE_NUMBERS, strict=False)
     ]
 
 
 def _corrected(changes: Sequence[ChangeOut]) -> dict[str, int]:
-    """Component -> the version that last gave it its figure, of those that were corrected here."""
-    found: dict[str, int] = {}
+    """Return component -> the version that last set its figure, for figures that were corrected here."""
+    versions: dict[str, int] = {}
     for change in changes:
         for name in change.differences:
             if name.startswith("nutrients."):
-                found.setdefault(name.removeprefix("nutrients."), change.version)
-    return found
+                versions.setdefault(name.removeprefix("nutrients."), change.version)
+    return versions
 
 
 def _restorable(view: FoodView, changes: Sequence[ChangeOut]) -> frozenset[int]:
-    """The versions that the food can be put back to."""
-    told = {change.version for change in changes} | {change.previous_version for change in changes}
-    return frozenset(version for version in told if version is not None and version != view.food.version)
+    """Return the versions that can be restored."""
+    versions = {change.version for change in changes} | {change.previous_version for change in changes}
+    return frozenset(version for version in versions if version is not None and version != view.food.version)
 
 
 def _row(row: ListedFood) -> FoodRow:

@@ -1,4 +1,4 @@
-"""A study's own densities: what it measured, and owners add and withdraw."""
+"""A study's own measured densities; owners add and withdraw them."""
 
 import uuid
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.flat_file import csv_file
 from app.dashboard.food_pages.density_form import density_values
 from app.dashboard.food_pages.foods import food_address
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.foods import study_densities
 from app.foods.edits.api import measured_density
@@ -33,7 +33,7 @@ FoodIn = Annotated[str, Query(max_length=100)]
 def get_densities(
     page: CurrentPage, study: str, food: FoodIn = "", output: Annotated[str, Query(alias="format", max_length=8)] = ""
 ) -> Response:
-    """The measurements, withdrawn ones too, the newest entry first."""
+    """The measurements, including withdrawn ones, the newest entry first."""
     if output == "csv":
         rows = study_densities.list_study_densities(page.state.database, study, food.strip() or None)
         return csv_file(StudyDensityOut, [render_study_density(row) for row in rows], f"densities-of-{study}")
@@ -42,8 +42,8 @@ def get_densities(
 
 @router.post(PATH)
 def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Keep a measurement."""
-    entered = typed(fields)
+    """Add a measurement."""
+    entered = form_values(fields)
     values, wrong = density_values(entered)
     values |= {"food": entered.get("food", "")}
     if entered.get("measured_on"):
@@ -51,10 +51,8 @@ def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
             values["measured_at"] = f"{date.fromisoformat(entered['measured_on'])}T00:00:00+00:00"
         except ValueError:
             wrong["measured_on"] = "This is no day: write it as 2026-11-22."
-    body, more = checked(StudyDensityIn, values)
-    if body is None or wrong:
-        return _densities(page, study, "", entered, more | wrong, status=422)
     try:
+        body = read_form(StudyDensityIn, values, wrong)
         density, specimens = measured_density(body)
         row = study_densities.add_study_density(
             page.state.database,
@@ -64,23 +62,24 @@ def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
         )
     except (NotFoundError, InvalidInputError) as error:
         field = {"food_not_found": "food", "time_impossible": "measured_on"}.get(error.code, "")
-        return _densities(page, study, "", entered, {field: error.message}, status=error.status)
-    return page.go(
+        return _densities(page, study, "", entered, wrong_fields(error, field), status=error.status)
+    return page.redirect(
         study_address(study, "densities"),
-        f"The density of {row.food_key} counts from now on; records stay as they are.",
+        f"The density of {row.food_key} is used from now on; existing records are unchanged.",
     )
 
 
 @router.post(f"{PATH}/{{density}}/withdrawal")
 def post_withdrawal(page: CurrentPage, study: str, density: uuid.UUID, fields: Fields) -> Response:
-    """Take a measurement out of use; it stays to be seen."""
-    body, wrong = checked(WithdrawalIn, {"reason": typed(fields).get("reason", "")})
-    if body is None:
-        raise InvalidInputError(f"Tell why it is withdrawn: {wrong.get('reason', '')}")
+    """Withdraw a measurement; it remains visible."""
+    try:
+        body = read_form(WithdrawalIn, {"reason": form_values(fields).get("reason", "")})
+    except WrongFormError as error:
+        raise InvalidInputError(f"Enter why it is withdrawn: {error.wrong.get('reason', '')}") from None
     row = study_densities.withdraw_study_density(
         page.state.database, study, density, Editor.of(page.caller, body.reason)
     )
-    return page.go(study_address(study, "densities"), f"The density of {row.food_key} was withdrawn.")
+    return page.redirect(study_address(study, "densities"), f"The density of {row.food_key} was withdrawn.")
 
 
 def _densities(

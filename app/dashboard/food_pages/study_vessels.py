@@ -1,4 +1,4 @@
-"""A study's vessel library: mugs and bowls measured once; owners add, measure anew and retire."""
+"""A study's vessel library: mugs and bowls that were measured once; owners add, remeasure and retire them."""
 
 import re
 import uuid
@@ -12,7 +12,7 @@ from app.core.errors import ConflictError, InvalidInputError, PreconditionFailed
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.flat_file import csv_file
 from app.dashboard.food_pages.vessel_drawing import vessel_drawing
-from app.dashboard.forms import Fields, checked, take_version, typed
+from app.dashboard.forms import Fields, form_values, read_form, take_version, wrong_fields
 from app.dashboard.meal_pages.line_fields import WrongFieldError, lines, number, read_fields, shown
 from app.dashboard.page import CurrentPage, Page
 from app.people.access.page_rules import STUDY_PAGES
@@ -39,7 +39,7 @@ def get_vessels(
     cursor: CursorIn = None,
     output: Annotated[str, Query(alias="format", max_length=8)] = "",
 ) -> Response:
-    """The library by name, retired vessels too."""
+    """The library by name, including retired vessels."""
     if output == "csv":
         rows = study_vessels.all_vessels(page.state.database, study)
         return csv_file(VesselOut, [render_vessel(view) for view in rows], f"vessels-of-{study}")
@@ -48,40 +48,35 @@ def get_vessels(
 
 @router.post(PATH)
 def post_vessel(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Keep a vessel."""
-    entered = typed(fields)
-    values, wrong = _form_values(entered)
-    body, refused = checked(VesselIn, values | {"name": entered.get("name", "")})
-    if body is None or wrong:
-        return _vessels(page, study, entered, refused | wrong, status=422)
+    """Add a vessel."""
+    entered = form_values(fields)
+    values, wrong = _measures(entered)
     try:
+        body = read_form(VesselIn, values | {"name": entered.get("name", "")}, wrong)
         view = study_vessels.add_vessel(
             page.state.database, study, measured_vessel(body.model_dump()), vessel_author(page.caller)
         )
     except (InvalidInputError, ConflictError) as error:
         field = "name" if error.code == "vessel_exists" else ""
-        return _vessels(page, study, entered, {field: error.message}, status=error.status)
-    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” is in the library.")
+        return _vessels(page, study, entered, wrong_fields(error, field), status=error.status)
+    return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” is in the library.")
 
 
 @router.get(f"{PATH}/{{vessel}}")
 def get_vessel(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
-    """One vessel from the side, and the form to measure it anew."""
+    """A vessel's side view, and the form to remeasure it."""
     view = study_vessels.read_vessel(page.state.database, study, vessel)
     return _vessel(page, view, _entered(view), {})
 
 
 @router.post(f"{PATH}/{{vessel}}")
 def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fields) -> Response:
-    """Replace the measures of the version that the form was opened with; a retired vessel is in use again."""
-    entered = typed(fields)
+    """Replace the measures if unchanged since the form was opened; a retired vessel is in use again."""
+    entered = form_values(fields)
     expected = take_version(entered)
-    values, wrong = _form_values(entered)
-    body, refused = checked(VesselChangeIn, values)
     view = study_vessels.read_vessel(page.state.database, study, vessel)
-    if body is None or wrong:
-        return _vessel(page, view, entered, refused | wrong, status=422)
     try:
+        body = read_form(VesselChangeIn, *_measures(entered))
         view = study_vessels.change_vessel(
             page.state.database,
             study,
@@ -93,15 +88,15 @@ def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fiel
     except PreconditionFailedError as error:
         return _vessel(page, view, _entered(view), {"": error.message}, status=412)
     except (InvalidInputError, ConflictError) as error:
-        return _vessel(page, view, entered, {"": error.message}, status=error.status)
-    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” was measured anew.")
+        return _vessel(page, view, entered, wrong_fields(error), status=error.status)
+    return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” has new measures.")
 
 
 @router.post(f"{PATH}/{{vessel}}/retirement")
 def post_retirement(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
-    """Take a vessel out of use; it stays to be seen."""
+    """Retire a vessel; it remains visible."""
     view = study_vessels.retire_vessel(page.state.database, study, vessel, vessel_author(page.caller))
-    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” is retired.")
+    return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” is retired.")
 
 
 def _vessels(
@@ -139,8 +134,8 @@ def _vessel(
     )
 
 
-def _form_values(entered: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
-    """(the fields of VesselMeasures that were filled in, field -> why it cannot be read)."""
+def _measures(entered: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
+    """Return (values of VesselMeasures for the fields that are not empty, field -> why it cannot be read)."""
     return read_fields({name: text for name, text in entered.items() if text}, _READERS)
 
 
@@ -156,7 +151,7 @@ def _point(line: str) -> list[float]:
 
 
 def _entered(view: VesselView) -> dict[str, str]:
-    """A vessel's measures as the form has them."""
+    """Return a vessel's measures as the texts of the form's fields."""
     version = view.version
     entered = {name: shown(value) for name in NUMBERS if (value := getattr(version, name)) is not None}
     profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in version.inside_profile_mm)

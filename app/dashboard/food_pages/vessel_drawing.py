@@ -1,4 +1,4 @@
-"""A vessel from the side, as an SVG's numbers: the inside as it was measured, or the frustum that it is taken for."""
+"""The side view of a vessel as numbers for an SVG: the measured inside profile, or the frustum of the same capacity."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,10 @@ MARGIN_MM = 4.0
 
 @dataclass(frozen=True, slots=True)
 class VesselDrawing:
-    """Millimetres, x to the right from the vessel's left edge, y downwards. points: of an SVG's polyline.
+    """Millimetres, x to the right from the vessel's left edge, y downwards.
 
-    is_measured: the profile was measured, and not derived from the capacity. line_y: of the fill line, if there is one.
+    points: of an SVG polyline. is_measured: the profile was measured, not derived from the capacity. line_y: the fill
+    line's, if there is one.
     """
 
     width_mm: float
@@ -23,7 +24,7 @@ class VesselDrawing:
 
 
 def vessel_drawing(model: VesselModel, fill_line_mm: float | None = None) -> VesselDrawing | None:
-    """The drawing; None where no frustum holds as little as the capacity, as of a plate with a broad rim."""
+    """Return the side view; None if no frustum holds as little as the capacity, such as of a plate with a broad rim."""
     profile = model.inside_profile_mm or _frustum(model)
     if profile is None:
         return None

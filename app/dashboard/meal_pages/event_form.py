@@ -1,10 +1,10 @@
-"""A form's fields as a word about a meal: into the same models that check what comes over the API."""
+"""The forms that send a review event: their fields as the API's event models."""
 
 import json
 import re
 import uuid
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -32,11 +32,11 @@ Short = Annotated[str, Field(max_length=200)]
 
 
 class EventForm(BaseModel):
-    """What the forms send; a field that is empty is not told.
+    """The fields of all these forms; empty ones are left out.
 
-    id: made with the form, so that a form that is sent twice says one thing. version: of the meal as it was shown.
-    seen: number of the last event that the page showed, so that a conflict can tell what came after it. q: what was
-    typed in a search of foods; a food's key, where none was chosen from the list.
+    id: made with the form, so that sending it twice makes one event. version: of the meal as it was shown. seen: number
+    of the last event that the page showed, so that a conflict can show the later ones. q: text of the food search; a
+    food's key if none was chosen from the list.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -62,23 +62,23 @@ class EventForm(BaseModel):
     leftover_class: Short = ""
     polygon: Annotated[str, Field(max_length=100_000)] = ""
 
-    def told(self) -> dict[str, str]:
-        """The fields that say something, for a form that says it again."""
+    def filled_fields(self) -> dict[str, str]:
+        """Return the fields that are not empty, for a form that sends the event again."""
         fields: dict[str, str] = self.model_dump(exclude={"id", "version", "seen", "q"})
         fields["food"] = self.food or self.q
         return {name: value for name, value in fields.items() if value.strip()}
 
 
 def event_of(form: EventForm) -> AnyEventIn:
-    """The event that a form tells. Raises InvalidInputError."""
+    """Return the event of a form. Raises InvalidInputError."""
     try:
         return EVENTS.validate_python(_body(form))
     except ValidationError as error:
-        raise _refused(error) from None
+        raise _refusal(error) from None
 
 
 def read_polygon(text: str) -> list[tuple[float, float]]:
-    """Corners as JSON, [[x, y], ...], or a corner a line: `812, 560`. Raises InvalidInputError."""
+    """Read corners as JSON, [[x, y], ...], or one per line: `812, 560`. Raises InvalidInputError."""
     stripped = text.strip()
     try:
         if stripped.startswith("["):
@@ -87,31 +87,31 @@ def read_polygon(text: str) -> list[tuple[float, float]]:
         return [(float(x), float(y)) for x, y in (_PAIR.split(line.strip()) for line in stripped.splitlines() if line)]
     except (ValueError, TypeError, RecursionError):
         raise InvalidInputError(
-            "Outline: write one corner a line, x and y in pixels of the left photograph, such as `812, 560`."
+            "Outline: write one corner per line, x and y in pixels of the left photograph, such as `812, 560`."
         ) from None
 
 
-def _body(form: EventForm) -> dict[str, Any]:
-    """In the words of the API."""
-    told: dict[str, Any] = {name: value.strip() for name, value in form.told().items()}
-    if "polygon" in told:
-        told["polygon"] = read_polygon(told["polygon"])
-    if "mass_g" not in told:  # a choice that is always there says nothing by itself
-        told.pop("of", None)
+def _body(form: EventForm) -> dict[str, object]:
+    """Return the fields as the API's body has them."""
+    body: dict[str, object] = {name: value.strip() for name, value in form.filled_fields().items()}
+    if "polygon" in body:
+        body["polygon"] = read_polygon(form.polygon)
+    if "mass_g" not in body:  # the form always sends this choice
+        body.pop("of", None)
     if form.kind == "add":
-        amount = {name: told.pop(name) for name in AMOUNT_FIELDS if name in told}
-        told |= {"amount": amount} if amount else {}
-        told |= {"region": {"polygon": told.pop("polygon")}} if "polygon" in told else {}
+        amount = {name: body.pop(name) for name in AMOUNT_FIELDS if name in body}
+        body |= {"amount": amount} if amount else {}
+        body |= {"region": {"polygon": body.pop("polygon")}} if "polygon" in body else {}
     if form.kind == "set_leftover":
-        told = {LEFTOVER_FIELDS.get(name, name): value for name, value in told.items()}
-        told.setdefault("of", None)
-    return {"id": form.id, **told}
+        body = {LEFTOVER_FIELDS.get(name, name): value for name, value in body.items()}
+        body.setdefault("of", None)
+    return {"id": form.id, **body}
 
 
-def _refused(error: ValidationError) -> InvalidInputError:
-    """The first thing that is wrong, in a sentence that names the field as the form does."""
+def _refusal(error: ValidationError) -> InvalidInputError:
+    """Return the first error as a sentence that names the field by its label."""
     first = error.errors(include_url=False, include_input=False)[0]
     names = [str(part) for part in first["loc"]]
     label = next((LABELS[name] for name in names if name in LABELS), None)
-    told = sentence(first["type"], first["msg"])
-    return InvalidInputError(f"{label}: {told}" if label else f"This cannot be said of a meal: {told}")
+    text = sentence(first["type"], first["msg"])
+    return InvalidInputError(f"{label}: {text}" if label else f"This event is not possible: {text}")

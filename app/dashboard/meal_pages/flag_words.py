@@ -1,4 +1,4 @@
-"""What each flag says and what to do, in the words of docs/flags.md, docs/after-meal.md and docs/review.md."""
+"""The meaning of each flag and what to do, as in docs/flags.md, docs/after-meal.md and docs/review.md."""
 
 from collections.abc import Mapping
 
@@ -49,6 +49,6 @@ FLAGS: Mapping[str, str] = {
 }
 
 
-def flag_words(code: str) -> str:
-    """What a flag says; "" for one of a newer server's."""
+def flag_meaning(code: str) -> str:
+    """Return what a flag means; "" for a flag of a newer server."""
     return FLAGS.get(code, "")

@@ -1,7 +1,7 @@
-"""What reviewers say of a meal by a page: events of the meal's history, by the same models and service as the API's.
+"""Review events sent by a meal's page, by the same models and use case as the API's.
 
-A script that asks for JSON gets the meal as the API gives it, with its ETag; problems are problem documents. htmx gets
-the meal's section anew, a browser without scripts is led back to the page.
+A script that accepts JSON gets the API's meal with its ETag, or a problem document. htmx gets the meal's section
+rendered again; a browser without scripts is redirected to the page.
 """
 
 import uuid
@@ -12,9 +12,8 @@ from starlette.responses import HTMLResponse, Response
 
 from app.core.errors import PreconditionFailedError
 from app.dashboard.meal_pages.event_form import EventForm, event_of
-from app.dashboard.meal_pages.meal import conflict_of, context_of, meal_address
+from app.dashboard.meal_pages.meal import meal_address, render_meal_page
 from app.dashboard.meal_pages.meal_timeline import TITLES
-from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.foods.search.search_foods import search_foods
 from app.people.access.page_rules import MEAL, PREFIX
@@ -28,23 +27,24 @@ FOODS_OFFERED = 12
 
 @router.post(MEAL + "/events")
 def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]) -> Response:
-    """Confirm, correct, reject, ask, undo: one word about the meal as it was shown."""
+    """Append one event to the meal if it is unchanged since it was shown: confirm, correct, reject, ask, undo."""
     event = new_event(event_of(form))
     try:
         view, is_new = page.state.part(MealEvents).append(
-            in_study(page), meal_id, event, expected=frozenset({form.version}), participant_code=participant
+            page.study_caller, meal_id, event, expected=frozenset({form.version}), participant_code=participant
         )
     except PreconditionFailedError as error:
         if wants_json(page):
             raise
-        return _conflict(page, participant, meal_id, form, error.status)
+        return render_meal_page(
+            page, participant, meal_id, is_section=page.is_fragment, refused=form, status=error.status
+        )
     if wants_json(page):
         return tagged_meal(view, 201 if is_new else 200)
-    said = f"{TITLES[event.kind]}: noted."
+    saved = f"{TITLES[event.kind]}: saved."
     if page.is_fragment:
-        context = context_of(page, participant, meal_id)
-        return page.render("meal_body.html", **context | {"said": said})
-    return page.go(meal_address(page, participant, meal_id), told=said)
+        return render_meal_page(page, participant, meal_id, is_section=True, saved=saved)
+    return page.redirect(meal_address(page, participant, meal_id), saved)
 
 
 @router.get(PREFIX + "/studies/{study}/foods")
@@ -53,19 +53,12 @@ def get_food_options(
     q: Annotated[str, Query(max_length=100)] = "",
     list_id: Annotated[str, Query(alias="list", max_length=80)] = "foods",
 ) -> HTMLResponse:
-    """Foods that match what is typed, as options of a list box; their ids begin with its id, `list`."""
-    found = search_foods(page.state.database, q, limit=FOODS_OFFERED) if q.strip() else []
-    return page.render("food_options.html", foods=found, words=q, list_id=list_id)
-
-
-def _conflict(page: Page, participant: str, meal_id: uuid.UUID, form: EventForm, status: int) -> Response:
-    """The meal as it stands by now, with what was said meanwhile and what was not written."""
-    context = context_of(page, participant, meal_id)
-    context["conflict"] = conflict_of(context["story"], form)
-    return page.render("meal_body.html" if page.is_fragment else "meal.html", status=status, **context)
+    """Foods that match the text, as options of the list box `list`; their ids begin with its id."""
+    foods = search_foods(page.state.database, q, limit=FOODS_OFFERED) if q.strip() else []
+    return page.render("food_options.html", foods=foods, words=q, list_id=list_id)
 
 
 def wants_json(page: Page) -> bool:
-    """Whether a script asks, not a person's browser."""
+    """Whether a script sent the request, not a browser's form."""
     accept = page.request.headers.get("accept", "")
     return "application/json" in accept and "text/html" not in accept

@@ -1,22 +1,21 @@
-"""The page of one meal: its photographs with what was found in them, how that came about, and what people say of it."""
+"""The page of a meal: photographs with outlines, foods, how they were measured, and the meal's history."""
 
 import hashlib
 import uuid
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, TypedDict, get_args
 
 from fastapi import APIRouter, Form, Header, Query
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import HTMLResponse, Response, StreamingResponse
 
 from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
 from app.dashboard.meal_pages.event_form import EventForm
-from app.dashboard.meal_pages.flag_words import flag_words
+from app.dashboard.meal_pages.flag_words import flag_meaning
 from app.dashboard.meal_pages.meal_figures import FIGURES, as_runs, headline, label_place, outline_path
-from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, food_names, timeline, word
-from app.dashboard.one_study import in_study
+from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
 from app.meals.item_state import REPLACED, UNDONE
 from app.people.access.page_rules import MEAL
@@ -32,7 +31,7 @@ router = APIRouter(include_in_schema=False)
 
 Slot = Literal["left", "right", "after_left", "after_right"]
 SLOTS = get_args(Slot)
-GONE = frozenset({REPLACED, UNDONE})  # flags of items that others stand in the place of
+GONE = frozenset({REPLACED, UNDONE})  # flags of items that other items replace
 
 
 @router.get(MEAL)
@@ -42,21 +41,21 @@ def get_meal(
     meal_id: uuid.UUID,
     format: Annotated[Literal["html", "json"], Query()] = "html",  # noqa: A002  # the parameter's name
 ) -> Response:
-    """The page; as JSON what `GET /v1/meals/{id}` gives."""
+    """The page, or the JSON of `GET /v1/meals/{id}`."""
     if format == "json":
-        answer = meal_response(read_meal(page.state.database, in_study(page), meal_id, participant), 200)
+        answer = meal_response(read_meal(page.state.database, page.study_caller, meal_id, participant), 200)
         answer.headers["Content-Disposition"] = f'attachment; filename="meal-{meal_id}.json"'
         return answer
-    return page.render("meal.html", **context_of(page, participant, meal_id))
+    return render_meal_page(page, participant, meal_id, is_section=False)
 
 
 @router.get(MEAL + "/state")
 def get_state(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
-    """Where the meal stands, asked again and again while something of it is under way; then all of it, once."""
-    view = read_meal(page.state.database, in_study(page), meal_id, participant)
+    """The meal's state, which the page polls while something is being measured; then the meal's whole section."""
+    view = read_meal(page.state.database, page.study_caller, meal_id, participant)
     if not will_change(view):
-        answer = page.render("meal_body.html", **context_of(page, participant, meal_id))
-        answer.headers.update({"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"})  # what is being typed stays
+        answer = render_meal_page(page, participant, meal_id, is_section=True)
+        answer.headers.update({"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"})  # a morph keeps entered text
         return answer
     return page.render("meal_state.html", row=view.meal, is_moving=True, here=meal_address(page, participant, meal_id))
 
@@ -73,9 +72,9 @@ def get_image(
     colour: Annotated[Literal["corrected", "as_taken"], Query()] = "corrected",
     if_none_match: Annotated[str | None, Header(max_length=500)] = None,
 ) -> Response:
-    """A photograph for eyes; the reading is noted, as over the API."""
+    """A photograph as a picture; the audit log records it, as over the API."""
     return photographs.get_photograph(
-        meal_id, slot, page.state, in_study(page), width, colour, participant, if_none_match
+        meal_id, slot, page.state, page.study_caller, width, colour, participant, if_none_match
     )
 
 
@@ -87,111 +86,129 @@ def get_step(
     name: str,
     pair: Annotated[Literal["meal", "after"], Query()] = "meal",
 ) -> StreamingResponse:
-    """A picture, the points or the scene of a run; the reading is noted, as over the API."""
-    return get_artefact(meal_id, name, page.state, in_study(page), participant, pair)
+    """An artefact of a run: a picture, the points or the scene; the audit log records it, as over the API."""
+    return get_artefact(meal_id, name, page.state, page.study_caller, participant, pair)
 
 
 @router.post(MEAL + "/retry")
 def post_retry(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
-    """Have what failed estimated again."""
-    meal_jobs.post_retry(meal_id, page.state, in_study(page), participant)
-    return page.go(meal_address(page, participant, meal_id), told="The meal is queued again.")
+    """Queue the failed estimates again."""
+    meal_jobs.post_retry(meal_id, page.state, page.study_caller, participant)
+    return page.redirect(meal_address(page, participant, meal_id), "The meal is queued again.")
 
 
 @router.post(MEAL + "/cancel")
 def post_cancel(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
-    """Call off an estimate that is not made yet."""
-    meal_jobs.post_cancel(meal_id, page.state, in_study(page), participant)
-    return page.go(meal_address(page, participant, meal_id), told="The estimate was called off. The photographs stay.")
+    """Cancel an estimate that is not finished."""
+    meal_jobs.post_cancel(meal_id, page.state, page.study_caller, participant)
+    return page.redirect(
+        meal_address(page, participant, meal_id), "The estimate was cancelled. The photographs are kept."
+    )
 
 
 @router.post(MEAL + "/erasure")
 def post_erasure(
     page: CurrentPage, participant: str, meal_id: uuid.UUID, typed: Annotated[str, Form(max_length=200)] = ""
 ) -> Response:
-    """Erase the meal for good, once its participant's code was typed. Raises InvalidInputError."""
-    caller = in_study(page)
+    """Erase the meal for good if the participant's code was entered. Raises InvalidInputError."""
+    caller = page.study_caller
     view = read_meal(page.state.database, caller, meal_id, participant)
     if typed.strip() != view.participant_code:
         raise InvalidInputError(f"Nothing was erased. To erase the meal, type the participant's code: {participant}.")
     receipt = page.state.part(Eraser).erase_meal(caller, meal_id, participant)
-    return page.go(
-        study_address(page.study.code if page.study else "", "meals"),
-        told=f"The meal was erased. Receipt {receipt.id}.",
-    )
+    return page.redirect(study_address(page.study_code, "meals"), f"The meal was erased. Receipt {receipt.id}.")
 
 
-def meal_address(page: Page, participant: str, meal_id: uuid.UUID, *parts: object) -> str:
-    """The address of a meal's page in the study that is looked at, or of something below it."""
-    return study_address(page.study.code if page.study else "", "meals", participant, meal_id, *parts)
+def meal_address(page: Page, participant: str, meal_id: uuid.UUID) -> str:
+    """Return the address of a meal's page in the current study."""
+    return study_address(page.study_code, "meals", participant, meal_id)
 
 
-def context_of(page: Page, participant: str, meal_id: uuid.UUID) -> dict[str, Any]:
-    """What the page's templates show. Raises NotFoundError, ConflictError."""
-    story = read_story(page.state.database, in_study(page), meal_id, participant)
+def render_meal_page(
+    page: Page,
+    participant: str,
+    meal_id: uuid.UUID,
+    *,
+    is_section: bool,
+    refused: EventForm | None = None,
+    saved: str | None = None,
+    status: int = 200,
+) -> HTMLResponse:
+    """Render a meal's page, or only its section for htmx. Raises NotFoundError, ConflictError.
+
+    refused: a form that came after others had changed the meal. saved: a sentence about the event that was saved.
+    """
+    story = read_story(page.state.database, page.study_caller, meal_id, participant)
     view, meal = story.view, render_meal(story.view)
     scene_names = _scene_names(story)
     run, here = view.run, meal_address(page, view.participant_code, meal_id)
-    return {
-        "story": story,
-        "view": view,
-        "meal": meal,
-        "row": view.meal,
-        "items": [item for item in meal.items if not GONE & set(item.flags)],
-        "gone": [item for item in meal.items if GONE & set(item.flags)],
-        "numbers": {item.id: number for number, item in enumerate(meal.items, start=1)},
-        "images": dict(sorted(((image.slot, image) for image in view.images), key=lambda pair: SLOTS.index(pair[0]))),
-        "colour": run.colour if run is not None else None,
-        "steps": {artefact.name: artefact for artefact in view.artefacts},
-        "run_id": run.id if run is not None else None,
-        "entries": timeline(story),
-        "delay_seconds": (meal.received_at - meal.captured_at) / timedelta(seconds=1),
-        "is_moving": will_change(view),
-        "here": here,
-        "may_review": page.may("reviewer"),
-        "new_id": uuid.uuid4,
-        "figures": FIGURES,
-        "outline": outline_path,
-        "place": label_place,
-        "headline": headline,
-        "flag_words": flag_words,
-        "runs_of_text": as_runs,
-        "scene_items": _scene_items(story),
-        "scene_names": scene_names,
-        "scene_id": hashlib.sha256("\n".join([str(run and run.id), *scene_names]).encode()).hexdigest()[:12],
-        "files_of_steps": _files(story, here),
-        "conflict": None,
-        "said": None,
-    }
+    return page.render(
+        "meal_body.html" if is_section else "meal.html",
+        status=status,
+        story=story,
+        meal=meal,
+        row=view.meal,
+        items=[item for item in meal.items if not GONE & set(item.flags)],
+        gone=[item for item in meal.items if GONE & set(item.flags)],
+        numbers={item.id: number for number, item in enumerate(meal.items, start=1)},
+        images=dict(sorted(((image.slot, image) for image in view.images), key=lambda pair: SLOTS.index(pair[0]))),
+        colour=run.colour if run is not None else None,
+        steps={artefact.name: artefact for artefact in view.artefacts},
+        run_id=run.id if run is not None else None,
+        entries=timeline(story),
+        delay_seconds=(meal.received_at - meal.captured_at) / timedelta(seconds=1),
+        is_moving=will_change(view),
+        here=here,
+        may_review=page.may("reviewer"),
+        new_id=uuid.uuid4,
+        figures=FIGURES,
+        outline=outline_path,
+        place=label_place,
+        headline=headline,
+        flag_meaning=flag_meaning,
+        runs_of_text=as_runs,
+        scene_items=_scene_items(story),
+        scene_names=scene_names,
+        scene_id=hashlib.sha256("\n".join([str(run and run.id), *scene_names]).encode()).hexdigest()[:12],
+        files_of_steps=_files(story, here),
+        conflict=_conflict(story, refused) if refused is not None else None,
+        saved=saved,
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """A word that came too late: what was said meanwhile, and the word itself, to be said again.
+    """An event that was refused because others had changed the meal. changes: theirs.
 
-    told: what it says, by label. fields: of its form.
+    values: of the refused event, by label. fields: of its form, to send it again.
     """
 
     changes: list[Entry]
     title: str
-    told: list[tuple[str, str]]
+    values: list[tuple[str, str]]
     fields: dict[str, str]
 
 
-def conflict_of(story: MealStory, form: EventForm) -> Conflict:
-    """Why a form was refused. story: the meal as it stands by now."""
-    names, fields = food_names(story), form.told()
+def _conflict(story: MealStory, form: EventForm) -> Conflict:
+    names, fields = food_names(story), form.filled_fields()
     shown = {name: names.get(value, value) for name, value in fields.items() if name in FIELD_LABELS}
     return Conflict(
-        changes=[word(row, names) for row in story.events if row.event.sequence > form.seen],
+        changes=[event_entry(row, names) for row in story.events if row.event.sequence > form.seen],
         title=TITLES.get(form.kind, form.kind),
-        told=[(FIELD_LABELS[name].lower(), value) for name, value in shown.items() if name != "polygon"],
+        values=[(FIELD_LABELS[name].lower(), value) for name, value in shown.items() if name != "polygon"],
         fields=fields,
     )
 
 
-def _scene_items(story: MealStory) -> dict[int, dict[str, Any]]:
-    """Place in the run's scene -> item, of those that still are what the run saw there."""
+class SceneItem(TypedDict):
+    """An item as the page's scripts know it."""
+
+    id: str
+    number: int
+
+
+def _scene_items(story: MealStory) -> dict[int, SceneItem]:
+    """Return position in the run's scene -> item, for items that are still as the run measured them."""
     run = story.view.run
     return {
         view.item.position: {"id": str(view.item.id), "number": number}
@@ -201,7 +218,7 @@ def _scene_items(story: MealStory) -> dict[int, dict[str, Any]]:
 
 
 def _scene_names(story: MealStory) -> list[str]:
-    """What the run's foods are taken for, in the scene's order; "" where that is not known."""
+    """Return the names of the run's foods in the scene's order; "" for an unknown food."""
     run = story.view.run
     of_run = {view.item.position: view.food for view in story.view.items if run and view.item.run_id == run.id}
     foods = [of_run.get(position) for position in range(1 + max(of_run, default=-1))]
@@ -209,7 +226,7 @@ def _scene_names(story: MealStory) -> list[str]:
 
 
 def _files(story: MealStory, here: str) -> list[tuple[str, str]]:
-    """The run's files that are no pictures, and the pictures."""
+    """Return (name, address) of the run's artefacts."""
     run = story.view.run
     return [
         (artefact.name, f"{here}/artefacts/{artefact.name}?run={run.id}")

@@ -1,4 +1,4 @@
-"""Small things that the page of a meal draws and names: outlines, pictures of steps, the components at the head."""
+"""Helpers of a meal's page: outlines, names of the steps' pictures, headline components."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
@@ -9,12 +9,12 @@ from app.nutrition.components import HEADLINE_NUMBERS
 Nutrient = TypeVar("Nutrient", NutrientAmount, NutrientTotal)
 Rings = Sequence[Sequence[tuple[float, float]]]
 
-# a step's picture -> its name, and what is to be seen on it
+# picture of a step -> (title, what it shows)
 FIGURES: Mapping[str, tuple[str, str]] = {
     "overlay.jpg": ("Outlines", "The left photograph with the outline and the volume of each food."),
     "matches.jpg": (
         "Matches",
-        "Both photographs side by side; lines join what is the same in either, bold ones made the fundamental matrix.",
+        "Both photographs side by side; lines join matching points, bold lines those of the fundamental matrix.",
     ),
     "rectified_by_f.jpg": (
         "Rectified by the fundamental matrix",
@@ -22,15 +22,15 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     ),
     "rectified.jpg": (
         "Rectified by the poses",
-        "The pair that depth is measured on: matching points lie on the same green row of both pictures.",
+        "The pair from which depth is measured: matching points lie on the same green row of both pictures.",
     ),
     "disparity.jpg": (
         "Disparity",
-        "The left rectified picture, beside it each pixel's disparity: blue is far, red near, black not matched.",
+        "The left rectified picture and each pixel's disparity: blue is far, red is near, black is not matched.",
     ),
     "points.jpg": (
         "Points",
-        "The foods' points from the side: measured ones in their colours, the completed hidden side in grey.",
+        "The foods' points from the side: measured points in colour, the completed hidden side in grey.",
     ),
     "slices.jpg": (
         "Slices",
@@ -41,12 +41,12 @@ FIGURES: Mapping[str, tuple[str, str]] = {
 
 
 def outline_path(rings: Rings) -> str:
-    """Rings as an SVG path; holes by the even-odd rule."""
+    """Return rings as an SVG path; holes by the even-odd rule."""
     return " ".join("M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + " Z" for ring in rings if len(ring) > 0)
 
 
 def label_place(rings: Rings) -> tuple[float, float] | None:
-    """Where an item's number stands: the middle of its outer ring; None without an outline."""
+    """Return the position of an item's number: the mean of its outer ring's corners; None without an outline."""
     if not rings or not rings[0]:
         return None
     xs, ys = [x for x, _ in rings[0]], [y for _, y in rings[0]]
@@ -54,12 +54,12 @@ def label_place(rings: Rings) -> tuple[float, float] | None:
 
 
 def headline(nutrients: Iterable[Nutrient]) -> list[Nutrient]:
-    """Those of a record's own columns, in their order: energy first."""
-    known = {nutrient.number: nutrient for nutrient in nutrients}
-    found = (next((known[number] for number in numbers if number in known), None) for numbers in HEADLINE_NUMBERS)
-    return [nutrient for nutrient in found if nutrient is not None]
+    """Return the headline components, energy first."""
+    by_number = {nutrient.number: nutrient for nutrient in nutrients}
+    headlines = (next((by_number[n] for n in numbers if n in by_number), None) for numbers in HEADLINE_NUMBERS)
+    return [nutrient for nutrient in headlines if nutrient is not None]
 
 
 def as_runs(digest: str) -> list[str]:
-    """A checksum in groups of eight, so that two can be compared by eye."""
+    """Split a checksum into groups of eight characters, which are easier to compare."""
     return [digest[start : start + 8] for start in range(0, len(digest), 8)]

@@ -1,15 +1,13 @@
-"""The filters of a study's meals as they stand in the address: those of `GET /v1/meals`, by its names.
-
-A form sends a field that says nothing as ""; that is the same as no field.
-"""
+"""The filters of a study's meals in the page's address: those of `GET /v1/meals`, by its names; blank means unset."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from fastapi import Depends, Query
 from pydantic import BeforeValidator
 
-from app.exports.export_files import MOST_VALUES, FoodKey, Word, meal_filter
+from app.dashboard.forms import Blank
+from app.exports.export_files import MOST_VALUES, Code, FoodKey, meal_filter
 from app.exports.export_spec import FILTERS, Rows
 from app.http.paging import told_reversed
 from app.http.row_filter import RowFilter
@@ -22,19 +20,18 @@ Order = Literal["newest", "oldest"]
 View = Literal["gallery", "table"]
 
 
-def _without_blanks(told: Any) -> Any:
-    return [one for one in told if str(one).strip()] if isinstance(told, list) else told
+def _without_blanks(values: object) -> object:
+    return [value for value in values if str(value).strip()] if isinstance(values, list) else values
 
 
 Value = TypeVar("Value")
-Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
 Blanks = BeforeValidator(_without_blanks)
-MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses")  # behind the form's first row
+MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses")  # below the form's first row
 
 
 @dataclass(frozen=True, slots=True)
 class MealFilters:
-    """What was asked for, checked."""
+    """The validated filters, order and view."""
 
     study: str
     filters: RowFilter
@@ -48,16 +45,16 @@ class MealFilters:
 
     @property
     def more(self) -> int:
-        """How many are set of those that are not always in view."""
+        """How many filters are set that the form hides at first."""
         return len([name for name in self.filters.set_names if name in MORE])
 
     @property
-    def told_reversed(self) -> str | None:
-        """What to say where the first day lies after the last."""
+    def wrong_days(self) -> str | None:
+        """A sentence if the first day is after the last."""
         return told_reversed(self.filters.first_day, self.filters.last_day)
 
     def reaches(self, rows: Rows) -> bool:
-        """Whether a file of these rows can have all filters that are set. An item has a status of its own."""
+        """Whether a file of these rows supports all filters that are set. An item's status is not the meal's."""
         names = set(self.filters.set_names)
         return names <= set(FILTERS[rows]) and (rows != "items" or "statuses" not in names)
 
@@ -69,15 +66,15 @@ def meal_filters(
     last_day: Annotated[LocalDay | None, Query(alias="to"), Blank] = None,
     status: Annotated[list[MealStatus] | None, Query(max_length=7), Blanks] = None,
     origin: Annotated[Origin | None, Query(), Blank] = None,
-    failure: Annotated[list[Word] | None, Query(max_length=MOST_VALUES), Blanks] = None,
+    failure: Annotated[list[Code] | None, Query(max_length=MOST_VALUES), Blanks] = None,
     after_status: Annotated[list[AfterStatus] | None, Query(max_length=7), Blanks] = None,
     food: Annotated[list[FoodKey] | None, Query(max_length=MOST_VALUES), Blanks] = None,
-    flag: Annotated[list[Word] | None, Query(max_length=MOST_VALUES), Blanks] = None,
+    flag: Annotated[list[Code] | None, Query(max_length=MOST_VALUES), Blanks] = None,
     needs: Annotated[Needs | None, Query(), Blank] = None,
     order: Annotated[Order | None, Query(), Blank] = None,
     view: View = "gallery",
 ) -> MealFilters:
-    """The address's parameters; FastAPI refuses what is none."""
+    """Read the address's parameters, which FastAPI validates."""
     code = participant.strip() if participant is not None else None
     filters = meal_filter(
         RowFilter(study, code, first_day, last_day),

@@ -1,7 +1,7 @@
-"""A study's meals, as a gallery of photographs or as a table: the rows of `GET /v1/meals` by the same filters.
+"""A study's meals as a gallery of photographs or as a table: the rows of `GET /v1/meals` by the same filters.
 
-Filters, view and order stand in the address. What is under way is asked for all together, every few seconds, and
-shown in its place. The same rows, their items and their photographs leave as files.
+Filters, view and order are in the address. Meals that are being measured are polled together every few seconds and
+replaced in place. The same rows, their items and their photographs are offered as files.
 """
 
 import uuid
@@ -15,8 +15,7 @@ from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.meal_pages.meal_filters import Filters, MealFilters, View
-from app.dashboard.meal_pages.meal_list_views import FAILURES, ListedMeal, element_of, listed
-from app.dashboard.one_study import in_study
+from app.dashboard.meal_pages.meal_list_views import FAILURES, ListedMeal, element_of, listed_meal
 from app.dashboard.page import CurrentPage, Page
 from app.exports.export_files import answer_file
 from app.exports.export_spec import ExportSpec, Rows
@@ -37,7 +36,7 @@ FILES: dict[Rows, tuple[Output, ...]] = {
     "photographs": ("csv", "ndjson", "parquet"),
 }
 NAMES: dict[Output, str] = {"csv": "CSV", "ndjson": "NDJSON", "parquet": "Parquet", "geojson": "GeoJSON"}
-FILE_PARAMETERS = {"order": None, "view": None, "cursor": None}  # that a file has not
+FILE_PARAMETERS = {"order": None, "view": None, "cursor": None}  # removed from the address of a file
 
 # PARTICIPANT:ID:VERSION as it is shown
 Watched = Annotated[str, StringConstraints(max_length=120, pattern=r"^[0-9A-Za-z_-]+:[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
@@ -51,19 +50,19 @@ def get_meals(
     rows: Literal["meals", "items", "photographs"] = "meals",
     output: Annotated[Output | None, Query(alias="format")] = None,
 ) -> Response:
-    """The page; with `format` all that the filters leave as a file, the oldest first."""
-    caller = in_study(page)
+    """The page; with `format` all matching rows as a file, the oldest first."""
+    caller = page.study_caller
     if output is not None:
         if not chosen.reaches(rows):
-            raise InvalidInputError(f"A file of {rows} has not all of these filters.", code="export_not_offered")
+            raise InvalidInputError(f"A file of {rows} does not have all of these filters.", code="export_not_offered")
         return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters), rows)
     database = page.state.database
-    if chosen.told_reversed is not None:
+    if chosen.wrong_days is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
-    found = list_meals(
+    meals = list_meals(
         database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=MEALS_A_PAGE[chosen.view]
     )
-    return _render(page, chosen, [listed(row) for row in found.rows], next_cursor=found.cursor)
+    return _render(page, chosen, [listed_meal(row) for row in meals.rows], next_cursor=meals.cursor)
 
 
 @router.get(PREFIX + "/studies/{study}/changed-meals")
@@ -73,29 +72,27 @@ def get_changed(
     meal: Annotated[list[Watched] | None, Query(max_length=MOST_WATCHED)] = None,
     view: View = "gallery",
 ) -> Response:
-    """Of the meals that a page shows and that are under way those that have changed, each to be put in its place.
+    """Those of the watched meals that have changed, each for its place in the page, and those to remove from it.
 
-    Those that are not there any more are to be taken away. One that never was, or that the caller may not see, is told
-    in the same way.
+    A meal that never existed, or that the caller may not see, is removed too: the answers do not differ.
     """
-    caller = in_study(page)
-    database, study_id = page.state.database, caller.only_study_id or uuid.UUID(int=0)
-    known = {(participant, uuid.UUID(client_id)): int(version) for participant, client_id, version in _parts(meal)}
-    rows = changed_meals(database, study_id, [(key[1], each) for key, each in known.items()])
-    changed = {each.key: each for each in map(listed, rows) if each.key in known}
-    gone = missing_meals(database, study_id, [key for key in known if key not in changed])
+    database, study_id = page.state.database, page.require_study().id
+    versions = dict(map(_parse_watched, meal or ()))
+    rows = changed_meals(database, study_id, [(client_id, version) for (_, client_id), version in versions.items()])
+    changed = {meal.key: meal for meal in map(listed_meal, rows) if meal.key in versions}
+    gone = missing_meals(database, study_id, [key for key in versions if key not in changed])
     if not changed and not gone:
         return Response(status_code=204)
     watched = [
         f"{participant}:{client_id}:{version}"
-        for (participant, client_id), version in known.items()
+        for (participant, client_id), version in versions.items()
         if (participant, client_id) not in changed and (participant, client_id) not in gone
     ]
-    watched += [each.watched for each in changed.values() if each.is_moving]
+    watched += [meal.watched for meal in changed.values() if meal.is_moving]
     return page.render(
         "meals_changed.html",
         changed=list(changed.values()),
-        ended=[each for each in changed.values() if not each.is_moving],
+        ended=[meal for meal in changed.values() if not meal.is_moving],
         gone=[(participant, element_of(participant, client_id)) for participant, client_id in gone],
         watch=watch_address(study, view, watched),
         view=view,
@@ -103,11 +100,11 @@ def get_changed(
 
 
 def watch_address(study: str, view: View, watched: list[str]) -> str | None:
-    """Where to ask what has become of these; None: of none."""
+    """Return the address that the page polls for these meals; None without any."""
     if not watched:
         return None
     return f"{study_address(study, 'changed-meals')}?view={view}" + "".join(
-        f"&meal={one}" for one in watched[:MOST_WATCHED]
+        f"&meal={meal}" for meal in watched[:MOST_WATCHED]
     )
 
 
@@ -122,25 +119,23 @@ def _render(
         filters=filters,
         meals=meals,
         next=next_cursor,
-        counts=count_meals(database, page.study.id) if page.study is not None else [],
-        watch=watch_address(chosen.study, chosen.view, [each.watched for each in meals if each.is_moving]),
+        counts=count_meals(database, page.require_study().id),
+        watch=watch_address(chosen.study, chosen.view, [meal.watched for meal in meals if meal.is_moving]),
         view=chosen.view,
         food_names=food_names(database, filters.food_keys),
         statuses=get_args(MealStatus),
         after_statuses=get_args(AfterStatus),
-        known_flags=FLAGS,
-        known_failures=FAILURES,
+        all_flags=FLAGS,
+        all_failures=FAILURES,
         files=[
             (rows, [(NAMES[output], page.address(**FILE_PARAMETERS, rows=rows, format=output)) for output in outputs])
             for rows, outputs in FILES.items()
-            if chosen.reaches(rows) and chosen.told_reversed is None
+            if chosen.reaches(rows) and chosen.wrong_days is None
         ],
     )
 
 
-def _parts(watched: list[str] | None) -> list[tuple[str, str, str]]:
-    found = []
-    for one in watched or ():
-        participant, client_id, version = one.split(":")
-        found.append((participant, client_id, version))
-    return found
+def _parse_watched(watched: str) -> tuple[tuple[str, uuid.UUID], int]:
+    """Return the meal's key and its version as it is shown."""
+    participant, client_id, version = watched.split(":")
+    return (participant, uuid.UUID(client_id)), int(version)

@@ -1,4 +1,4 @@
-"""A meal of a list as the gallery and the table show it."""
+"""A meal in the gallery and in the table of meals."""
 
 import uuid
 from dataclasses import dataclass
@@ -21,34 +21,34 @@ FAILURES = (
     *("photo_damaged", "estimate_crashed", "estimate_timed_out", "estimate_killed"),
     *("estimate_out_of_memory", "cancelled", "job_gave_up"),
 )
-FOODS_NAMED = 6  # in a picture's words
+FOODS_NAMED = 6  # in a photograph's description
 
 
 @dataclass(frozen=True, slots=True)
 class ListedMeal:
-    """A row and what its records come to."""
+    """A meal and the sums of its records."""
 
     row: MealRow
     sums: MealSums
 
     @property
     def key(self) -> tuple[str, uuid.UUID]:
-        """What it is known by in its study."""
+        """The meal's key in its study."""
         return self.row.participant_code, self.row.meal.client_id
 
     @property
     def element(self) -> str:
-        """Its place on the page."""
+        """The id of its HTML element."""
         return element_of(*self.key)
 
     @property
     def watched(self) -> str:
-        """As it is shown: asked for by it, it is told only if it has become another."""
+        """Key and shown version, by which the page polls for a newer version."""
         return f"{self.row.participant_code}:{self.row.meal.client_id}:{self.row.meal.version}"
 
     @property
     def is_moving(self) -> bool:
-        """Whether it waits for a worker or for the rest of its photographs, or its after-meal pair or an item does."""
+        """Whether the meal, its after-meal pair or an item waits for a worker or for photographs."""
         meal = self.row.meal
         return (
             meal.status in UNESTIMATED
@@ -58,29 +58,29 @@ class ListedMeal:
 
     @property
     def delay_seconds(self) -> float:
-        """From eating to the first of it on the server."""
+        """Time from eating to the arrival of the first part."""
         return (self.row.meal.received_at - self.row.meal.captured_at).total_seconds()
 
     @property
     def foods(self) -> str:
-        """What it is, in words; "" where nothing is known of it."""
+        """Names of the foods; "" if nothing is known."""
         names = [food.name for food in self.sums.foods]
         unknown = sum(record.food_key is None for record in self.row.records)
         if unknown:
-            names.append("a food that is not known" if unknown == 1 else f"{unknown} foods that are not known")
+            names.append("an unknown food" if unknown == 1 else f"{unknown} unknown foods")
         if names:
             more = len(names) - FOODS_NAMED
             return "; ".join(names[:FOODS_NAMED]) + (f"; {more} more" if more > 0 else "")
         return "nothing" if self.row.meal.status == "confirmed" else ""
 
     @property
-    def words(self) -> str:
-        """What is known of its photograph, for who does not see it."""
-        return f"Meal of {self.row.participant_code}, {self.when}: {self.foods or 'its foods are not known'}"
+    def description(self) -> str:
+        """The photograph's alternative text."""
+        return f"Meal of {self.row.participant_code}, {self.when}: {self.foods or 'its foods are unknown'}"
 
     @property
     def when(self) -> str:
-        """When it was eaten, in its own time zone."""
+        """When the meal was eaten, in its time zone."""
         meal = self.row.meal
         try:
             zone = ZoneInfo(meal.time_zone)
@@ -90,10 +90,10 @@ class ListedMeal:
 
 
 def element_of(participant: str, client_id: uuid.UUID) -> str:
-    """The id of a meal's place on the page."""
+    """Return the id of a meal's HTML element."""
     return f"meal-{participant}-{client_id}"
 
 
-def listed(row: MealRow) -> ListedMeal:
-    """The row with its sums."""
+def listed_meal(row: MealRow) -> ListedMeal:
+    """Return the row with its sums."""
     return ListedMeal(row, sums_of(row))

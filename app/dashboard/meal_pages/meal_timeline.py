@@ -1,10 +1,10 @@
-"""A meal's story as one list, the newest first: photographs, runs, recomputations and what people said."""
+"""A meal's timeline, the newest entry first: photographs, runs, recomputations and events."""
 
 import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any  # values of events are stored JSON
 
 from markupsafe import Markup
 
@@ -23,7 +23,7 @@ TITLES: Mapping[str, str] = {
     "set_volume": "Volume",
     "set_mass": "Mass",
     "set_share": "Share",
-    "redraw": "Outline drawn anew",
+    "redraw": "Outline redrawn",
     "declare": "Declared",
     "add": "Added",
     "split": "Split",
@@ -47,7 +47,7 @@ SLOTS: Mapping[str, str] = {
     "after_left": "Left photograph after the meal",
     "after_right": "Right photograph after the meal",
 }
-WORDS_ONLY = frozenset({"comment", "question", "answer"})
+TEXT_ONLY = frozenset({"comment", "question", "answer"})
 LABELS: Mapping[str, str] = {
     "status": "status",
     "food": "food",
@@ -72,7 +72,7 @@ LABELS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """One value before and after; None: there was none."""
+    """A value before and after; None: there was none."""
 
     label: str
     old: Markup | None
@@ -81,13 +81,13 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One thing that happened. layer: automatic, participant or reviewer. event_id: of a word that somebody said.
+    """An entry of the timeline. layer: automatic, participant or reviewer. failure: a code.
 
-    sequence: the word's number in the meal, None: not a word. failure: a code.
+    event_id, sequence: of an event, else None.
     """
 
     at: datetime
-    who: str
+    author: str
     layer: str
     title: str
     item: uuid.UUID | None = None
@@ -102,33 +102,33 @@ class Entry:
 
 
 def timeline(story: MealStory) -> list[Entry]:
-    """All of it, the newest first."""
+    """Return all entries, the newest first."""
     names = food_names(story)
-    found = [*_photographs(story), *_work(story), *(word(row, names) for row in story.events)]
-    return sorted(found, key=lambda entry: (entry.at, entry.sequence or 0), reverse=True)
+    entries = [*_photographs(story), *_work(story), *(event_entry(row, names) for row in story.events)]
+    return sorted(entries, key=lambda entry: (entry.at, entry.sequence or 0), reverse=True)
 
 
 def food_names(story: MealStory) -> dict[str, str]:
-    """Names of the foods that the meal's items are, or may be, by key: events hold keys."""
+    """Return key -> name of the foods and candidates of the meal's items; events hold keys."""
     names: dict[str, str] = {}
     for item in story.view.items:
-        names |= {each.food.key: each.food.name for each in item.candidates.candidates}
+        names |= {candidate.food.key: candidate.food.name for candidate in item.candidates.candidates}
         if item.food is not None:
             names[item.food.key] = item.food.name
     return names
 
 
-def word(row: HistoryRow, names: Mapping[str, str]) -> Entry:
-    """An event as an entry."""
+def event_entry(row: HistoryRow, names: Mapping[str, str]) -> Entry:
+    """Return an event as an entry. names: food key -> name."""
     event = row.event
-    old, new = _plain(event.old), _plain(event.new)
-    if event.kind in WORDS_ONLY:
+    old, new = _flat(event.old), _flat(event.new)
+    if event.kind in TEXT_ONLY:
         old = new = {}
     if event.kind == "undo":
         old, new = {}, {"kind": TITLES.get(str(event.old.get("kind")), "")}
     return Entry(
         at=event.created_at,
-        who=row.author,
+        author=row.author,
         layer=event.layer,
         title=TITLES.get(event.kind, event.kind),
         item=event.item_id,
@@ -145,9 +145,9 @@ def word(row: HistoryRow, names: Mapping[str, str]) -> Entry:
     )
 
 
-def _plain(told: Mapping[str, Any]) -> dict[str, Any]:
-    """An event's values, amounts among them brought to the top; nothing that says nothing."""
-    flat = dict(told)
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an event's values with those of its amount at the top level, without None."""
+    flat = dict(values)
     if isinstance(flat.get("amount"), Mapping):
         flat |= flat.pop("amount")
     return {key: value for key, value in flat.items() if value is not None}
@@ -163,7 +163,7 @@ def _shown(key: str, value: Any, names: Mapping[str, str]) -> Markup | None:
     if key == "food":
         return Markup("{}").format(names.get(str(value), value))
     if key == "foods":
-        return Markup("{}").format(", ".join(names.get(str(one), str(one)) for one in value if one is not None))
+        return Markup("{}").format(", ".join(names.get(str(food), str(food)) for food in value if food is not None))
     if key in ("polygon", "parts"):
         return Markup("{} {}").format(_count(key, value), "corners" if key == "polygon" else "parts")
     if key == "region":
@@ -174,7 +174,7 @@ def _shown(key: str, value: Any, names: Mapping[str, str]) -> Markup | None:
 
 
 def _count(key: str, value: Any) -> int:
-    """Corners of an outline, of all its rings where it has several; or parts."""
+    """Count the corners of all rings of an outline, or the parts."""
     return sum(len(ring) for ring in rings_of(value)) if key == "polygon" else len(value)
 
 
@@ -197,7 +197,7 @@ def _work(story: MealStory) -> Iterator[Entry]:
             recompute.started_at,
             recompute.author,
             "automatic",
-            "Nutrients computed anew",
+            "Nutrients recomputed",
             text=recompute.reason,
             note=", ".join(str(release) for release in recompute.food_releases),
         )
@@ -215,7 +215,7 @@ def _run(run: Run) -> Entry:
 
 
 def _job(job: Job) -> Entry:
-    """Work that left no run: it waits, is under way, or was given up."""
+    """Return an entry for a job without a run: it waits, is running, or failed."""
     at = job.finished_at or job.started_at or job.enqueued_at
-    note = {"queued": "waits for a worker", "processing": "under way", "failed": "ended without an answer"}
+    note = {"queued": "waits for a worker", "processing": "running", "failed": "ended without a result"}
     return Entry(at, SERVER, "automatic", PURPOSES.get(job.purpose, job.purpose), note=note.get(job.state, job.state))

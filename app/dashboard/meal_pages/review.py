@@ -1,24 +1,22 @@
-"""The review queue: one item after the other, worked by keyboard. What is said goes the way of item_actions.py."""
+"""The review queue: one item after the other, by keyboard. Events are sent to item_actions.py."""
 
 import uuid
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
-from pydantic import BeforeValidator
 from starlette.responses import HTMLResponse
 
-from app.core.errors import NotFoundError
+from app.dashboard.forms import Blank
 from app.dashboard.meal_pages.review_views import (
     Choice,
     Outline,
     choices_of,
+    describe_events,
     outline_of,
     reasons_of,
-    said_of,
-    unmarked_of,
+    why_unmarked,
 )
-from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage
 from app.http.paging import Cursor
 from app.people.access.page_rules import PREFIX
@@ -28,42 +26,40 @@ from app.records.review.review_items import ReviewItem, count_waiting, read_revi
 router = APIRouter(include_in_schema=False)
 
 REVIEW = PREFIX + "/studies/{study}/review"
-ITEMS_A_PAGE = 12  # one is shown; the others are there before they are asked for
+ITEMS_A_PAGE = 12  # one is shown, the others are loaded in advance
 COUNTED = 500  # beyond it: "more than"
 
 DOUBTS = (("", "any"), *((str(least), f"{100 * least:.0f} % and more") for least in (0.1, 0.25, 0.5, 0.75, 0.9)))
 KEYS = (
-    (("Enter", "y"), "Confirm: the food that is marked, none where none is likely; then the next item is there"),
-    (("1", "…", "9"), "It is this candidate"),
-    (("↓", "↑", "n"), "Mark the next candidate, or the one before; Enter takes it"),
+    (("Enter", "y"), "Confirm the marked food, if one is marked, and go to the next item"),
+    (("1", "…", "9"), "Choose this candidate"),
+    (("↓", "↑", "n"), "Mark the next or the previous candidate; Enter chooses it"),
     (("f", "/"), "Search for another food"),
     (("m",), "Set the mass in grams"),
     (("v",), "Set the volume in millilitres"),
-    (("d",), "Draw the outline anew; it is measured again"),
-    (("x",), "Reject: no food, or nobody ate of it"),
-    (("s",), "Skip: says nothing; it comes again in the next round"),
+    (("d",), "Redraw the outline; it is measured again"),
+    (("x",), "Reject: it is no food, or nobody ate of it"),
+    (("s",), "Skip: the item comes again in the next round"),
     (("c",), "Comment"),
-    (("u",), "Undo the last decision, also of an item before"),
-    (("j", "k"), "Look at the next item, at the one before"),
+    (("u",), "Undo the last decision, also of an earlier item"),
+    (("j", "k"), "Show the next or the previous item"),
     (("o",), "Open the meal's page"),
     (("Esc",), "Leave a field, the drawing or this list"),
 )
 
-# a form sends a field that says nothing as ""
-Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
 Status = Annotated[Literal["proposed", "needs_review", "confirmed", "corrected"] | None, Blank]
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """An item with all that its card shows."""
+    """An item with everything that its card shows."""
 
     item: ReviewItem
     outline: Outline | None
     choices: list[Choice]
-    unmarked: str  # why none of the choices is marked beforehand; "" where one is
+    unmarked: str  # why no choice is marked in advance; "" if one is
     reasons: list[str]
-    new_ids: tuple[uuid.UUID, uuid.UUID]  # of the words that its two forms say where no script runs
+    new_ids: tuple[uuid.UUID, uuid.UUID]  # ids of the events of its two forms without scripts
 
 
 @router.get(REVIEW)
@@ -76,11 +72,9 @@ def get_review(
     participant: Annotated[str | None, Query(max_length=64), Blank] = None,
     cursor: Cursor = None,
 ) -> HTMLResponse:
-    """The queue from its head; a script that asks for a part gets the cards behind the cursor."""
-    if page.study is None:
-        raise NotFoundError("There is no such study.")
+    """The queue from its start; as a fragment the cards after the cursor."""
     chosen = QueueFilter(
-        study_id=page.study.id,
+        study_id=page.require_study().id,
         status=status,
         food_key=food,
         min_doubt=min_doubt,
@@ -88,17 +82,17 @@ def get_review(
         participant_code=participant,
     )
     database = page.state.database
-    found = read_review_page(database, chosen, cursor=cursor, limit=ITEMS_A_PAGE)
+    items = read_review_page(database, chosen, cursor=cursor, limit=ITEMS_A_PAGE)
     waiting = count_waiting(database, chosen, COUNTED + 1)
     return page.render(
         "review_cards.html" if page.is_fragment else "review.html",
-        cards=[card_of(item) for item in found.rows],
-        more=page.address(cursor=found.cursor) if found.cursor is not None else None,
+        cards=[card_of(item) for item in items.rows],
+        more=page.address(cursor=items.cursor) if items.cursor is not None else None,
         waiting=min(waiting, COUNTED),
         is_more=waiting > COUNTED,
         chosen=chosen,
-        is_filtered=any(one is not None for one in (status, food, min_doubt, provisional, participant)),
-        statuses=[("", "any"), *((one, one.replace("_", " ")) for one in QUEUED_STATUSES)],
+        is_filtered=any(value is not None for value in (status, food, min_doubt, provisional, participant)),
+        statuses=[("", "any"), *((code, code.replace("_", " ")) for code in QUEUED_STATUSES)],
         doubts=DOUBTS,
         key_table=KEYS,
     )
@@ -112,20 +106,20 @@ def get_item(
     item: Annotated[uuid.UUID, Query()],
     seen: Annotated[int, Query(ge=0)] = 0,
 ) -> HTMLResponse:
-    """One item as it stands: shown anew after somebody else has changed its meal, with what they said."""
-    now = read_review_item(page.state.database, in_study(page), meal_id, participant, item, seen=seen)
-    said = said_of(now.item, now.said, page.caller.staff_id)
-    is_over = now.item.row.record.status == "rejected"
+    """One item's current card, after somebody else has changed its meal, with their events."""
+    current = read_review_item(page.state.database, page.study_caller, meal_id, participant, item, seen=seen)
+    events = describe_events(current.item, current.said, page.caller.staff_id)
+    is_rejected = current.item.row.record.status == "rejected"
     return page.render(
         "review_again.html",
-        card=card_of(now.item),
-        said=said,
-        is_settled=is_over or any(each.settles and not each.is_own for each in said),
+        card=card_of(current.item),
+        events=events,
+        is_settled=is_rejected or any(event.settles and not event.is_own for event in events),
     )
 
 
 def card_of(item: ReviewItem) -> Card:
-    """An item as the template shows it."""
+    """Return an item's card."""
     choices = choices_of(item)
-    unmarked, ids = unmarked_of(item, choices), (uuid.uuid4(), uuid.uuid4())
+    unmarked, ids = why_unmarked(item, choices), (uuid.uuid4(), uuid.uuid4())
     return Card(item, outline_of(item), choices, unmarked, reasons_of(item), ids)

@@ -1,9 +1,8 @@
-"""What a reviewer is shown of an item beside its figures: where it is in the picture, why it waits, what was said."""
+"""What a review card shows beside an item's figures: outline and crop, candidates, reasons, recent events."""
 
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from app.foods.models import Food
 from app.meals.item_state import FOOD_DOUBTFUL, FOOD_IDENTIFIED, ITEM_DECISIONS
@@ -11,28 +10,28 @@ from app.records.review.meal_history import HistoryRow
 from app.records.review.review_items import ReviewItem
 
 MARGIN = 0.3  # of the item's larger side, around it
-LEAST_SHARE = 0.12  # of the photograph's smaller side: a crumb is shown with what lies around it
-SHARP_PX = 900  # so wide a crop is on a good screen
-WIDTHS_PX = (1600, 2400, 3200, 4096)  # few, so that a picture is made once and kept
+LEAST_SHARE = 0.12  # of the photograph's smaller side: a crumb is shown with its surroundings
+SHARP_PX = 900  # width of a crop on a good screen
+WIDTHS_PX = (1600, 2400, 3200, 4096)  # few, so that pictures are cached
 NUMBERED = 9  # candidates that have a key
 
-SETTLING = ITEM_DECISIONS | {"split", "merge", "confirm_meal"}  # a reviewer's word that takes an item out of the queue
-EVENT_WORDS = {
+SETTLING = ITEM_DECISIONS | {"split", "merge", "confirm_meal"}  # reviewers' events that take an item out of the queue
+ACTIONS = {
     "confirm": "confirmed it",
     "reject": "rejected it",
     "set_food": "set the food",
     "set_volume": "set the volume",
     "set_mass": "set the amount",
     "set_share": "set the share",
-    "redraw": "drew it anew",
+    "redraw": "redrew it",
     "declare": "answered a probe",
     "add": "added a food",
     "split": "split it",
     "merge": "merged items",
-    "set_leftover": "said what was left",
-    "nothing_left": "said that nothing was left",
+    "set_leftover": "set what was left",
+    "nothing_left": "stated that nothing was left",
     "confirm_meal": "confirmed the whole meal",
-    "undo": "took a word back",
+    "undo": "undid an event",
     "comment": "wrote a comment",
     "question": "asked a question",
     "answer": "answered a question",
@@ -41,10 +40,10 @@ EVENT_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """The item in the left photograph, upright pixels. path: of SVG, holes by the even-odd rule. crop: x, y, w, h.
+    """The item in the left photograph, in upright pixels. path: of SVG, holes by the even-odd rule. crop: x, y, w, h.
 
-    corners: of the ring with most of them, where a new drawing begins. served_px: the picture's width that shows the
-    crop sharply.
+    corners: of the ring with the most, from which a new drawing starts. served_px: the photograph's width at which the
+    crop is sharp.
     """
 
     width_px: int
@@ -57,9 +56,9 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A food that the item may be. key: on the keyboard, 1 to 9, or None. is_current: the item is taken for it.
+    """A food that the item may be. key: on the keyboard, 1 to 9, or None. is_current: it is the item's food.
 
-    is_marked: one key takes it, for the reviewer need not choose it first.
+    is_marked: Enter confirms it; the reviewer need not choose it first.
     """
 
     food: Food
@@ -71,33 +70,30 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """A word of somebody about the meal, in words. is_of_item: about this item, or about the meal as a whole.
-
-    is_own: of the reader.
-    """
+class RecentEvent:
+    """An event of the meal, described. is_of_item: about this item or the whole meal. is_own: by the reader."""
 
     row: HistoryRow
-    words: str
+    action: str
     detail: str
     is_of_item: bool
     is_own: bool
 
     @property
     def settles(self) -> bool:
-        """Whether a reviewer has decided the item by it."""
+        """Whether a reviewer decided the item with it."""
         event = self.row.event
         return self.is_of_item and event.layer == "reviewer" and event.kind in SETTLING and not self.row.is_undone
 
 
 def outline_of(item: ReviewItem) -> Outline | None:
-    """Where the item is; None: the meal has no photograph (any more)."""
+    """Return where the item is; None if the meal has no photograph."""
     if item.photograph is None:
         return None
     width, height = item.photograph.width_px, item.photograph.height_px
     rings = [[(float(x), float(y)) for x, y in ring] for ring in item.rings if len(ring) > 2]
     crop = crop_of([point for ring in rings for point in ring], width, height)
-    wanted = SHARP_PX * width / crop[2]
+    sharp_width = SHARP_PX * width / crop[2]
     most_corners = max(rings, key=len) if rings else []
     return Outline(
         width_px=width,
@@ -105,15 +101,15 @@ def outline_of(item: ReviewItem) -> Outline | None:
         path=" ".join(_path(ring) for ring in rings),
         crop=crop,
         corners=tuple(most_corners),
-        served_px=next((one for one in WIDTHS_PX if one >= min(wanted, width)), WIDTHS_PX[-1]),
+        served_px=next((served for served in WIDTHS_PX if served >= min(sharp_width, width)), WIDTHS_PX[-1]),
     )
 
 
 def crop_of(points: Sequence[tuple[float, float]], width: int, height: int) -> tuple[float, float, float, float]:
-    """A square around the points with a margin, moved into the photograph; all of it where there is no point.
+    """Return x, y, width, height of a square around the points with a margin, moved into the photograph.
 
-    Points outside the photograph count as on its edge. Returns x, y, width, height; no side is longer than the
-    photograph's.
+    Points outside the photograph are moved to its edge; no side is longer than the photograph's. Without points it is
+    the whole photograph.
     """
     if not points:
         return (0.0, 0.0, float(width), float(height))
@@ -128,17 +124,17 @@ def crop_of(points: Sequence[tuple[float, float]], width: int, height: int) -> t
 
 
 def choices_of(item: ReviewItem) -> list[Choice]:
-    """What the item may be: the food it is taken for first, if no candidate; then the candidates, each food once."""
+    """Return the candidates, each food once; the item's food first if it is no candidate."""
     current = item.row.food
     foods: dict[str, tuple[Food, float | None, str]] = {}
     candidates = item.candidates.candidates
-    if current is not None and all(each.food.key != current.key for each in candidates):
-        foods[current.key] = (current, None, "told")
-    for each in candidates:
-        key = each.food.key
+    if current is not None and all(candidate.food.key != current.key for candidate in candidates):
+        foods[current.key] = (current, None, "person")
+    for candidate in candidates:
+        key, probability = candidate.food.key, candidate.probability
         first = foods.get(key)
-        if first is None or (first[1] is None and each.probability is not None):  # the hint's, and then the index's
-            foods[key] = (each.food, each.probability, each.source if first is None else first[2])
+        if first is None or (first[1] is None and probability is not None):  # the hint's, then the index's
+            foods[key] = (candidate.food, probability, candidate.source if first is None else first[2])
     marked = _marked(item, foods)
     return [
         Choice(
@@ -153,27 +149,27 @@ def choices_of(item: ReviewItem) -> list[Choice]:
     ]
 
 
-def unmarked_of(item: ReviewItem, choices: Sequence[Choice]) -> str:
-    """Why no choice is marked beforehand, in words; "" where one is, or where there is none to mark."""
-    if not choices or any(one.is_marked for one in choices):
+def why_unmarked(item: ReviewItem, choices: Sequence[Choice]) -> str:
+    """Return why no choice is marked in advance; "" if one is, or if there is none."""
+    if not choices or any(choice.is_marked for choice in choices):
         return ""
     if item.row.food is not None:
         return "The phone and the server disagree"
-    return "Probably none of these" if choices[0].probability is not None else "None of these was said to be it"
+    return "Probably none of these" if choices[0].probability is not None else "None of these was stated"
 
 
 def reasons_of(item: ReviewItem) -> list[str]:
-    """Why it is where it is in the queue, in words; the doubt itself is the record's (docs/review.md)."""
+    """Return the reasons for the item's place in the queue; its doubt is the record's (docs/review.md)."""
     record = item.row.record
     reasons = []
     if record.food_id is None:
-        reasons.append("Nobody has said what it is, and the server is not sure enough.")
+        reasons.append("Nobody has stated the food, and the server is not sure enough.")
     if record.consumed_g is None:
-        reasons.append("How much was eaten is not known.")
+        reasons.append("The eaten amount is unknown.")
     if FOOD_IDENTIFIED in record.flags:
-        reasons.append("The server alone says what it is.")
+        reasons.append("Only the server has identified the food.")
     if FOOD_DOUBTFUL in record.flags:
-        reasons.append("The phone's hint and the server disagree about what it is.")
+        reasons.append("The phone's hint and the server disagree about the food.")
     others = [flag for flag in record.flags if flag not in (FOOD_IDENTIFIED, FOOD_DOUBTFUL)]
     if others:
         reasons.append("The measurement has a cause of doubt: see its flags.")
@@ -182,12 +178,12 @@ def reasons_of(item: ReviewItem) -> list[str]:
     return reasons
 
 
-def said_of(item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID) -> list[Said]:
-    """What was said of the meal, in words; reader: the staff member who reads it."""
+def describe_events(item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID) -> list[RecentEvent]:
+    """Describe the meal's events. reader: the staff member who reads them."""
     return [
-        Said(
+        RecentEvent(
             row=row,
-            words=EVENT_WORDS.get(row.event.kind, row.event.kind.replace("_", " ")),
+            action=ACTIONS.get(row.event.kind, row.event.kind.replace("_", " ")),
             detail=_detail(row.event.new),
             is_of_item=row.event.item_id in (None, item.row.record.item_id),
             is_own=row.event.staff_id == reader,
@@ -196,18 +192,18 @@ def said_of(item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID) -> 
     ]
 
 
-def _detail(new: dict[str, Any]) -> str:
+def _detail(new: Mapping[str, object]) -> str:
     for name, unit in (("mass_g", " g"), ("volume_ml", " ml")):
-        if isinstance(new.get(name), int | float):
-            return f"{new[name]:g}{unit}"
+        if isinstance(value := new.get(name), int | float):
+            return f"{value:g}{unit}"
     return str(new.get("food") or new.get("text") or "")
 
 
 def _marked(item: ReviewItem, foods: Mapping[str, tuple[Food, float | None, str]]) -> str | None:
-    """Key of the food that is likelier right than wrong, as far as anybody has told; None: the reviewer chooses.
+    """Return the key of the food that is more likely right than wrong; None: the reviewer has to choose.
 
-    A reflex takes what is marked, and it goes into a study. The index knows few foods, so that its "none of these" says
-    nothing against a food that a person or the phone has named; its being sure of another one does.
+    A reviewer may confirm a marked food by reflex. The index knows few foods, so its "none of these" is no evidence
+    against a food that a person or the phone has named; its certainty about another food is.
     """
     if item.row.food is not None:
         return None if FOOD_DOUBTFUL in item.row.record.flags else item.row.food.key

@@ -1,4 +1,4 @@
-"""One's own account: the password, and personal tokens for scripts."""
+"""The caller's own account: password, and personal tokens for scripts."""
 
 import uuid
 
@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, RateLimitedError, UnauthenticatedError
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.rate_limit import caller_address
 from app.people.access import access_tokens, sign_in
@@ -23,20 +23,18 @@ PATH = f"{PREFIX}/account"
 
 @router.get(PATH)
 def get_account(page: CurrentPage) -> Response:
-    """Who is signed in, until when, as what; their tokens without the secrets."""
+    """The caller's session and tokens, without their secrets."""
     return _account(page)
 
 
 @router.post(f"{PATH}/password")
 def post_password(page: CurrentPage, request: Request, fields: Fields) -> Response:
-    """Another password; all sessions end, this one too, and all personal tokens."""
-    values = typed(fields)
-    if values.get("new_password") != values.pop("again", ""):
-        return _account(page, wrong={"again": "The two are not the same."}, status=422)
-    body, wrong = checked(PasswordChangeIn, values)
-    if body is None:
-        return _account(page, wrong=wrong, status=422)
+    """Change the password; all sessions, including this one, and all personal tokens end."""
+    values = form_values(fields)
     try:
+        if values.get("new_password") != values.pop("again", ""):
+            raise WrongFormError({"again": "The two are not the same."})
+        body = read_form(PasswordChangeIn, values)
         with page.state.part(SignInLimits).trying(page.caller.name, caller_address(request)):
             sign_in.change_own_password(
                 page.state.database,
@@ -50,31 +48,29 @@ def post_password(page: CurrentPage, request: Request, fields: Fields) -> Respon
     except UnauthenticatedError:
         return _account(page, wrong={"current_password": "This is not your password."}, status=422)
     except InvalidInputError as error:
-        return _account(page, wrong={"new_password": error.message}, status=error.status)
-    return page.go(f"{PREFIX}/sign-in")
+        return _account(page, wrong=wrong_fields(error, "new_password"), status=error.status)
+    return page.redirect(f"{PREFIX}/sign-in")
 
 
 @router.post(f"{PATH}/tokens")
 def post_token(page: CurrentPage, fields: Fields) -> Response:
-    """A personal token, shown once."""
-    values = typed(fields)
-    body, wrong = checked(TokenIn, values)
-    if body is None:
-        return _account(page, values=values, wrong=wrong, status=422)
+    """Create a personal token, which is shown once."""
+    values = form_values(fields)
     try:
+        body = read_form(TokenIn, values)
         token, view = access_tokens.create_token(
             page.state.database, page.caller, name=body.name, scope=body.scope, study_code=body.study, days=body.days
         )
-    except (ConflictError, NotFoundError) as error:
-        return _account(page, values=values, wrong={"name": error.message}, status=error.status)
+    except (WrongFormError, ConflictError, NotFoundError) as error:
+        return _account(page, values=values, wrong=wrong_fields(error, "name"), status=error.status)
     return _account(page, issued=(view.name, token))
 
 
 @router.post(f"{PATH}/tokens/{{token_id}}/revocation")
 def post_token_revocation(page: CurrentPage, token_id: uuid.UUID) -> Response:
-    """End one of one's own tokens."""
+    """Revoke one of the caller's own tokens."""
     access_tokens.revoke_token(page.state.database, page.caller, token_id)
-    return page.go(PATH, "The token opens nothing any more.")
+    return page.redirect(PATH, "The token was revoked.")
 
 
 def _account(

@@ -32,7 +32,7 @@ def get_study_audit(
     cursor: Cursor = None,
     output: Output = "",
 ) -> Response:
-    """Of a study."""
+    """The audit log of a study."""
     return _audit(page, study, action, first, last, cursor, output)
 
 
@@ -45,14 +45,14 @@ def get_audit(
     cursor: Cursor = None,
     output: Output = "",
 ) -> Response:
-    """Of everything."""
+    """The audit log of the whole server."""
     return _audit(page, None, action, first, last, cursor, output)
 
 
 def _audit(
     page: Page, study: str | None, action: str, first: date | None, last: date | None, cursor: str | None, output: str
 ) -> Response:
-    """Days are UTC's, as the log's times are shown; both included."""
+    """first, last: UTC days, as the log's times are shown; both included."""
     chosen = AuditFilter(
         action=action or None,
         since=_midnight(first) if first is not None else None,

@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, typed
+from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage
 from app.http.paging import Cursor
 from app.people import devices
@@ -29,7 +29,7 @@ MOST_CARDS = 60  # a sheet
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """What a participant is handed. svg: the QR code, drawn by us from a code of ours."""
+    """The card that a participant receives. svg: the QR code of the enrolment code."""
 
     participant: str
     code: str
@@ -44,29 +44,29 @@ def get_devices(
     participant: Annotated[str | None, Query(max_length=64)] = None,
     cursor: Cursor = None,
 ) -> Response:
-    """The phones, the last enrolled first."""
-    found = devices.list_devices(page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE)
-    return page.render("devices.html", rows=found.rows, next=found.cursor, participant=participant or "")
+    """The phones, the most recently enrolled first."""
+    phones = devices.list_devices(page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE)
+    return page.render("devices.html", rows=phones.rows, next=phones.cursor, participant=participant or "")
 
 
 @router.post(f"{PATH}/{{device_id}}/revocation")
 def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Response:
-    """End a phone's token, such as a lost phone's."""
+    """Revoke a phone's token, for example of a lost phone."""
     devices.revoke_device(page.state.database, page.caller, study, device_id)
-    return page.go(study_address(study, "devices"), "The phone's token was ended. What it has sent stays.")
+    return page.redirect(study_address(study, "devices"), "The phone's token was revoked. Its uploads are kept.")
 
 
 @router.get(ENROL)
 def get_enrol(page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """The form: for whom."""
-    return page.render("enrol.html", cards=[], refused=[], asked=participant)
+    """The form that asks for participants' codes."""
+    return page.render("enrol.html", cards=[], refused=[], codes=participant)
 
 
 @router.post(ENROL)
 def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """A sheet of cards, one a participant, shown once; earlier codes of theirs that were not used end."""
-    asked = typed(fields).get("participants", "")
-    codes = list(dict.fromkeys(asked.replace(",", " ").replace(";", " ").split()))
+    """A sheet with one card per participant, shown once; their earlier unused codes become invalid."""
+    entered = form_values(fields).get("participants", "")
+    codes = list(dict.fromkeys(entered.replace(",", " ").replace(";", " ").split()))
     if not codes or len(codes) > MOST_CARDS:
         raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
     server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
@@ -81,4 +81,4 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
             continue
         svg = Markup(qr_svg(enrolment_text(server, issued.code)))  # noqa: S704  # drawn by segno, holds no text
         cards.append(Card(code, issued.code, issued.expires_at, svg))
-    return page.render("enrol.html", cards=cards, refused=refused, asked=asked)
+    return page.render("enrol.html", cards=cards, refused=refused, codes=entered)

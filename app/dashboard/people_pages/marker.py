@@ -1,4 +1,4 @@
-"""The board to print: chosen on a page, drawn as a PDF at true size."""
+"""The marker to print: chosen on a page, drawn as a PDF at true size."""
 
 from typing import Annotated
 
@@ -17,16 +17,16 @@ Marker = Annotated[str, Query(max_length=64)]
 
 @router.get(f"{PREFIX}/marker")
 def get_marker(page: CurrentPage, marker: Marker = USUAL[0]) -> Response:
-    """Which board, and what to check when it is printed."""
+    """The choice of a marker, and what to check after printing."""
     return page.render("marker.html", marker=str(parse_marker(marker)), usual=USUAL)
 
 
 @router.get(f"{PREFIX}/marker.pdf")
 def get_marker_pdf(page: CurrentPage, marker: Marker) -> Response:
-    """The PDF."""
-    from app.people.print_marker import render_marker_pdf  # noqa: PLC0415  # the PDF writer, for who asks for it
+    """The marker as a PDF."""
+    from app.people.print_marker import render_marker_pdf  # noqa: PLC0415  # the PDF writer is only loaded if used
 
-    del page  # whoever is signed in
+    del page  # only requires a session
     spec = parse_marker(marker)
     name = str(spec).replace(":", "-").replace("=", "-")
     headers = {"Content-Disposition": f'attachment; filename="marker-{name}.pdf"'}

@@ -1,4 +1,4 @@
-"""One participant: the diary by local day, sums beside reference intakes, completeness; the profile, and leaving."""
+"""One participant: diary by local day, intakes beside reference intakes, profile, withdrawal."""
 
 from collections import defaultdict
 from datetime import UTC, date, datetime, timedelta
@@ -10,8 +10,7 @@ from starlette.responses import Response
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
-from app.dashboard.forms import Fields, checked, take_version, typed
-from app.dashboard.one_study import in_study
+from app.dashboard.forms import Fields, form_values, read_form, take_version
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.feedback import Feedback, read_feedback
@@ -39,36 +38,31 @@ SWITCHES = ("is_pregnant", "is_lactating")
 
 @router.get(PATH)
 def get_participant(page: CurrentPage, study: str, participant: str, last: LastDay = None) -> Response:
-    """Two weeks of the diary, those that end on the last day with a meal or a word if none is named."""
+    """Two weeks of the diary, up to `last`; by default up to the last day with a meal or a text entry."""
     return _participant(page, study, participant, last)
 
 
 @router.post(f"{PATH}/profile")
 def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
-    """Change the profile: what is emptied is taken away."""
-    values = typed(fields)
-    starts_on = values.pop("starts_on", "")
+    """Change the profile; emptied fields are removed."""
+    values = form_values(fields)
     profile = {key: values[key] for key in PROFILE_KEYS if values.get(key)}
-    body, wrong = checked(ParticipantPatch, {"profile": profile} | ({"starts_on": starts_on} if starts_on else {}))
-    if body is None:
-        return _participant(page, study, participant, None, wrong={"": "; ".join(wrong.values())}, status=422)
     emptied = {key: None for key in PROFILE_KEYS if key not in profile}
-    change = change_of(body, also=emptied, moves_start=True)
     try:
+        body = read_form(ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")})
+        change = change_of(body, also=emptied, moves_start=True)
         participants.change_participant(page.state.database, page.caller, study, participant, change)
     except (InvalidInputError, ConflictError) as error:
         return _participant(page, study, participant, None, wrong={"": error.message}, status=error.status)
-    return page.go(study_address(study, "participants", participant), "The profile was changed.")
+    return page.redirect(study_address(study, "participants", participant), "The profile was changed.")
 
 
 @router.post(f"{PATH}/days/{{day}}")
 def post_day(page: CurrentPage, study: str, participant: str, day: date, fields: Fields) -> Response:
-    """A reviewer's word about a day, as it stood when the page was opened."""
-    values = typed(fields)
-    expected, shown = take_version(values), values.pop("to", "")
-    body, wrong = checked(DayIn, values)
-    if body is None:
-        raise InvalidInputError("; ".join(wrong.values()))
+    """Set a day's status as a reviewer, if the day is unchanged since the page was opened."""
+    values = form_values(fields)
+    expected, last_shown = take_version(values), values.pop("to", "")
+    body = read_form(DayIn, values)
     diary.set_day(
         page.state.database,
         page.caller,
@@ -78,18 +72,18 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
         participant_ref=diary.ParticipantRef(study, participant),
     )
     target = study_address(study, "participants", participant)
-    window = f"?to={quote(shown)}" if shown else ""
-    return page.go(f"{target}{window}#day-{day}", f"{day} is {body.status} now.")
+    window = f"?to={quote(last_shown)}" if last_shown else ""
+    return page.redirect(f"{target}{window}#day-{day}", f"{day} is now {body.status}.")
 
 
 @router.post(f"{PATH}/withdrawal")
 def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
-    """The participant leaves, at their word; whoever tells it types the code, so that it is nobody else's."""
-    if typed(fields).get("code") != participant:
+    """Withdraw the participant; the staff member types the code to confirm."""
+    if form_values(fields).get("code") != participant:
         raise InvalidInputError("Type the participant's code to confirm that they leave the study.")
     receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
-    told = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
-    return page.go(study_address(study, "participants"), told)
+    notice = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
+    return page.redirect(study_address(study, "participants"), notice)
 
 
 def _participant(
@@ -105,14 +99,13 @@ def _participant(
     feedback = _feedback(page, study, code, last)
     end = last or (feedback.date if feedback is not None else datetime.now(UTC).date())
     first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
-    caller = in_study(page)
-    chosen = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
-    days = day_summaries.list_day_summaries(page.state.database, caller, chosen, cursor=None, limit=WINDOW_DAYS).rows
-    eaten = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
-    meals = list_meals(page.state.database, caller, eaten, order="oldest", cursor=None, limit=MOST_MEALS)
-    of_day = defaultdict(list)
+    caller = page.study_caller
+    window = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
+    days = day_summaries.list_day_summaries(page.state.database, caller, window, cursor=None, limit=WINDOW_DAYS).rows
+    meals = list_meals(page.state.database, caller, window, order="oldest", cursor=None, limit=MOST_MEALS)
+    meals_by_day = defaultdict(list)
     for row in meals.rows:
-        of_day[row.meal.local_date].append((row, sums_of(row)))
+        meals_by_day[row.meal.local_date].append((row, sums_of(row)))
     phones = devices.list_devices(page.state.database, study, code, cursor=None, limit=20)
     return page.render(
         "participant.html",
@@ -121,7 +114,7 @@ def _participant(
         profile=person.profile or {},
         switches=SWITCHES,
         days=[(day, judge_day(day)) for day in reversed(days)],
-        of_day=of_day,
+        meals_by_day=meals_by_day,
         first=first,
         last=end,
         window=WINDOW_DAYS,
@@ -135,7 +128,7 @@ def _participant(
 
 
 def _feedback(page: Page, study: str, code: str, day: date | None) -> Feedback | None:
-    """What the participant sees, or would see; None: there is no day yet."""
+    """Return the feedback that the participant sees, or would see; None if there is no day yet."""
     try:
         return read_feedback(page.state.database, page.caller, day, diary.ParticipantRef(study, code))
     except InvalidInputError:

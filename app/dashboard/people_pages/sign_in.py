@@ -1,4 +1,4 @@
-"""Sign in with name and password, and out. The session's token goes into a cookie that no script can read."""
+"""Signing in with name and password, and out. The session's token is in a cookie that scripts cannot read."""
 
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -22,7 +22,7 @@ LONGEST = 1024
 
 @router.get("/")
 async def get_root() -> Response:
-    """A browser that is sent to the server finds the pages."""
+    """Redirect the server's root to the pages."""
     return RedirectResponse(PREFIX, status_code=307)
 
 
@@ -40,7 +40,7 @@ def post_sign_in(
     password: Annotated[str, Form(max_length=LONGEST)] = "",
     next: Annotated[str, Form(max_length=LONGEST)] = "",  # noqa: A002  # the field's name
 ) -> Response:
-    """Sign in; then to the page that was asked for."""
+    """Sign in, then redirect to the requested page."""
     target = safe_path(next)
     try:
         with state.part(SignInLimits).trying(name, caller_address(request)):
@@ -53,7 +53,7 @@ def post_sign_in(
     answer.set_cookie(
         session_cookie(request, state.settings),
         issued.token,
-        path="/" if is_secure else PREFIX,  # the prefix __Host- asks for "/"
+        path="/" if is_secure else PREFIX,  # the prefix __Host- requires "/"
         secure=is_secure,
         httponly=True,
         samesite="lax",
@@ -63,7 +63,7 @@ def post_sign_in(
 
 @router.post(f"{PREFIX}/sign-out")
 def post_sign_out(request: Request, state: State, caller: CurrentStaff) -> Response:
-    """End the session: its token opens nothing any more."""
+    """End the session and revoke its token."""
     sign_in.sign_out(state.database, caller)
     answer = RedirectResponse(f"{PREFIX}/sign-in", status_code=303)
     is_secure = is_https(request, state.settings)
@@ -73,10 +73,10 @@ def post_sign_out(request: Request, state: State, caller: CurrentStaff) -> Respo
 
 
 def safe_path(path: str) -> str:
-    """A path of the dashboard, or its first page: never another site, whatever a link says."""
+    """Return the path if it is one of the dashboard's, else the first page: a link must not lead to another site."""
     try:
         parts = urlsplit(path)
-    except ValueError:  # "//[": a host that is none
+    except ValueError:  # "//[" is no valid host
         return PREFIX
     is_ours = not parts.scheme and not parts.netloc and path.isprintable() and "\\" not in path
     return path if is_ours and (path == PREFIX or path.startswith((f"{PREFIX}/", f"{PREFIX}?"))) else PREFIX

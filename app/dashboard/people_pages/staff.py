@@ -1,10 +1,10 @@
-"""The people who work with the data, for admins: made, given passwords, disabled."""
+"""Staff accounts, for admins: creating, changing and disabling them."""
 
 from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, UnavailableError
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.people.access import staff
@@ -20,18 +20,16 @@ STAFF_A_PAGE = 200
 
 @router.get(PATH)
 def get_staff(page: CurrentPage, cursor: Cursor = None) -> Response:
-    """All staff by name."""
+    """All staff, by name."""
     return _staff(page, cursor, {}, {})
 
 
 @router.post(PATH)
 def post_staff(page: CurrentPage, fields: Fields) -> Response:
-    """Make a staff member, with a first password that they change on their account's page."""
-    values = typed(fields)
-    body, wrong = checked(StaffIn, {**values, "is_admin": "is_admin" in values})
-    if body is None:
-        return _staff(page, None, values, wrong, status=422)
+    """Create a staff member, with a first password that they change on their account's page."""
+    values = form_values(fields)
     try:
+        body = read_form(StaffIn, {**values, "is_admin": "is_admin" in values})
         staff.create_staff(
             page.state.database,
             page.state.part(Passwords),
@@ -41,27 +39,25 @@ def post_staff(page: CurrentPage, fields: Fields) -> Response:
             caller=page.caller,
         )
     except (ConflictError, InvalidInputError, UnavailableError) as error:
-        return _staff(page, None, values, {"name": error.message}, status=error.status)
-    return page.go(PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members.")
+        return _staff(page, None, values, wrong_fields(error, "name"), status=error.status)
+    return page.redirect(PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members.")
 
 
 @router.post(f"{PATH}/change")
 def post_change(page: CurrentPage, fields: Fields) -> Response:
-    """Change a staff member: admin or not, disabled, another password."""
-    values = typed(fields)
+    """Change whether a staff member is an admin or disabled, or their password."""
+    values = form_values(fields)
     name = values.pop("name", "")
-    body, wrong = checked(StaffPatch, values)
-    if body is None:
-        raise InvalidInputError("; ".join(wrong.values()))
+    body = read_form(StaffPatch, values)
     password = body.password.get_secret_value() if body.password is not None else None
     change = staff.StaffChange(body.is_admin, body.is_disabled, password)
     changed = staff.change_staff(page.state.database, page.state.part(Passwords), name, change, page.caller)
-    return page.go(PATH, f"{name} was changed.{changed.ended.sentence}")
+    return page.redirect(PATH, f"{name} was changed.{changed.ended.sentence}")
 
 
 def _staff(
     page: Page, cursor: str | None, values: dict[str, str], wrong: dict[str, str], status: int = 200
 ) -> Response:
-    found = staff.list_staff(page.state.database, cursor=cursor, limit=STAFF_A_PAGE)
+    members = staff.list_staff(page.state.database, cursor=cursor, limit=STAFF_A_PAGE)
     kept = {name: value for name, value in values.items() if name != "password"}
-    return page.render("staff.html", status=status, rows=found.rows, next=found.cursor, values=kept, wrong=wrong)
+    return page.render("staff.html", status=status, rows=members.rows, next=members.cursor, values=kept, wrong=wrong)

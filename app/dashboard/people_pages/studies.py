@@ -1,4 +1,4 @@
-"""The first page: the studies where one has a role."""
+"""The first page: the studies in which the caller has a role."""
 
 from fastapi import APIRouter
 from starlette.responses import HTMLResponse
@@ -15,7 +15,7 @@ STUDIES_A_PAGE = 100
 
 @router.get(PREFIX)
 def get_studies(page: CurrentPage, cursor: Cursor = None) -> HTMLResponse:
-    """The list; the pages of each study lead on from it."""
-    found = list_studies(page.state.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE)
-    rows = [(study, role_in(page.caller, study.id)) for study in found.rows]
-    return page.render("studies.html", rows=rows, next=found.cursor)
+    """The studies, with links to their pages."""
+    studies = list_studies(page.state.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE)
+    rows = [(study, role_in(page.caller, study.id)) for study in studies.rows]
+    return page.render("studies.html", rows=rows, next=studies.cursor)

@@ -1,4 +1,4 @@
-"""A study's webhooks: which program is told of what, and what came of telling it."""
+"""A study's webhooks: subscriptions to events, and the log of their deliveries."""
 
 import uuid
 from typing import Annotated, Literal
@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, checked, take_version, typed
+from app.dashboard.forms import Fields, form_values, read_form, take_version, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.outbox.models import ALL_EVENTS, EVENTS
@@ -27,21 +27,19 @@ DeliveryState = Annotated[Literal["waiting", "delivered", "given_up", ""], Query
 
 @router.get(PATH)
 def get_webhooks(page: CurrentPage, study: str) -> Response:
-    """All of them, disabled ones too."""
+    """The study's webhooks, including disabled ones."""
     return _webhooks(page, study)
 
 
 @router.post(PATH)
 def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """A new one; its secret is shown here and never again."""
-    values = {"url": typed(fields).get("url", ""), "events": fields.getlist("events")}
-    body, wrong = checked(WebhookIn, values)
-    if body is None:
-        return _webhooks(page, study, url=str(values["url"]), wrong=wrong, status=422)
+    """Create a webhook; its secret is shown only once."""
+    url = form_values(fields).get("url", "")
     try:
+        body = read_form(WebhookIn, {"url": url, "events": fields.getlist("events")})
         issued = _use_case(page, study).create(body.url, body.events)
     except (InvalidInputError, ConflictError) as error:
-        return _webhooks(page, study, url=body.url, wrong={"url": error.message}, status=error.status)
+        return _webhooks(page, study, url=url, wrong=wrong_fields(error, "url"), status=error.status)
     return _webhooks(page, study, issued=issued)
 
 
@@ -49,31 +47,27 @@ def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
 def get_webhook(
     page: CurrentPage, study: str, webhook: uuid.UUID, state: DeliveryState = "", cursor: Cursor = None
 ) -> Response:
-    """One of them, and the log of its deliveries, the newest first."""
+    """A webhook and the log of its deliveries, the newest first."""
     hooks = _use_case(page, study)
     hook = hooks.read(webhook)
-    found = hooks.list_deliveries(webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE)
-    return page.render("webhook.html", hook=hook, rows=found.rows, next=found.cursor, state=state)
+    deliveries = hooks.list_deliveries(webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE)
+    return page.render("webhook.html", hook=hook, rows=deliveries.rows, next=deliveries.cursor, state=state)
 
 
 @router.post(f"{PATH}/{{webhook}}/state")
 def post_state(page: CurrentPage, study: str, webhook: uuid.UUID, fields: Fields) -> Response:
-    """Disable: what waits is given up; or enable again, as it was when the page was opened."""
-    values = typed(fields)
+    """Disable the webhook and give up waiting deliveries; or enable it if unchanged since the page was opened."""
+    values = form_values(fields)
     if values.get("is_enabled") != "true":
         _use_case(page, study).disable(webhook)
-        return page.go(study_address(study, "webhooks", webhook), "Nothing more is sent to it.")
-    _use_case(page, study).change(
-        webhook,
-        expected=take_version(values),
-        is_enabled=True,
-    )
-    return page.go(study_address(study, "webhooks", webhook), "It is told again from now on.")
+        return page.redirect(study_address(study, "webhooks", webhook), "Nothing more is sent to it.")
+    _use_case(page, study).change(webhook, expected=take_version(values), is_enabled=True)
+    return page.redirect(study_address(study, "webhooks", webhook), "Events are sent to it again from now on.")
 
 
 @router.post(f"{PATH}/{{webhook}}/secret")
 def post_secret(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
-    """A fresh secret, shown once; for a day deliveries are signed by the old one too."""
+    """Create a new secret, shown once; for a day deliveries are signed with the old one too."""
     return _webhooks(page, study, issued=_use_case(page, study).rotate_secret(webhook))
 
 
@@ -81,14 +75,14 @@ def post_secret(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
 def post_test(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
     """Send a ping."""
     _use_case(page, study).test(webhook)
-    return page.go(study_address(study, "webhooks", webhook), "A ping is on its way; its delivery stands in the log.")
+    return page.redirect(study_address(study, "webhooks", webhook), "A ping is being sent; the log shows its delivery.")
 
 
 @router.post(f"{PATH}/{{webhook}}/deliveries/{{delivery}}/replay")
 def post_replay(page: CurrentPage, study: str, webhook: uuid.UUID, delivery: uuid.UUID) -> Response:
-    """Send a payload once more, as it was then."""
+    """Send the same payload again."""
     _use_case(page, study).replay(webhook, delivery)
-    return page.go(study_address(study, "webhooks", webhook), "It is sent once more, as a new delivery.")
+    return page.redirect(study_address(study, "webhooks", webhook), "It is sent again, as a new delivery.")
 
 
 def _use_case(page: Page, study: str) -> Webhooks:

@@ -118,7 +118,7 @@ def test_figures_of_the_list_are_those_of_the_api(client, admin, viewer, run):
     assert (rest.status_code, rest.content) == (206, file.content[100:])
 
 
-def test_export_is_called_off_or_removed_by_who_asked_and_by_owners(client, admin, viewer, sign_in_browser, run):
+def test_export_is_cancelled_or_removed_by_its_requester_and_by_owners(client, admin, viewer, sign_in_browser, run):
     assert viewer.post(PATH, rows="items").status_code == 303
     assert viewer.post(PATH, rows="meals").status_code == 303
     meals, items = client.get(API, headers=admin).json()["items"]
@@ -126,7 +126,7 @@ def test_export_is_called_off_or_removed_by_who_asked_and_by_owners(client, admi
     assert "/removal" not in listed(other.page(PATH))
     assert other.post(f"{PATH}/{items['id']}/removal").status_code == 403
     assert viewer.post(f"{PATH}/{items['id']}/removal").status_code == 303
-    assert "called off" in viewer.page(PATH)
+    assert "was cancelled" in viewer.page(PATH)
     assert run().outcome == "done"
     assert f"{PATH}/{meals['id']}/removal" in listed(owner.page(PATH))
     assert owner.post(f"{PATH}/{meals['id']}/removal").status_code == 303
@@ -134,9 +134,9 @@ def test_export_is_called_off_or_removed_by_who_asked_and_by_owners(client, admi
     assert [(each["id"], each["state"]) for each in left] == [(items["id"], "cancelled")]
 
 
-def test_what_cannot_be_made_is_told_and_what_was_typed_is_kept(client, admin, viewer):
+def test_refused_export_shows_why_and_keeps_the_entered_values(client, admin, viewer):
     for asked, sentence in (
-        ({"rows": "items", "layout": "long", "format": "geojson"}, "GeoJSON has a feature"),
+        ({"rows": "items", "layout": "long", "format": "geojson"}, "GeoJSON has one feature"),
         (
             {"rows": "items", "from": "2026-11-03", "to": "2026-11-02"},
             "The first day lies after the last: 2026-11-03, 2026-11-02.",

@@ -71,19 +71,22 @@ def test_refused_value_stays_in_the_form_with_what_is_wrong_beside_it(owner):
 
 
 @pytest.mark.parametrize(
-    ("policy", "decimals", "told"),
-    [("round", "", "say to how many decimals, 0 to 4."), ("drop", "2", "Leave this empty: places are not rounded.")],
+    ("policy", "decimals", "message"),
+    [
+        ("round", "", "enter the number of decimals, 0 to 4."),
+        ("drop", "2", "Leave this empty: places are not rounded."),
+    ],
 )
-def test_settings_are_told_in_words_of_the_form(client, admin, owner, policy, decimals, told):
+def test_wrong_rounding_is_refused_in_the_words_of_the_form(client, admin, owner, policy, decimals, message):
     page = text_of(owner.page("/dashboard/studies/pilot/settings"))
-    assert "empty: they stay" in page
+    assert "empty: they are kept" in page
     assert "null" not in page
     assert "`" not in page
     before = client.get("/v1/studies/pilot", headers=admin).json()
     form = protocol(version=before["version"], location_policy=policy, location_decimals=decimals)
     answer = owner.post("/dashboard/studies/pilot/settings", **form)
     assert answer.status_code == 422
-    assert told in text_of(answer.text)
+    assert message in text_of(answer.text)
     assert client.get("/v1/studies/pilot", headers=admin).json() == before
 
 
@@ -141,7 +144,7 @@ def test_owner_gives_and_takes_roles(owner, sign_in_browser):
     sign_in_browser("vera")
     assert owner.post("/dashboard/studies/pilot/members", name="vera", role="reviewer").status_code == 303
     page = text_of(owner.page("/dashboard/studies/pilot/members"))
-    assert "vera is reviewer now." in page
+    assert "vera now has the role reviewer." in page
     assert "vera reviewer" in page
     assert owner.post("/dashboard/studies/pilot/members", name="nobody", role="reviewer").status_code == 404
     assert owner.post("/dashboard/studies/pilot/members/removal", name="olga").status_code == 409, (

@@ -298,7 +298,7 @@ class Person:
             }
             told = spec_as_json(spec)
             session.add(Export(**asked, spec=told, spec_sha256=hashlib.sha256(repr(told).encode()).hexdigest()))
-            filters = ReleaseFilters().told()
+            filters = ReleaseFilters().as_json()
             session.add(
                 Release(**asked, name=f"of-{self.mark.lower()[:4]}", note="", filters=filters, former_checksums=[])
             )

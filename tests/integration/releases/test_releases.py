@@ -519,7 +519,7 @@ def test_release_that_must_change_and_whose_file_is_lost_says_so_until_the_file_
     assert (release["state"], release["failure"], release["files"]) == ("changing", LOST[how], [])
     assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_changing"
     found = compare_release(state.database, state.blobs, "pilot", "baseline")
-    assert [(file.name, file.blob_key) for file in found.checked.files if file.found == how] == [("meals.parquet", key)]
+    assert [(file.name, file.blob_key) for file in found.checked.files if file.state == how] == [("meals.parquet", key)]
     assert found.tables is None
     state.blobs.put_bytes(key, content)
     begin_now(state)

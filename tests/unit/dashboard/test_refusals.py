@@ -1,4 +1,4 @@
-"""What pages say of values that cannot be: sentences for people, of the errors that pydantic really makes."""
+"""Validation errors on pages: sentences for people, from the errors that pydantic raises."""
 
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
@@ -6,14 +6,15 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from app.dashboard.forms import checked
+from app.core.errors import ConflictError
+from app.dashboard.forms import Model, WrongFormError, read_form, wrong_fields
 from app.dashboard.refusals import PATTERNS, sentence, sentence_of_request
 from app.people.schemas import ParticipantIn, ParticipantPatch, StudyIn, StudyPatch
 from app.releases.schemas import ReleaseIn
 
 
 @pytest.mark.parametrize(
-    ("of", "value", "told"),
+    ("annotation", "value", "expected"),
     [
         (date, "yesterday", "Write a day as 2026-11-30."),
         (date, "2026-02-31", "Write a day as 2026-11-30."),
@@ -31,42 +32,61 @@ from app.releases.schemas import ReleaseIn
     ],
     ids=str,
 )
-def test_error_is_told_as_what_to_write_instead(of, value, told):
+def test_error_becomes_a_sentence_about_what_to_enter(annotation, value, expected):
     with pytest.raises(ValidationError) as refused:
-        TypeAdapter(of).validate_python(value)
+        TypeAdapter(annotation).validate_python(value)
     (error,) = refused.value.errors()
-    assert sentence(error["type"], error["msg"]) == told
+    assert sentence(error["type"], error["msg"]) == expected
 
 
 @pytest.mark.parametrize("model", [ParticipantIn, ParticipantPatch, StudyIn, StudyPatch, ReleaseIn])
-def test_every_pattern_of_a_form_has_words(model: type[BaseModel]):
+def test_every_pattern_of_a_form_has_a_sentence(model: type[BaseModel]):
     assert set(patterns_of(model.model_json_schema())) <= set(PATTERNS)
 
 
 def patterns_of(schema: Any) -> list[str]:
-    """All of a schema, wherever they stand."""
+    """Return all patterns of a JSON schema."""
     if isinstance(schema, list):
-        return [found for one in schema for found in patterns_of(one)]
+        return [pattern for part in schema for pattern in patterns_of(part)]
     if not isinstance(schema, dict):
         return []
     own = [schema["pattern"]] if isinstance(schema.get("pattern"), str) else []
-    return own + [found for one in schema.values() for found in patterns_of(one)]
+    return own + [pattern for part in schema.values() for pattern in patterns_of(part)]
 
 
-def test_name_of_a_release_that_cannot_be_hears_what_can():
-    body, wrong = checked(ReleaseIn, {"name": "First look!", "from": "soon"})
-    assert body is None
+def refusals(model: type[Model], values: dict[str, object]) -> dict[str, str]:
+    with pytest.raises(WrongFormError) as refused:
+        read_form(model, values)
+    return wrong_fields(refused.value)
+
+
+def test_wrong_name_of_a_release_says_which_characters_are_allowed():
+    wrong = refusals(ReleaseIn, {"name": "First look!", "from": "soon"})
     assert wrong["name"].startswith("Small letters a-z, digits, dot, _ and - only")
     assert wrong["from"] == "Write a day as 2026-11-30."
 
 
 def test_part_of_a_field_is_named():
-    _, wrong = checked(ParticipantPatch, {"profile": {"birth_year": "1700", "sex": "cat"}})
+    wrong = refusals(ParticipantPatch, {"profile": {"birth_year": "1700", "sex": "cat"}})
     assert "sex: There is no such choice; choose: female, male." in wrong["profile"]
     assert "birth year: This must be " in wrong["profile"]
 
 
-def test_parameter_of_an_address_is_named_without_its_place():
+def test_parameter_of_an_address_is_named_without_its_location():
     errors = [{"at": "query.status.0", "message": "Input should be 'a' or 'b'", "type": "literal_error"}]
     assert sentence_of_request(errors) == "Status: There is no such choice; choose: a, b."
     assert sentence_of_request([]) is None
+
+
+def test_empty_field_keeps_its_default():
+    assert read_form(ReleaseIn, {"name": "first", "from": ""}) == ReleaseIn(name="first")
+
+
+def test_field_that_cannot_be_read_is_wrong_although_the_others_are_valid():
+    with pytest.raises(WrongFormError) as refused:
+        read_form(ReleaseIn, {"name": "first"}, {"note": "This cannot be read."})
+    assert refused.value.wrong == {"note": "This cannot be read."}
+
+
+def test_error_that_is_not_of_the_form_is_shown_at_the_named_field():
+    assert wrong_fields(ConflictError("It exists."), "name") == {"name": "It exists."}
