@@ -1,4 +1,4 @@
-"""Limited child processes: whatever decodes uploaded bytes runs in one, with limits of memory and processor time.
+"""Limited child processes: everything that decodes uploaded bytes runs in one, with limits of memory and time.
 
-What a child computes is given by name (`module:TASKS`) and belongs to the domains; durable work belongs to jobs.
+The tasks themselves belong to the domains and are named `module:TASKS`; durable work belongs to jobs.
 """

@@ -1,8 +1,8 @@
-"""Child processes of the HTTP server, for what must decode uploaded bytes at once: checks, calibrations, pictures.
+"""Child processes of the HTTP server, for requests that decode uploaded bytes: checks, calibrations, pictures.
 
-The worker's pool (child_pool.py) with a line before it (fair_line.py): whoever comes while all children are busy
-waits a little, studies take turns, a caller has one child at a time, and only so many may wait, so that a crowd gets an
-answer that says "later" instead of a queue without end.
+A pool like the worker's (child_pool.py) behind a fair queue (fair_line.py): while all children are busy, a request
+waits a little; studies take turns, and a caller has one child at a time. The queue is short: a request that finds it
+full is told to come back later.
 """
 
 import contextlib
@@ -22,9 +22,9 @@ from app.core.settings import Settings
 log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
-WAITING_A_CHILD = 8  # more would wait longer than a phone does
+WAITING_A_CHILD = 8  # more would wait longer than phones do
 WAIT_SECONDS = 6.0
-MAX_UNDECODABLE = 100_000  # photographs remembered: some 10 MB
+MAX_UNDECODABLE = 100_000  # remembered photographs: some 10 MB
 PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer
 RETRY_AFTER_SECONDS = 3
 WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second of one core
@@ -32,21 +32,21 @@ WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second o
 
 @dataclass(frozen=True, slots=True)
 class Whose:
-    """On whose behalf a child works: turns go by study, and each caller has one."""
+    """For whom a child works: studies take turns, and each caller has at most one child."""
 
     study_id: uuid.UUID | None
     caller_id: uuid.UUID | None
 
 
 class PhotographError(TadaError):
-    """What a child died of, or was killed for: these bytes, most likely."""
+    """A child crashed or was killed while it decoded the photograph."""
 
     code = "photograph_not_decoded"
     status = 422
 
 
 class ApiChildren:
-    """At most settings.api_children at work; one a process of the server."""
+    """At most settings.api_children children; one object per process of the server."""
 
     def __init__(self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS) -> None:
         self._pool = ChildPool(settings, tasks, children=settings.api_children)
@@ -58,11 +58,11 @@ class ApiChildren:
 
     @property
     def are_up(self) -> bool:
-        """Whether any child was started: what can do without does not wait for a start."""
+        """Whether any child is running: optional work does not wait for one to start."""
         return self._pool.is_started
 
     def start_soon(self) -> None:
-        """Have a child ready in a few seconds, without keeping the server's start waiting."""
+        """Start a child in a few seconds, without delaying the server's start."""
         self._warming.start()
 
     def run(
@@ -75,15 +75,15 @@ class ApiChildren:
         photograph_sha256: str | None = None,
         is_costly: bool = False,
     ) -> Mapping[str, Any]:
-        """Perform a task of child_tasks.py. seconds: of processor time, at most; then its child ends.
+        """Perform a task of child_tasks.py. seconds: limit of processor time, after which the child is killed.
 
-        photograph_sha256: of the one that is decoded; if it broke a child before, it is refused at once.
-        is_costly: it takes long (decoding_cost.py); one child stays free for others.
+        photograph_sha256: of the decoded photograph; one that broke a child before is refused at once. is_costly:
+        decoding takes long (decoding_cost.py), so one child stays free for others.
 
-        Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long, or where the
-        system refused the child something, such as a file on a full disk or one that was removed as abandoned),
-        PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
-        of ours).
+        Raises UnavailableError (`server_busy`: also if the machine, not the photograph, was too slow, or if a system
+        call of the child failed, for example on a full disk or for a file that was removed as abandoned),
+        PhotographError (the child crashed or needed too much memory or processor time), TadaError (`internal_error`: a
+        bug).
         """
         if photograph_sha256 in self._undecodable:
             raise _not_decoded()
@@ -96,11 +96,11 @@ class ApiChildren:
                 raise _busy() from error
         if ended.outcome == "ok":
             return ended.result
-        log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
-        if ended.outcome in ("stalled", "killed") or ended.errno is not None:  # as problems.py answers an OSError
+        log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_loggable_message(ended))
+        if ended.outcome in ("stalled", "killed") or ended.errno is not None:  # as http/problems.py answers an OSError
             raise _busy()
         if ended.outcome == "raised":
-            raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")
+            raise TadaError("The server made a mistake while it decoded the photograph; its log has the details.")
         if photograph_sha256 is not None and len(self._undecodable) < MAX_UNDECODABLE:
             self._undecodable.add(photograph_sha256)
         raise _not_decoded()
@@ -123,14 +123,14 @@ class ApiChildren:
         try:
             with self._line.place(None, None):
                 self._pool.warm_up()
-        except (ChildPoolClosedError, LineFullError):  # the server ends, or children are at work already
+        except (ChildPoolClosedError, LineFullError):  # the server is shutting down, or children are already running
             pass
         except ChildStartError:
             log.warning("api_child_not_started", exc_info=True)
 
 
-def _words(ended: ChildResult) -> str:
-    """The child's words, unless a library wrote them, which may quote what was in the photograph."""
+def _loggable_message(ended: ChildResult) -> str:
+    """Drop the text after the error's name: a library may quote the photograph's content in it."""
     return ended.message.partition(":")[0]
 
 

@@ -1,11 +1,11 @@
-"""The process that touches uploaded bytes: `python -m app.children.child TASKS PARENT_PID MEMORY_BYTES`.
+"""The process that decodes uploaded bytes: `python -m app.children.child TASKS PARENT_PID MEMORY_BYTES`.
 
-Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
+It reads requests from standard input and writes messages to the original standard output, one JSON object per line:
 {"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
-{"out_of_memory": text}, {"raised": text, "errno": number where the system refused something}. TASKS is "module:NAME" of
-a mapping from a task's name to its function. What libraries print goes to standard error. The parent (child_pool.py)
-holds the clock and the kill switch; a request's `cpu_seconds` are watched by the kernel. One that `is_costly` is
-performed at a low priority.
+{"out_of_memory": text} or {"raised": text, "errno": the number if a system call failed}. TASKS is "module:NAME" of
+a mapping from a task's name to its function. Output of libraries goes to standard error. The parent (child_pool.py)
+watches the clock and kills the child; the kernel enforces a request's `cpu_seconds`. An `is_costly` request runs at a
+low priority.
 """
 
 import faulthandler
@@ -28,7 +28,7 @@ from app.children.process_life import die_with_parent
 Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, object]]
 Message = Mapping[str, object]
 
-COSTLY_NICENESS = 15  # next to an ordinary request some 3 % of a core, and all of it while nobody else wants it
+COSTLY_NICENESS = 15  # some 3 % of a core beside an ordinary request, all of it on an idle machine
 OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
@@ -37,7 +37,7 @@ def main(arguments: list[str]) -> None:
     tasks_name, parent_pid, memory_bytes = arguments
     die_with_parent(int(parent_pid))
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # sent to the whole group; the parent decides when we end
+        signal.signal(number, signal.SIG_IGN)  # sent to the whole process group; the parent decides when a child ends
     requests, answers = _take_pipes()
     faulthandler.enable(sys.stderr)
     _limit_memory(int(memory_bytes))
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> None:
 
 
 def _at_low_priority(perform: Callable[[], Message]) -> Message:
-    """In a thread of its own: Linux gives each thread its priority, and a lowered one cannot be raised again."""
+    """Run in a new thread: on Linux each thread has its own priority, and a lowered one cannot be raised again."""
 
     def lower() -> None:
         if sys.platform != "linux":  # elsewhere the number may be another process's
@@ -64,7 +64,7 @@ def _at_low_priority(perform: Callable[[], Message]) -> Message:
 
 
 def _take_pipes() -> tuple[TextIO, TextIO]:
-    """Keep the pipes for us; file descriptors 0 and 1 become harmless for whoever reads or prints."""
+    """Return the pipes under new descriptors, so that libraries which read or print do not touch them."""
     requests = os.fdopen(os.dup(0), "r", encoding="utf-8")
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     null = os.open(os.devnull, os.O_RDONLY)
@@ -78,11 +78,11 @@ def _limit_memory(memory_bytes: int) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core dump would hold somebody's photograph
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core dump would contain a photograph
 
 
 def _limit_processor_time(seconds: float) -> None:
-    """From now on; past it the kernel ends the process by SIGXCPU. In whole seconds, rounded up."""
+    """Let the kernel end the process by SIGXCPU after that much more processor time, rounded up to whole seconds."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     limit = math.ceil(usage.ru_utime + usage.ru_stime + seconds)
@@ -93,25 +93,25 @@ def _load_tasks(name: str) -> Mapping[str, Task]:
     module_name, _, attribute = name.partition(":")
     tasks: Mapping[str, Task] = getattr(importlib.import_module(module_name), attribute)
     if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(1)  # workers are many; threads would only take turns
+        sys.modules["cv2"].setNumThreads(1)  # there are many children; more threads would only compete
     return tasks
 
 
 def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, object], answers: TextIO) -> Message:
     try:
         result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
-        json.dumps(result, allow_nan=False)  # an answer that is no JSON is a fault of the task, told as one
+        json.dumps(result, allow_nan=False)  # an answer that is not JSON is reported as a fault of the task
     except Exception as error:  # noqa: BLE001  # the worker's edge
         traceback.print_exc()
-        words = f"{type(error).__name__}: {error}"
+        message = f"{type(error).__name__}: {error}"
         if _is_out_of_memory(error):
-            return {"out_of_memory": words}
-        return {"raised": words, "errno": error.errno if isinstance(error, OSError) else None}
+            return {"out_of_memory": message}
+        return {"raised": message, "errno": error.errno if isinstance(error, OSError) else None}
     return {"ok": result}
 
 
 def _is_out_of_memory(error: Exception) -> bool:
-    """Also OpenCV's own way to say it; a std::bad_alloc comes out of its bindings with no other mark than its text."""
+    """Also recognise OpenCV's error code, and a std::bad_alloc, which its bindings pass on as text only."""
     if isinstance(error, MemoryError):
         return True
     is_opencv = type(error).__module__.partition(".")[0] == "cv2"

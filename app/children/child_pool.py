@@ -1,11 +1,11 @@
-"""CPU work on uploaded bytes in child processes with hard limits of time and memory: `ChildPool.run(request)`.
+"""Run CPU work on uploaded bytes in child processes with hard limits of time and memory: `ChildPool.run(request)`.
 
-A child is started afresh (spawned, never forked from a threaded process), stays warm between requests and is replaced
-after any outcome but success. However it ends, the answer is a value. Messages are JSON: a process that has decoded
-hostile bytes is not trusted with pickle. app/children/child.py is the other end.
+A child is spawned (never forked from a threaded process), stays warm between requests and is replaced after any outcome
+but success. However a child ends, the result is a value. Messages are JSON: a process that has decoded hostile bytes is
+not trusted with pickle. app/children/child.py is the other end.
 
-Time is processor time, which the child's kernel counts: a busy machine is not the photograph's fault. Beside it stands
-a limit of the clock, many times as long, for a child that does nothing at all.
+The time limit is processor time, which the kernel counts: a busy machine is not the photograph's fault. In addition a
+limit by the clock, many times as long, ends a child that does nothing at all.
 """
 
 import contextlib
@@ -27,23 +27,31 @@ from app.core.settings import Settings
 from app.metrics import instruments
 
 START_SECONDS = 60.0  # to import OpenCV and SciPy on a busy machine
-BEGINNINGS = 3  # a child may die while it waits for a request; that is not the request's fault
-USES = 100  # of one child; then it is replaced, so that a leak stays small
+BEGINNINGS = 3  # attempts: a child may die while it waits for a request
+USES = 100  # of one child, which is then replaced, so that a memory leak stays small
 MAX_ANSWER_BYTES = 64 * 1024 * 1024
-MAX_STAGE_LETTERS = 32  # the column meal.stage
-KEPT_VARIABLES = ("PATH", "HOME", "TMPDIR", "TZ", "LANG", "LC_ALL", "LD_LIBRARY_PATH")  # no setting, so no password
+MAX_STAGE_LETTERS = 32  # the length of the column meal.stage
+KEPT_VARIABLES = (
+    "PATH",
+    "HOME",
+    "TMPDIR",
+    "TZ",
+    "LANG",
+    "LC_ALL",
+    "LD_LIBRARY_PATH",
+)  # none of the settings, so no password
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
-PATIENCE = 10.0  # times the limit of processor time, by the clock: a child that gets a tenth of a core has its turn
+PATIENCE = 10.0  # limit by the clock, in limits of processor time: a child may get only a tenth of a core
 
 Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
-PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # another time may end well
+PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # a retry may succeed
 StageListener = Callable[[str], None]
 
 _AGAIN = "Take the two photographs again and send them as a new meal."
 _KEPT = "The photographs are kept. Ask the people who run the server to queue the meal again once it has more room."
 _BUG = "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again."
-FAILURES: Mapping[Outcome, Failure] = {  # each message with the limit that was passed
+FAILURES: Mapping[Outcome, Failure] = {  # {limit}: the limit that was exceeded
     "crashed": Failure("estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN),
     "timed_out": Failure("estimate_timed_out", "The estimate took more than {limit} of processor time.", _KEPT),
     "stalled": Failure(
@@ -57,9 +65,9 @@ FAILURES: Mapping[Outcome, Failure] = {  # each message with the limit that was 
 
 @dataclass(frozen=True, slots=True)
 class ChildRequest:
-    """task: a name in the registry. arguments: JSON; pictures and what is made of them travel as paths of files.
+    """task: a name in the registry. arguments: JSON; photographs and results are passed as paths of files.
 
-    is_costly: it takes long and gives way to all else on the machine.
+    is_costly: it takes long and runs at a low priority.
     """
 
     task: str
@@ -69,10 +77,9 @@ class ChildRequest:
 
 @dataclass(frozen=True, slots=True)
 class ChildResult:
-    """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child.
+    """The end of a request. result: only of "ok". message: for the log. signal: the one that ended a crashed child.
 
-    limit: that was passed, with its unit. errno: of what "raised", where the system refused something, as a full disk
-    does.
+    limit: the exceeded limit with its unit. errno: of "raised", if a system call failed, for example on a full disk.
     """
 
     outcome: Outcome
@@ -84,7 +91,7 @@ class ChildResult:
 
     @property
     def failure(self) -> Failure | None:
-        """What the meal is told, with its code; None if it went well."""
+        """The meal's failure; None for "ok"."""
         if self.outcome == "ok":
             return None
         failure = FAILURES[self.outcome]
@@ -92,41 +99,43 @@ class ChildResult:
 
     @property
     def is_passing(self) -> bool:
-        """Whether the same request may end well another time, when the machine has more room."""
+        """Whether the same request may succeed later, when the machine is less busy."""
         return self.outcome in PASSING
 
 
 class ChildPoolClosedError(Exception):
-    """The pool was closed while the request waited or ran; nothing can be said about the request."""
+    """The pool was closed while the request waited or ran."""
 
 
 class ChildCancelledError(Exception):
-    """Somebody cancelled the request while a child worked on it."""
+    """The request was cancelled while a child worked on it."""
 
 
 class ChildStartError(Exception):
-    """A child did not come up: an installation that is broken or a machine that is full, not a picture's fault."""
+    """A child did not start: the installation is broken or the machine is full. Not a photograph's fault."""
 
 
 class ChildPool:
-    """At most so many children; `run` waits for a free one. tasks: see child.py."""
+    """A limited number of children; `run` waits for a free one. tasks: see child.py."""
 
     def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
-        self.on_begin: Callable[[str], object] = lambda _: None  # a request of this name needs a child, maybe again
-        self.on_done: Callable[[str], object] = lambda _: None  # a request of this name needs its child no more
+        self.on_begin: Callable[[str], object] = lambda _: None  # called with the request's name when it needs a child
+        self.on_done: Callable[[str], object] = lambda _: (
+            None
+        )  # called with the request's name when it no longer needs one
         self._settings = settings
         self._tasks = tasks
         self._uses = uses
         self._children = children
         self._free = threading.BoundedSemaphore(children)
-        self._gathering = threading.Lock()  # held by who wants all children to rest: two would wait for each other
+        self._gathering = threading.Lock()  # held while a request collects all places: two would deadlock
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()
         self._busy: dict[str, _Child] = {}  # by the name of the request
         self._cancelled: set[_Child] = set()
         self._is_closed = False
-        # the kernel ends a child with the thread that started it (process_life.py), so this one starts them all
+        # the kernel kills a child when the thread that started it ends (process_life.py), so one thread starts them all
         self._starter = ThreadPoolExecutor(1, thread_name_prefix="child-starter")
 
     def run(
@@ -141,10 +150,10 @@ class ChildPool:
     ) -> ChildResult:
         """Perform one request.
 
-        seconds: of processor time, at most; by default settings.estimate_seconds. patience: times that, by the clock.
-        name: for `cancel`. is_alone: while no other child of this pool works.
+        seconds: limit of processor time; default: settings.estimate_seconds. patience: the limit by the clock, as a
+        multiple of it. name: for `cancel`. is_alone: run while no other child of this pool works.
 
-        Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and what on_stage raises.
+        Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and whatever on_stage raises.
         """
         limit = self._settings.estimate_seconds if seconds is None else seconds
         if name is not None:
@@ -161,11 +170,11 @@ class ChildPool:
 
     @property
     def is_started(self) -> bool:
-        """Whether there is any child."""
+        """Whether any child is running."""
         return bool(self._alive)
 
     def cancel(self, name: str) -> bool:
-        """Kill the child that works on the request of this name, whose `run` raises. False: none does just now."""
+        """Kill the child that works on the named request, so that its `run` raises. Returns False if there is none."""
         with self._lock:
             child = self._busy.get(name)
             if child is not None:
@@ -175,26 +184,26 @@ class ChildPool:
         return child is not None
 
     def warm_up(self) -> None:
-        """Start as many children as there may be, so that the first requests do not wait for imports."""
+        """Start all children, so that the first requests do not wait for imports."""
         for _ in range(self._children):
-            with contextlib.suppress(RuntimeError):  # the pool was closed just now
+            with contextlib.suppress(RuntimeError):  # the pool was just closed
                 self._starter.submit(self._start_one_more).result()
 
     def close(self) -> None:
-        """Kill all children at once; whoever waits for one gets ChildPoolClosedError."""
+        """Kill all children at once; requests that wait for one raise ChildPoolClosedError."""
         with self._lock:
             self._is_closed = True
             idle, self._warm = self._warm, []
             busy = self._alive.difference(idle)
         for child in busy:
-            child.kill()  # the thread that waits for its answer collects it
+            child.kill()  # the thread that waits for its answer discards it
         for child in idle:
             self._discard(child)
         self._starter.shutdown(wait=True)
 
     @contextlib.contextmanager
     def _place(self, *, is_alone: bool) -> Iterator[None]:
-        """A child's place, or all of them."""
+        """Hold one child's place, or all of them."""
         if not is_alone:
             with self._free:
                 yield
@@ -207,9 +216,9 @@ class ChildPool:
     def _run_in_child(
         self, request: ChildRequest, on_stage: StageListener, limits: tuple[float, float], name: str | None
     ) -> ChildResult | None:
-        """In a warm child or a new one, which stays warm after success and is ended after all else.
+        """Run in a warm or a new child, which stays warm after success and is discarded otherwise.
 
-        limits: s, of processor time and by the clock.
+        limits: of processor time and by the clock, s.
         """
         child = self._take()
         is_kept = False
@@ -225,7 +234,7 @@ class ChildPool:
             self._raise_if_we_killed(child)
             raise
         finally:
-            if not is_kept:  # else another thread may have it by now
+            if not is_kept:  # otherwise another thread may already have it
                 self._discard(child)
         return result
 
@@ -259,14 +268,14 @@ class ChildPool:
             if child is None:
                 try:
                     return self._starter.submit(self._warm_or_new).result()
-                except RuntimeError:  # the pool was closed just now
+                except RuntimeError:  # the pool was just closed
                     raise ChildPoolClosedError from None
             if child.is_alive():
                 return child
             self._discard(child)
 
     def _warm_or_new(self) -> "_Child":
-        """In the starter's thread, where `warm_up` may just have started the one that we are to have."""
+        """Runs in the starter's thread, after any `warm_up`, which may have left a warm child."""
         with self._lock:
             child = self._warm.pop() if self._warm else None
         return child or self._start()
@@ -288,7 +297,7 @@ class ChildPool:
         if has_all:
             return
         child = self._start()
-        if not self._keep_warm(child):  # else whoever takes it waits until it is ready
+        if not self._keep_warm(child):  # whoever takes a warm child waits until it is ready
             self._discard(child)
 
     def _keep_warm(self, child: "_Child") -> bool:
@@ -324,16 +333,16 @@ class _Child:
         )
 
     def is_alive(self) -> bool:
-        """Whether it runs, as far as the kernel told."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     def wait_until_ready(self) -> None:
-        """Its imports are done. Raises ChildStartError."""
+        """Wait for the end of its imports. Raises ChildStartError."""
         if self._is_ready:
             return
         message = next(self._messages(START_SECONDS), None)
         if message != {"ready": True}:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # its pipe ends an instant before it does
+            with contextlib.suppress(subprocess.TimeoutExpired):  # the pipe closes shortly before the process ends
                 self._process.wait(1.0)
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
@@ -341,22 +350,22 @@ class _Child:
     def perform(
         self, request: ChildRequest, on_stage: StageListener, cpu_seconds: float, seconds: float
     ) -> ChildResult | None:
-        """Send the request and follow it to its end, which is at most `seconds` away; None: it was never taken.
+        """Send the request and wait at most `seconds` for its result; None: the child never took it.
 
-        cpu_seconds: of processor time, which the child has its kernel watch.
+        cpu_seconds: limit of processor time, which the kernel enforces.
         """
         self.uses += 1
-        sent = {
+        body = {
             "task": request.task,
             "arguments": dict(request.arguments),
             "cpu_seconds": cpu_seconds,
             "is_costly": request.is_costly,
         }
-        line = json.dumps(sent, allow_nan=False) + "\n"
+        line = json.dumps(body, allow_nan=False) + "\n"
         stdin = self._process.stdin
         if stdin is None:
             raise ValueError("the child has no pipe")
-        with contextlib.suppress(BrokenPipeError):  # it is dead, and the reading below says how
+        with contextlib.suppress(BrokenPipeError):  # it is dead; reading its messages below tells how it died
             stdin.write(line.encode())
             stdin.flush()
         deadline = time.monotonic() + seconds
@@ -369,12 +378,12 @@ class _Child:
                     on_stage(stage)
                 case {"ok": dict(result)}:
                     return ChildResult("ok", result)
-                case {"out_of_memory": str(words)}:
-                    return ChildResult("out_of_memory", message=words, limit=_in_mebibytes(self._memory_bytes))
-                case {"raised": str(words), "errno": int(errno)}:
-                    return ChildResult("raised", message=words, errno=errno)
-                case {"raised": str(words)}:
-                    return ChildResult("raised", message=words)
+                case {"out_of_memory": str(text)}:
+                    return ChildResult("out_of_memory", message=text, limit=_in_mebibytes(self._memory_bytes))
+                case {"raised": str(text), "errno": int(errno)}:
+                    return ChildResult("raised", message=text, errno=errno)
+                case {"raised": str(text)}:
+                    return ChildResult("raised", message=text)
                 case _:
                     return ChildResult("raised", message="the child process sent what is no answer")
         if time.monotonic() >= deadline and self.is_alive():
@@ -382,11 +391,11 @@ class _Child:
         return self._describe_death(cpu_seconds) if is_taken else None
 
     def kill(self) -> None:
-        """End the process now; the thread that waits for its answer sees its pipe end."""
+        """Kill the process; the thread that waits for its answer sees its pipe close."""
         self._process.kill()
 
     def end(self) -> None:
-        """Kill it if need be, collect it and close its pipes."""
+        """Kill the process if it is running, reap it and close its pipes."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -396,7 +405,7 @@ class _Child:
 
     def _describe_death(self, cpu_seconds: float) -> ChildResult:
         status = self._process.wait()
-        if status == -signal.SIGKILL:  # not ours, or it would have stalled: the kernel's, for want of memory
+        if status == -signal.SIGKILL:  # not by us, which is "stalled": by the kernel, for lack of memory
             return ChildResult("killed", message="the child process was killed, most likely by the kernel")
         if status == -signal.SIGXCPU:
             limit = f"{cpu_seconds:g} s"
@@ -405,7 +414,7 @@ class _Child:
         return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
 
     def _messages(self, seconds: float) -> Iterator[object]:
-        """Its messages as they come, until the time is over or the pipe ends; None for one that is no JSON."""
+        """Yield messages until the time is over or the pipe closes; None for a message that is not JSON."""
         stdout = self._process.stdout
         if stdout is None:
             raise ValueError("the child has no pipe")

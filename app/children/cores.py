@@ -1,7 +1,7 @@
-"""How many estimates fit this machine or container at once: `worker_concurrency(settings)`.
+"""Determine how many estimates can run at once on this machine or container: `worker_concurrency(settings)`.
 
-One estimate keeps one core busy (one OpenCV thread a child). What counts is what this process may use: its CPU
-affinity, the CPU quota and the memory limit of its control group (version 2 or 1) and of those above it.
+One estimate keeps one core busy (one OpenCV thread per child). The limits are those of this process: its CPU affinity,
+and the CPU quotas and memory limits of its control group (version 2 or 1) and the groups above it.
 """
 
 import contextlib
@@ -18,21 +18,21 @@ NO_LIMIT = 1 << 60  # version 1 writes a number near 2**63 for it
 
 
 def worker_concurrency(settings: Settings) -> int:
-    """Estimates at the same time in one worker: as set, else as many as cores and memory carry, at least one."""
+    """Return the setting, or else as many estimates as cores and memory allow, at least one."""
     if settings.worker_concurrency is not None:
         return settings.worker_concurrency
     return max(1, min(usable_cores(), int(usable_memory_bytes() * SHARE_OF_MEMORY) // ESTIMATE_BYTES))
 
 
 def usable_cores(root: Path = Path("/")) -> int:
-    """Whole cores that this process may keep busy, at least one. root: of /proc and /sys, another in tests."""
+    """Return the whole cores that this process may use, at least one. root: of /proc and /sys, another in tests."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     quotas = [quota for folder in _control_groups(root, "cpu") if (quota := _cpu_quota(folder)) is not None]
     return max(1, int(min([float(cores), *quotas])))
 
 
 def usable_memory_bytes(root: Path = Path("/")) -> int:
-    """Of the machine, or of the control group where that is less. root: of /proc and /sys, another in tests."""
+    """Return the machine's memory, or the control group's limit if that is less. root: see usable_cores."""
     limits = [_machine_memory_bytes(root)]
     for folder in _control_groups(root, "memory"):
         for name in ("memory.max", "memory.limit_in_bytes"):
@@ -41,7 +41,7 @@ def usable_memory_bytes(root: Path = Path("/")) -> int:
 
 
 def _control_groups(root: Path, controller: str) -> Iterator[Path]:
-    """The folders of this process's control group for a controller, and of those above it."""
+    """Yield the folders of this process's control group for a controller and of the groups above it."""
     for line in _lines(root / "proc/self/cgroup"):
         _, _, rest = line.partition(":")
         controllers, _, path = rest.partition(":")
@@ -49,13 +49,13 @@ def _control_groups(root: Path, controller: str) -> Iterator[Path]:
             continue
         top = root / "sys/fs/cgroup" / (controller if controllers else "")
         folder = top / path.strip("/")
-        while folder.is_relative_to(top):  # in a container the path may be that of the host: the top is there always
+        while folder.is_relative_to(top):  # in a container the path may be the host's; the top always exists
             yield folder
             folder = folder.parent
 
 
 def _cpu_quota(folder: Path) -> float | None:
-    """Cores that a control group may use; None: all."""
+    """Return the cores that a control group may use; None: all."""
     words = _words(folder / "cpu.max") or [
         *_words(folder / "cpu.cfs_quota_us"),
         *_words(folder / "cpu.cfs_period_us"),

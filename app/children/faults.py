@@ -1,7 +1,7 @@
-"""Kinds of trouble: one that passes (try again), one that may (try alone), one that lasts, and the worker's own end.
+"""Faults of a job: passing (retry), interrupted (retry alone), lasting (fail the meal), and the end of its worker.
 
-`is_passing(error)` sorts what a use case raised; `JobFailure` is how a use case says that trying again is useless,
-`BrokenOff` that it is worth a few more tries with the machine to itself.
+`is_passing(error)` classifies what a use case raised. A use case raises `JobFailure` if a retry is useless, and
+`BrokenOff` if a few retries with the machine to itself may help.
 """
 
 import errno
@@ -30,7 +30,7 @@ PASSING_ERRNOS = frozenset(
         errno.ESTALE,
         errno.ETIMEDOUT,
     }
-)  # a disk, a mount or a network that is out of order for a while; a file that is not there is none of them
+)  # a disk, a mount or a network that fails for a while; not a missing file
 
 JOB_GAVE_UP = Failure(
     "job_gave_up",
@@ -57,7 +57,7 @@ CANCELLED = Failure(
 
 
 class JobFailure(Exception):  # noqa: N818  # it carries a Failure
-    """A use case's word that the job cannot succeed: the meal fails with this code, without another try."""
+    """The job cannot succeed: the meal fails with this code, without a retry."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.message)
@@ -65,7 +65,7 @@ class JobFailure(Exception):  # noqa: N818  # it carries a Failure
 
 
 class BrokenOff(Exception):  # noqa: N818  # it carries a Failure
-    """The work was ended from outside or ran out of time: it is tried again alone, and later, before the meal fails."""
+    """The work was killed or ran out of time: it is retried alone, and again later, before the meal fails."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.message)
@@ -73,20 +73,22 @@ class BrokenOff(Exception):  # noqa: N818  # it carries a Failure
 
 
 class JobLeft(BaseException):
-    """This worker lets go of a job and leaves it as it is: it stops, or has lost its lease.
+    """This worker stops or has lost its lease; it leaves the job unchanged, and another worker takes it over.
 
-    No Exception, so that no use case takes it for the job's result: another worker takes the job over.
+    A BaseException, so that no use case handles it as the job's result.
     """
 
 
 def is_passing(error: Exception) -> bool:
-    """Whether the same call may succeed later without anybody changing the program."""
+    """Whether the same call may succeed later without a change of the program."""
     if isinstance(error, TadaError):
         return error.retryable
     if isinstance(error, sa.exc.DBAPIError):
         return error.connection_invalidated or isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
     if isinstance(error, sa.exc.TimeoutError):  # no free connection in the pool
         return True
-    if isinstance(error, (ConnectionError, TimeoutError, ChildStartError)):  # a worker starts only if children do
+    if isinstance(
+        error, (ConnectionError, TimeoutError, ChildStartError)
+    ):  # a worker checks at its start that children start
         return True
     return isinstance(error, OSError) and error.errno in PASSING_ERRNOS

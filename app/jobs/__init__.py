@@ -1,4 +1,4 @@
-"""Durable jobs: the queue in the database, its workers' lives, takeover, and the limited child processes.
+"""Durable jobs: the queue in the database, workers and their leases, claims, retries, takeovers, sweeps.
 
-jobs knows how work is claimed, tried again, handed over and given up; what the work is, services tell (job_runner.py).
+The work itself belongs to estimates, whose use cases job_runner.py gets injected.
 """

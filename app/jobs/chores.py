@@ -1,6 +1,6 @@
-"""Chores: small work that a worker does beside its jobs, again and again: deliveries, deletions, days that end.
+"""Chores: small recurring work of a worker beside its jobs: deliveries, deletions, windows that end.
 
-Every worker does every chore; each is written so that two at once, or a death in its midst, do no harm.
+Every worker does every chore, so a chore must tolerate concurrent runs and being killed halfway.
 """
 
 import threading
@@ -19,9 +19,9 @@ LOOK_SECONDS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Chore:
-    """run: does what there is to do now and returns. every_seconds: from one beginning to the next, at the soonest.
+    """run: does the pending work and returns. every_seconds: the shortest time between two starts.
 
-    at_end: what the worker must do before it ends, within few seconds.
+    at_end: runs before the worker ends; it may take a few seconds.
     """
 
     name: str
@@ -31,31 +31,31 @@ class Chore:
 
 
 class ChoreThread:
-    """Does the chores one after the other, in one thread of a worker, until it is stopped."""
+    """Runs the chores one after the other, in one thread of a worker, until it is stopped."""
 
     def __init__(self, chores: Sequence[Chore]) -> None:
         self._chores = chores
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._go_round, name="chores", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="chores", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self, seconds: float = 2.0) -> None:
-        """Begin no further chore; wait a little for the one under way."""
+        """Start no further chore; wait a little for the one in progress."""
         self._ending.set()
         self._thread.join(seconds)
 
-    def _go_round(self) -> None:
+    def _run(self) -> None:
         try:
-            self._take_turns()
+            self._run_due_chores()
         finally:
             for chore in self._chores:
                 if chore.at_end is not None:
                     _end(chore.name, chore.at_end)
 
-    def _take_turns(self) -> None:
+    def _run_due_chores(self) -> None:
         due = dict.fromkeys((chore.name for chore in self._chores), 0.0)
         while not self._ending.wait(LOOK_SECONDS):
             for chore in self._chores:
@@ -64,7 +64,7 @@ class ChoreThread:
                 due[chore.name] = time.monotonic() + chore.every_seconds
                 try:
                     chore.run()
-                except Exception as error:  # the worker's edge: its next turn comes
+                except Exception as error:  # the worker's edge: the chore runs again later
                     log.warning("chore_failed", chore=chore.name, exc_info=error)
                     instruments.CHORES_FAILED.labels(chore.name).inc()
                 else:

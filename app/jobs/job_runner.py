@@ -1,9 +1,9 @@
-"""One estimate: compute, then save in one transaction with the job's end. The use cases are injected.
+"""Run one job: compute the estimate, then save it in one transaction with the job's end. Use cases are injected.
 
-Computing may happen twice (a worker dies in it); saving happens once: in its transaction the worker's lease is held,
-and the job is locked, unfinished and still this worker's. What was computed is noted in the job's row, so that whoever
-takes it over goes on from there. Passing faults are waited out, bugs are tried a few times and then end as a failed
-meal; the worker goes on.
+An estimate may be computed twice, if a worker dies; it is saved once: during that transaction the worker's lease is
+held, and the job is locked, unfinished and still claimed by this worker. The key of the computed result is kept in the
+job's row, so that a worker which takes the job over only has to save it. Passing faults are waited out. A step that
+fails by a bug is retried a few times; then the meal fails, and the worker goes on.
 """
 
 import threading
@@ -32,61 +32,61 @@ from app.metrics import instruments
 
 log = structlog.get_logger()
 
-TRIES = 3  # of what looks like a bug, in one claim of the job
-TRIES_ALONE = 2  # more, of what was killed or took too long
+TRIES = 3  # of a step that fails by a bug, within one claim of the job
+TRIES_ALONE = 2  # further tries of an estimate that was killed or took too long
 
 ResultT = TypeVar("ResultT")
 
 
 class EstimateUseCases(Protocol[ResultT]):
-    """What services do for a job: compute; load what that sealed, maybe in another worker; save it.
+    """The steps of a job: compute and seal; load the sealed result, perhaps in another worker; save it.
 
-    compute and save may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is tried again
-    without end, any other exception a few times.
+    compute and save may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is retried
+    forever, any other exception a few times.
     """
 
     def compute(self, job_id: uuid.UUID, *, is_alone: bool) -> str:
-        """Run the pipeline, seal what it made in the blob store, return the key of the sealed result.
+        """Run the pipeline, seal its answer in the blob store and return the key of the answer.
 
-        May run more than once for a job, also at the same time on two workers. Writes no row but the progress.
-        is_alone: while this worker estimates nothing else. Raises BrokenOff where that may help.
+        May run more than once for a job, even on two workers at the same time. Writes no row except the progress.
+        is_alone: run while this worker estimates nothing else. Raises BrokenOff if that may help.
         """
         ...
 
     def await_room(self, job_id: uuid.UUID) -> object:
-        """The job waits to be computed again: the phone is told so. A fault of this must not be raised."""
+        """Show to the phone that the job waits to be computed again. Must not raise."""
         ...
 
     def load(self, result_key: str) -> ResultT:
-        """Fetch the sealed result: outside of any transaction, since the store may be slow."""
+        """Fetch the sealed result, outside of any transaction, since the store may be slow."""
         ...
 
     def save(self, session: Session, job_id: uuid.UUID, result: ResultT) -> None:
-        """Write run, items, records and the meal's status in this transaction. It is committed at most once.
+        """Write run, items, records and the meal's status in this transaction, which commits at most once.
 
-        result: as `load` gave it.
+        result: from `load`.
         """
         ...
 
     def abandon(self, job_id: uuid.UUID) -> object:
-        """Nobody wants the job's result any more: a `compute` of it under way may end, in whatever way, soon."""
+        """The job's result is no longer needed: end a `compute` of it, in any way."""
         ...
 
     def settle(self, session: Session, meal: Meal) -> object:
-        """Bring the meal's records in line: a job of its ended without a result, one for more than its own pair."""
+        """Update the meal's records after a job that was not for its own pair ended without a result."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """Either the key of the sealed result or why there is none."""
+    """The key of the sealed result, or the reason why there is none."""
 
     result_key: str | None
     failure: Failure | None = None
 
 
 class JobRunner(Generic[ResultT]):
-    """One a worker process."""
+    """One per worker process."""
 
     def __init__(
         self, database: Database, lease: Lease, use_cases: EstimateUseCases[ResultT], times: WorkerTimes
@@ -101,16 +101,16 @@ class JobRunner(Generic[ResultT]):
 
     @property
     def running(self) -> frozenset[uuid.UUID]:
-        """Ids of the jobs that this process works on now."""
+        """Ids of the jobs that this process is running."""
         with self._lock:
             return frozenset(+self._running)
 
     def leave(self) -> None:
-        """Let go of all jobs at the next opportunity: the process ends."""
+        """Make all jobs stop at the next opportunity, because the process ends."""
         self._leaving.set()
 
     def wait_until_idle(self, seconds: float) -> bool:
-        """Whether no job runs any more within that time."""
+        """Return whether all jobs ended within that time."""
         deadline = time.monotonic() + seconds
         while self.running:
             if time.monotonic() > deadline:
@@ -119,21 +119,21 @@ class JobRunner(Generic[ResultT]):
         return True
 
     def run(self, job_id: uuid.UUID) -> None:
-        """Bring a job that this worker has claimed to its end. Raises JobLeft where the worker lets go of it."""
-        with self._at_work_on(job_id) as facts:
+        """Run a claimed job to its end. Raises JobLeft if the worker leaves it to others."""
+        with self._running_job(job_id) as facts:
             computed = self._compute(job_id)
             if computed is not None and self._persist(job_id, computed):
-                self._tell_end(facts)
+                self._log_end(facts)
 
     @contextmanager
-    def _at_work_on(self, job_id: uuid.UUID) -> Iterator[dict[str, object]]:
-        """Count it, and name it in all that is logged meanwhile. Yields the facts that were told of it."""
+    def _running_job(self, job_id: uuid.UUID) -> Iterator[dict[str, object]]:
+        """Count the job as running and bind its id to log lines. Yields the facts that log lines of the job carry."""
         with self._lock:
             self._running[job_id] += 1
             instruments.JOBS_RUNNING.set(len(self._running))
         try:
             with structlog.contextvars.bound_contextvars(job_id=str(job_id)), telling() as facts:
-                self._tell_names(job_id)
+                self._log_begin(job_id)
                 yield facts
         finally:
             with self._lock:
@@ -141,8 +141,8 @@ class JobRunner(Generic[ResultT]):
                 self._running = +self._running
                 instruments.JOBS_RUNNING.set(len(self._running))
 
-    def _tell_names(self, job_id: uuid.UUID) -> None:
-        """A job runs also if its names cannot be asked for: the step after this waits for the database."""
+    def _log_begin(self, job_id: uuid.UUID) -> None:
+        """Log the job's begin. Without a database it is skipped: the next step waits for the database."""
         try:
             with self._database.read() as session:
                 names = jobs.names_of_job(session, job_id)
@@ -158,18 +158,18 @@ class JobRunner(Generic[ResultT]):
             instruments.JOB_WAIT.observe(max(waited, 0.0))
         log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
 
-    def _tell_end(self, facts: Mapping[str, object]) -> None:
-        """Once its end is committed."""
+    def _log_end(self, facts: Mapping[str, object]) -> None:
+        """Log and count the job, after its end is committed."""
         outcome = str(facts.get("outcome", "ok"))
         instruments.ESTIMATES.labels(facts.get("purpose", "unknown"), instruments.outcome_label(outcome)).inc()
         log.info("job_ended", outcome=outcome)
 
     def _compute(self, job_id: uuid.UUID) -> Computed | None:
-        """None: the job is finished already, or another worker has it."""
+        """Return the sealed result or a failure; None: the job has ended, or another worker has it."""
         result_key: str | None = None
         failed, waits, broken_off = 0, 0, 0
         while True:
-            self._go_on_or_leave()
+            self._raise_if_leaving()
             try:
                 if result_key is None:
                     with self._database.write() as session:
@@ -188,15 +188,15 @@ class JobRunner(Generic[ResultT]):
             except JobFailure as error:
                 return Computed(None, error.failure)
             except BrokenOff as error:
-                self._go_on_or_leave()  # we killed it, since we stop
+                self._raise_if_leaving()  # this worker killed it, because it stops
                 if broken_off >= TRIES_ALONE:
                     return Computed(None, _after_tries(error.failure, 1 + broken_off))
                 self._use_cases.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)
                 broken_off += 1
                 continue
-            except Exception as error:  # noqa: BLE001  # the worker's edge: _note_failed_step logs it whole
-                self._go_on_or_leave()  # a child that was killed because we stop looks like a fault
+            except Exception as error:  # noqa: BLE001  # the worker's edge: _note_failed_step logs it
+                self._raise_if_leaving()  # a child that was killed because this worker stops looks like a fault
                 failed += not is_passing(error)
                 _note_failed_step("compute", error)
                 if failed >= TRIES:
@@ -205,17 +205,17 @@ class JobRunner(Generic[ResultT]):
             waits += 1
 
     def _persist(self, job_id: uuid.UUID, computed: Computed) -> bool:
-        """Try until the job's end is committed; a result that cannot be saved ends as a failed meal.
+        """Retry until the job's end is committed; if the result cannot be saved, the meal fails.
 
-        False: it was committed before, or another worker has the job.
+        Returns False if the end was committed before or another worker has the job.
         """
         result: ResultT | None = None
         failed, waits = 0, 0
         while True:
-            self._go_on_or_leave()
+            self._raise_if_leaving()
             try:
                 if computed.result_key is not None and result is None:
-                    # before the transaction: one that waits for the store would hold up all others
+                    # before the transaction, which would block others while it waits for the store
                     result = self._use_cases.load(computed.result_key)
                 with self._database.write() as session:
                     return self._finish(session, job_id, result, computed.failure)
@@ -223,7 +223,7 @@ class JobRunner(Generic[ResultT]):
                 failed += not is_passing(error)
                 _note_failed_step("save", error)
                 if failed >= 2 * TRIES:
-                    raise  # not even the failure can be saved: the job is queued again, and given up after a while
+                    raise  # not even the failure can be saved: the job is queued again, and fails after some takeovers
                 if failed >= TRIES:
                     computed, result = Computed(None, INTERNAL_ERROR), None
             self._wait(waits)
@@ -251,7 +251,7 @@ class JobRunner(Generic[ResultT]):
             self._use_cases.settle(session, meal)
         return True
 
-    def _go_on_or_leave(self) -> None:
+    def _raise_if_leaving(self) -> None:
         if self._leaving.is_set():
             raise JobLeft
 
@@ -264,7 +264,7 @@ def _after_tries(failure: Failure, tries: int) -> Failure:
 
 
 def _note_failed_step(step: str, error: Exception) -> None:
-    """Into the log, whole, and the figures."""
+    """Log and count a failed step."""
     passing = is_passing(error)
     log.warning("job_step_failed", step=step, passing=passing, exc_info=error)
     instruments.JOB_STEPS_FAILED.labels(step, "yes" if passing else "no").inc()

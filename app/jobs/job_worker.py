@@ -1,6 +1,6 @@
-"""The life of one worker: lease, heartbeats, claimed jobs, takeover from the dead, sweeps, and an orderly end.
+"""The life of one worker: lease, heartbeats, claimed jobs, takeover from dead workers, sweeps, and an orderly end.
 
-Heartbeats must never wait for anything else, so takeover and sweep have a thread of their own.
+Heartbeats must never wait for anything else, so takeovers and sweeps have their own thread.
 """
 
 import threading
@@ -23,15 +23,13 @@ from app.metrics import instruments
 
 log = structlog.get_logger()
 
-LOOKS_BEFORE_LOST = (
-    5  # a job claimed by us that does not run at so many looks in a row was lost between claim and start
-)
-LOOKS_A_SWEEP = 5
+LOOKS_BEFORE_LOST = 5  # a claimed job that is not running at so many looks in a row was lost between claim and start
+LOOKS_PER_SWEEP = 5
 LEFT_SECONDS = 2.0  # for threads to notice that their child was killed
 
 
 class JobWorker(Generic[ResultT]):
-    """Makes one worker live: start, then drain and stop. `lost` is set when others were told that it is dead."""
+    """Runs one worker: start, then drain and stop. `lost` is set once others have taken its lease."""
 
     def __init__(
         self,
@@ -62,26 +60,26 @@ class JobWorker(Generic[ResultT]):
 
     @property
     def executor_id(self) -> str:
-        """The name of this start of this worker."""
+        """Unique for each start of a worker."""
         return self._lease.executor_id
 
     def start(self) -> None:
-        """Live, then claim jobs."""
+        """Acquire the lease, then start to claim jobs."""
         self._lease.acquire()
-        self._begin(self._beat, "heartbeat")
+        self._start_thread(self._beat, "heartbeat")
         self.claims.start()
-        self._begin(self._look_after_others, "takeover")
+        self._start_thread(self._watch_others, "takeover")
         log.info("worker_started", executor_id=self.executor_id)
 
     def drain(self) -> bool:
-        """Claim nothing more and give running jobs a while to end; then let go of them. False: some still run."""
+        """Stop claiming, give running jobs a while to end, then make them stop. Returns False if some still run."""
         self.claims.stop()
         is_idle = self._runner.wait_until_idle(self._times.drain)
         self._runner.leave()
         return is_idle
 
     def stop(self) -> bool:
-        """End, and leave what still runs to others, at once. False: a thread does not let go of its job."""
+        """End at once and hand running jobs back. Returns False if a thread does not stop its job."""
         self._runner.leave()
         is_idle = self._runner.wait_until_idle(LEFT_SECONDS)
         self._ending.set()
@@ -93,15 +91,15 @@ class JobWorker(Generic[ResultT]):
         return is_idle
 
     def _hand_back(self) -> None:
-        """Let what was claimed and has been let go of wait again, for others to begin at once."""
+        """Release the claims of jobs that are not running, so that others can begin them at once."""
         try:
             with self._database.write() as session:
                 idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
                 jobs.release_claims(session, self.executor_id, idle, is_takeover=False)
-        except Exception as error:  # the worker's edge: others take them over once the lease is gone
+        except Exception as error:  # the worker's edge: others take the jobs over once the lease is gone
             log.warning("hand_back_failed", exc_info=error)
 
-    def _begin(self, work: Callable[[], None], name: str) -> None:
+    def _start_thread(self, work: Callable[[], None], name: str) -> None:
         thread = threading.Thread(target=work, name=name, daemon=True)
         thread.start()
         self._threads.append(thread)
@@ -110,7 +108,7 @@ class JobWorker(Generic[ResultT]):
         while not self._ending.wait(self._times.heartbeat):
             try:
                 is_held = self._lease.renew()
-            except Exception as error:  # the worker's edge: without a database it waits for one
+            except Exception as error:  # the worker's edge: it waits until the database is back
                 log.warning("heartbeat_failed", exc_info=error)
                 instruments.HEARTBEATS_FAILED.inc()
                 continue
@@ -121,23 +119,23 @@ class JobWorker(Generic[ResultT]):
                 self.lost.set()
                 return
 
-    def _look_after_others(self) -> None:
+    def _watch_others(self) -> None:
         looks = 0
         while True:
             try:
                 self._take_over()
                 self._find_lost()
                 self._abandon_unwanted()
-                if looks % LOOKS_A_SWEEP == 0:
+                if looks % LOOKS_PER_SWEEP == 0:
                     sweep(self._database, self._queue, self._use_cases.settle)
-            except Exception as error:  # the worker's edge: the next look comes
+            except Exception as error:  # the worker's edge: it looks again later
                 log.warning("takeover_failed", exc_info=error)
             looks += 1
             if self._ending.wait(self._times.heartbeat) or self.lost.is_set():
                 return
 
     def _take_over(self) -> None:
-        """Everything anew at each look: one takeover may be lost with the database's restart."""
+        """Take over jobs of dead workers. It keeps no state: a restart of the database may lose a takeover."""
         with self._database.read() as session:
             holders = jobs.executors_with_claims(session) - {self.executor_id}
         dead = self._lease.bury(holders)
@@ -150,7 +148,7 @@ class JobWorker(Generic[ResultT]):
                 jobs.release_claims(session, executor_id, is_takeover=True)
 
     def _abandon_unwanted(self) -> None:
-        """Spare the rest of estimates whose meals were cancelled or erased."""
+        """End estimates whose meals were cancelled or erased."""
         running = self._runner.running
         if not running:
             return
@@ -160,7 +158,7 @@ class JobWorker(Generic[ResultT]):
             self._use_cases.abandon(job_id)
 
     def _find_lost(self) -> None:
-        """Queue again what we have claimed and do not run: the answer to the claim was lost, or its run broke off."""
+        """Release claimed jobs that are not running: the claim's answer was lost, or the run broke off."""
         with self._database.read() as session:
             idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
         self._claimed_but_idle = Counter({job_id: self._claimed_but_idle[job_id] + 1 for job_id in idle})

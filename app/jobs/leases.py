@@ -1,7 +1,7 @@
-"""A worker's claim to be alive. PostgreSQL: a row with a heartbeat on the database's clock. SQLite: a lock of the OS.
+"""A worker's lease. PostgreSQL: a row with a heartbeat on the database's clock. SQLite: a locked file.
 
-A lease is taken before the first job is claimed. While it is held, nobody takes this worker's jobs over; once it is
-taken away, `guard` refuses every write of the worker that had it.
+A worker acquires its lease before it claims jobs. While it holds the lease, no other worker takes its jobs over; once
+the lease is taken away, `guard` refuses every write of the worker that had it.
 """
 
 import contextlib
@@ -29,16 +29,16 @@ from app.jobs.times import WorkerTimes
 
 
 class Lease(Protocol):
-    """The life of one worker process."""
+    """The lease of one worker process."""
 
     executor_id: str
 
     def acquire(self) -> None:
-        """Begin to live."""
+        """Take the lease."""
         ...
 
     def renew(self) -> bool:
-        """A heartbeat. False: this worker was declared dead and must end. Raises on a passing fault of the database."""
+        """Send a heartbeat. Returns False if the lease was taken: the worker must end. Raises if the database fails."""
         ...
 
     def guard(self, session: Session) -> None:
@@ -46,19 +46,19 @@ class Lease(Protocol):
         ...
 
     def release(self) -> None:
-        """End by itself, so that its jobs are taken over at once."""
+        """Give the lease up, so that the worker's jobs are taken over at once."""
         ...
 
     def bury(self, pending: set[str]) -> set[str]:
-        """Take the leases of dead workers away; return who of `pending` (executors with claimed jobs) does not live.
+        """Take away the leases of dead workers. Returns those of `pending`, executors with claimed jobs, that are dead.
 
-        `pending` must have been read before: whoever is in it had a lease by then.
+        `pending` must be read before the call: all executors in it had a lease by then.
         """
         ...
 
 
 def new_executor() -> Executor:
-    """A name that no other process ever had, for one start of one worker."""
+    """Return a unique executor for one start of a worker."""
     host = socket.gethostname()
     return Executor(
         executor_id=f"{host[:24]}-{os.getpid()}-{uuid.uuid4().hex[:16]}",
@@ -70,23 +70,23 @@ def new_executor() -> Executor:
 
 
 def open_lease(database: Database, times: WorkerTimes) -> Lease:
-    """The kind of lease that the database allows, not acquired yet."""
+    """Return the kind of lease that fits the database, not acquired yet."""
     if database.is_sqlite:
         return FileLease(lock_folder(database), new_executor())
     return DatabaseLease(database, new_executor(), times)
 
 
 def living_workers(database: Database, times: WorkerTimes | None = None) -> list[Executor]:
-    """Workers alive now, the oldest first."""
+    """Return the living workers, the oldest first."""
     if database.is_sqlite:
         files = lock_files(lock_folder(database))
-        return sorted(filter(None, map(_read_if_locked, files)), key=lambda found: found.started_at)
+        return sorted(filter(None, map(_read_if_locked, files)), key=lambda executor: executor.started_at)
     with database.read() as session:
         return jobs.fresh_leases(session, (times or WorkerTimes()).lease)
 
 
 class DatabaseLease:
-    """A row in worker_lease. All times are the database's, so that hosts' clocks do not matter."""
+    """A row in worker_lease. All times are on the database's clock, so that hosts' clocks do not matter."""
 
     def __init__(self, database: Database, executor: Executor, times: WorkerTimes) -> None:
         self.executor_id = executor.executor_id
@@ -96,20 +96,20 @@ class DatabaseLease:
         self._ahead: dict[tuple[str, datetime], float] = {}
 
     def acquire(self) -> None:
-        """Insert the row: the first heartbeat."""
+        """Insert the row with the first heartbeat."""
         with self._database.write() as session:
             jobs.insert_lease(session, self._executor)
 
     def renew(self) -> bool:
-        """Move the heartbeat, be it late: only who takes the row away ends the lease.
+        """Renew the heartbeat, even a late one: only a worker that deletes the row ends the lease.
 
-        Else all workers of a machine too busy for heartbeats in time would end and start again for ever.
+        Otherwise workers of a machine that is too busy for timely heartbeats would restart for ever.
         """
         with self._database.write() as session:
             return jobs.renew_lease(session, self.executor_id)
 
     def guard(self, session: Session) -> None:
-        """Lock the row in the session's transaction, so that a takeover comes wholly before or wholly after it."""
+        """Lock the row in the session's transaction, so that a takeover happens entirely before or after it."""
         if not jobs.hold_lease(session, self.executor_id, self._seconds):
             raise JobLeft
 
@@ -119,18 +119,18 @@ class DatabaseLease:
             jobs.delete_lease(session, self.executor_id)
 
     def bury(self, pending: set[str]) -> set[str]:
-        """Delete the rows that ran out; who has no row does not live."""
+        """Delete expired rows; an executor without a row is dead."""
         with self._database.write() as session:
             jobs.delete_expired_leases(session, self._seconds)
-            for executor_id, heartbeat_at in self._stand_still(jobs.leases_ahead(session)):
+            for executor_id, heartbeat_at in self._stalled(jobs.leases_ahead(session)):
                 jobs.delete_lease_ahead(session, executor_id, heartbeat_at)
             return pending - jobs.leases(session)
 
-    def _stand_still(self, ahead: set[tuple[str, datetime]]) -> list[tuple[str, datetime]]:
-        """Heartbeats from a time to come that have not moved for a lease's time on our own clock.
+    def _stalled(self, ahead: set[tuple[str, datetime]]) -> list[tuple[str, datetime]]:
+        """Return leases whose heartbeat lies in the future and has not moved for a lease's time on our own clock.
 
-        The database's clock went back. Who lives renews the heartbeat soon; who died before would else be taken for
-        alive until the clock has caught up.
+        The database's clock went back. A living worker renews its heartbeat soon; a worker that died before would
+        otherwise seem alive until the clock has caught up.
         """
         now = time.monotonic()
         self._ahead = {lease: self._ahead.get(lease, now) for lease in ahead}
@@ -138,9 +138,9 @@ class DatabaseLease:
 
 
 class FileLease:
-    """A locked file in a folder beside the SQLite file. The kernel drops the lock when the process dies, in any way.
+    """A locked file in a folder beside the SQLite file. The kernel drops the lock however the process dies.
 
-    A stopped process (SIGSTOP) keeps its lock and so its jobs: on one machine whoever stops it can also let it go on.
+    A stopped process (SIGSTOP) keeps its lock and its jobs: on one machine, whoever stops it can also continue it.
     """
 
     def __init__(self, folder: Path, executor: Executor) -> None:
@@ -150,11 +150,11 @@ class FileLease:
         self._file: int | None = None
 
     def acquire(self) -> None:
-        """Make the file and lock it; if somebody took it for a dead worker's in between, make it again."""
+        """Create the file and lock it; again, if another worker removed it before it was locked."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-            fcntl.flock(file, fcntl.LOCK_EX)  # who looks whether we live holds it for an instant
+            fcntl.flock(file, fcntl.LOCK_EX)  # a worker that checks whether we live holds the lock for a moment
             if _is_still_there(file, self._path):
                 break
             os.close(file)
@@ -162,24 +162,24 @@ class FileLease:
         self._file = file
 
     def renew(self) -> bool:
-        """The kernel keeps the lock; only somebody who removes the file by hand ends it."""
+        """Return whether the file is still there: the kernel keeps the lock unless somebody removes the file."""
         return self._file is not None and _is_still_there(self._file, self._path)
 
     def guard(self, session: Session) -> None:
-        """The lock holds as long as this process lives, so also to the end of the transaction."""
+        """Check the lock, which then lasts as long as this process, and so to the end of the transaction."""
         del session
         if not self.renew():
             raise JobLeft
 
     def release(self) -> None:
-        """Remove the file, then let go of the lock."""
+        """Remove the file, then drop the lock."""
         if self._file is not None:
             self._path.unlink(missing_ok=True)
             os.close(self._file)
             self._file = None
 
     def bury(self, pending: set[str]) -> set[str]:
-        """Remove the files that nobody locks; who has no file does not live."""
+        """Remove unlocked files; an executor without a file is dead."""
         for path in lock_files(self._path.parent):
             if path != self._path:
                 _remove_if_unlocked(path)
@@ -187,7 +187,7 @@ class FileLease:
 
 
 def lock_folder(database: Database) -> Path:
-    """Beside the SQLite file and named after it: all workers of one database look there, however they are set."""
+    """Return the folder beside the SQLite file, named after it: all workers of the database use it."""
     path = sa.make_url(database.url).database
     if not path:
         raise ValueError("workers need a database in a file")
@@ -195,23 +195,23 @@ def lock_folder(database: Database) -> Path:
 
 
 def lock_files(folder: Path) -> list[Path]:
-    """The lock files of workers, dead or alive."""
+    """Return the lock files of workers, dead or alive."""
     return sorted(folder.glob("*.lock"))
 
 
 def _is_still_there(file: int, path: Path) -> bool:
-    """Whether the path still leads to the open file."""
+    """Whether the path still refers to the open file."""
     try:
-        found = path.stat()
+        at_path = path.stat()
     except FileNotFoundError:
         return False
-    mine = os.fstat(file)
-    return (found.st_dev, found.st_ino) == (mine.st_dev, mine.st_ino)
+    opened = os.fstat(file)
+    return (at_path.st_dev, at_path.st_ino) == (opened.st_dev, opened.st_ino)
 
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    """The file, or None where it has gone meanwhile."""
+    """Open the file; None if it no longer exists."""
     try:
         file = os.open(path, os.O_RDWR)
     except FileNotFoundError:
@@ -227,7 +227,9 @@ def _remove_if_unlocked(path: Path) -> None:
     with _opened(path) as file, contextlib.suppress(BlockingIOError):
         if file is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink(missing_ok=True)  # under the lock: a worker that is just starting sees it and makes it again
+            path.unlink(
+                missing_ok=True
+            )  # under the lock: a worker that is just starting notices it and creates the file again
 
 
 def _read_if_locked(path: Path) -> Executor | None:
@@ -242,6 +244,6 @@ def _read_if_locked(path: Path) -> Executor | None:
             return None
         try:
             fields = json.loads(os.pread(file, 4096, 0))
-        except ValueError:  # locked a moment ago and not written yet
+        except ValueError:  # locked a moment ago and not yet written
             return None
     return Executor(**(fields | {"started_at": datetime.fromisoformat(fields["started_at"])}))

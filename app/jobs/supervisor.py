@@ -1,4 +1,4 @@
-"""Keeps one worker process alive beside the server: started with it, restarted when it ends, gone with the server."""
+"""Keep one worker process running beside the server: start it, restart it when it ends, end it with the server."""
 
 import json
 import os
@@ -15,16 +15,16 @@ from app.core.settings import Settings
 
 log = structlog.get_logger()
 
-LEASE_LOST = 75  # exit status of a worker that was declared dead (EX_TEMPFAIL): start it again at once
+LEASE_LOST = 75  # exit status of a worker that lost its lease (EX_TEMPFAIL): restart it at once
 FIRST_WAIT_SECONDS = 0.5
 LONGEST_WAIT_SECONDS = 30.0
-STEADY_SECONDS = 60.0  # a worker that lived so long begins with the first wait again
-STOP_SECONDS = 12.0  # it hands its jobs back within ten
+STEADY_SECONDS = 60.0  # a worker that ran so long is restarted after the first wait again
+STOP_SECONDS = 12.0  # it hands its jobs back within ten seconds
 WORKER_COMMAND = (sys.executable, "-m", "app.worker")
 
 
 def settings_environment(settings: Settings) -> dict[str, str]:
-    """The variables from which another process reads the same settings."""
+    """Return the environment variables from which another process reads the same settings."""
     values = settings.model_dump(mode="json", exclude_none=True)
     for name in values:
         value = getattr(settings, name)
@@ -36,7 +36,7 @@ def settings_environment(settings: Settings) -> dict[str, str]:
 
 
 class WorkerProcess:
-    """`python -m app.worker` under supervision. It dies with this process, even by SIGKILL (process_life.py)."""
+    """`python -m app.worker`, supervised. It dies with this process, even on SIGKILL (process_life.py)."""
 
     def __init__(
         self,
@@ -54,18 +54,18 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that runs now."""
+        """The running process's id."""
         with self._lock:
             return self._process.pid if self._process is not None else None
 
     def start(self) -> None:
-        """Begin; returns at once."""
-        # this thread lives until stop(), and the kernel ends the worker with it
+        """Start supervising; returns at once."""
+        # the kernel ends the worker with the thread that started it; this one runs until stop()
         self._thread = threading.Thread(target=self._supervise, name="worker-supervisor", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the worker to hand back its jobs and end; kill it if it does not."""
+        """Ask the worker to hand its jobs back and exit; kill it if it does not."""
         self._stopping.set()
         with self._lock:
             if self._process is not None:

@@ -1,7 +1,7 @@
-"""Finds meals that wait for something that will never happen, and queues them again or fails them visibly.
+"""Find waiting meals that no job will move, and queue them again or fail them visibly.
 
 The meal's status is the truth; its job may be missing, taken over too often, or have ended without an answer. Each
-worker sweeps now and then; `tada doctor --requeue` does it at once.
+worker sweeps regularly; `tada doctor --requeue` sweeps at once.
 """
 
 import uuid
@@ -26,7 +26,7 @@ Settle = Callable[[Session, Meal], object]  # EstimateUseCases.settle
 
 
 def sweep(database: Database, queue: JobQueue, settle: Settle) -> int:
-    """Move every stuck meal, each in its own transaction. Returns how many there were."""
+    """Move every stuck meal, each in its own transaction. Returns their number."""
     with database.read() as session:
         exhausted = jobs.exhausted_jobs(session)
         orphans = jobs.waiting_without_live_job(session)
@@ -57,16 +57,16 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: P
     meal = lock_meal(session, meal_id)
     if meal is None or jobs.pair_status(meal, purpose) not in WAITING:
         return False
-    made, live = jobs.count_jobs(session, meal_id, purpose)
+    count, live = jobs.count_jobs(session, meal_id, purpose)
     if live:
         return False
-    if not made:
+    if not count:
         jobs.advance_pair(meal, purpose, "queued")
         queue.enqueue_pair(session, meal, purpose)
         instruments.SWEPT.labels("queued").inc()
         log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
         return True
-    jobs.fail_pair(meal, purpose, INTERNAL_ERROR)  # its job is finished: another would leave it waiting too
+    jobs.fail_pair(meal, purpose, INTERNAL_ERROR)  # its job has ended without an answer, and so would another
     if purpose != "meal":
         settle(session, meal)
     instruments.SWEPT.labels("failed").inc()

@@ -1,4 +1,4 @@
-"""How long a worker waits for what; one value, so that tests can live faster."""
+"""A worker's intervals and limits of time, in one value, so that tests can shorten them."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 class WorkerTimes:
     """All in seconds.
 
-    heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker without a heartbeat for
-    so long is dead (three are missing). first_wait doubles with each try after a fault up to longest_wait.
-    wait_for_room: before an estimate that was killed or took too long is tried again, four times as long with each try.
-    drain: what running jobs get to end once the worker was asked to; a job that needs longer is handed back.
+    heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker that misses heartbeats
+    for so long (three of them) is dead. first_wait: before the first retry after a fault; each retry doubles it, up to
+    longest_wait. wait_for_room: before the first retry of an estimate that was killed or took too long; it
+    quadruples with each retry. drain: for running jobs to end when the worker stops; later ones are handed back.
     """
 
     heartbeat: float = 2.0

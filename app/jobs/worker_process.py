@@ -1,8 +1,8 @@
 """A worker as a process: `run_jobs(settings, make_use_cases, tasks=...)` works until a signal comes.
 
-SIGTERM and SIGINT: claim nothing more, let running jobs end for a few seconds, then kill the children and leave the
-rest to others, all within ten seconds. Declared dead by others (it was stopped, or the machine slept): end at once with
-status LEASE_LOST, so that whoever supervises starts it again, under a new name.
+On SIGTERM and SIGINT it claims no more, gives running jobs a few seconds to end, then kills the children and hands the
+rest back, all within ten seconds. If others have taken its lease (it was stopped, or the machine slept), it exits at
+once with status LEASE_LOST, so that its supervisor starts it again under a new name.
 """
 
 import os
@@ -26,7 +26,7 @@ from app.jobs.times import WorkerTimes
 
 log = structlog.get_logger()
 
-END_SECONDS = 10.0  # after a signal the process is gone by then, whatever hangs
+END_SECONDS = 10.0  # the process exits so long after a signal, even if something hangs
 
 MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases[ResultT]]
 
@@ -43,8 +43,7 @@ def run_jobs(
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). at_start: around what comes before the work. times: shorter in tests.
-    protocol: another in tests.
+    tasks: the children's registry (child.py). at_start: a context around the start. times, protocol: set by tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -64,11 +63,11 @@ def run_jobs(
     while not stop.wait(0.2):
         if worker.lost.is_set():
             pool.close()
-            _end_now(LEASE_LOST)  # there is nothing to hand back: all of it was taken
+            _end_now(LEASE_LOST)  # there is nothing to hand back: others have taken its jobs
     watchdog = threading.Timer(END_SECONDS, _end_now, args=(0,))
     watchdog.daemon = True
     watchdog.start()
-    chores.stop(0.0)  # one under way may end beside the jobs
+    chores.stop(0.0)  # a chore in progress may end while jobs do
     worker.drain()
     pool.close()
     if not worker.stop():
@@ -79,7 +78,7 @@ def run_jobs(
 
 
 def _warm_up(pool: ChildPool) -> None:
-    """So that the first meal does not wait for imports."""
+    """Start the children, so that the first meal does not wait for imports."""
     try:
         pool.warm_up()
     except (ChildPoolClosedError, ChildStartError) as error:
@@ -87,7 +86,7 @@ def _warm_up(pool: ChildPool) -> None:
 
 
 def _end_now(status: int) -> None:
-    """End without waiting for threads that hang."""
+    """Exit without waiting for threads that hang."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

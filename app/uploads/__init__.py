@@ -1,1 +1,1 @@
-"""What a phone sends and asks: meals, after-meal pairs, declared meals, checks before sending, waiting, cancelling."""
+"""Calls of phones: meals, after-meal pairs, declared meals, checks before sending, waiting, cancelling, retrying."""

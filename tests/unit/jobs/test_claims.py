@@ -138,7 +138,7 @@ def test_job_that_needs_its_child_again_takes_its_room_back(start):
     wait_for(runs.has_begun)
     claiming.note_computing(str(first))
     database.waiting.append((1, ids(2)[1]))
-    claiming._claim_what_there_is_room_for()
+    claiming._claim_up_to_capacity()
     assert runs.begun == [first]
 
 
