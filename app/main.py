@@ -72,7 +72,6 @@ from app.records import photographs_api as photographs
 from app.records.review import api as review
 from app.records.review import questions_api as questions
 from app.records.review import queue_api as review_queue
-from app.records.review.event_rules import EVENT_RULES
 from app.records.review.meal_events import MealEvents
 from app.releases import api as releases
 from app.releases.queries import take_back_places as take_back_releases
@@ -126,7 +125,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
                 queue,
                 SubmitMeal(database, photo_intake, queue, box),
                 SubmitAfterPair(database, photo_intake, queue, box),
-                MealEvents(database, queue, EVENT_RULES),
+                MealEvents(database, queue),
                 DeclareMeal(database, box),
                 waiter,
                 CallLimits(settings),

@@ -31,8 +31,8 @@ from app.operations.prepare import prepare
 from app.people.access.caller import StaffCaller
 from app.people.models import Device, Participant, Staff, Study
 from app.records.read_meal import MealView
-from app.records.review.event_rules import EVENT_RULES
-from app.records.review.meal_events import MealEvents, NewEvent
+from app.records.review.meal_events import MealEvents
+from app.records.review.schemas import AnyEventIn, CommentIn, ConfirmIn, SetFoodIn, SetMassIn, SetShareIn
 from benchmarks.databases import database_url
 
 FOODS = ("apple", "banana", "bread-white", "potatoes-boiled", "milk-whole", "chicken-breast", "rice-white-cooked")
@@ -65,15 +65,15 @@ def time_words(database: Database, items: int, events: int, words: int) -> list[
     """(wall, CPU) milliseconds of each of the last words."""
     reviewer, client_id = lay_table(database, items)
     queue = JobQueue()
-    use_case = MealEvents(database, queue, EVENT_RULES)
+    use_case = MealEvents(database, queue)
     drawn = random.Random(1)
-    view = say(use_case, reviewer, client_id, NewEvent(uuid.uuid4(), "comment", None, {"text": "Good."}))
+    view = say(use_case, reviewer, client_id, CommentIn(id=uuid.uuid4(), kind="comment", text="Good."))
     ids = [item.state.item.id for item in view.items]
     took = []
     gc.collect()
     gc.freeze()  # what was imported is no work of the words
     for number in range(events - 1 + words):
-        event = any_word(drawn, drawn.choice(ids))
+        event = random_event(drawn, drawn.choice(ids))
         wall, cpu = time.perf_counter(), time.thread_time()
         say(use_case, reviewer, client_id, event)
         if number >= events - 1:
@@ -81,18 +81,20 @@ def time_words(database: Database, items: int, events: int, words: int) -> list[
     return took
 
 
-def any_word(drawn: random.Random, item: uuid.UUID) -> NewEvent:
-    kind = drawn.choice(["set_food", "set_mass", "set_share", "confirm", "comment"])
-    told: dict[str, dict[str, Any]] = {
-        "set_food": {"food": drawn.choice(FOODS), "lies_as": None},
-        "set_mass": {"amount": {"mass_g": drawn.uniform(10.0, 300.0)}},
-        "set_share": {"share": drawn.uniform(0.1, 1.0)},
-        "comment": {"text": "As I said."},
-    }
-    return NewEvent(uuid.uuid4(), kind, item, told.get(kind, {}))
+def random_event(drawn: random.Random, item: uuid.UUID) -> AnyEventIn:
+    event_id = uuid.uuid4()
+    return drawn.choice(
+        [
+            SetFoodIn(id=event_id, kind="set_food", item=item, food=drawn.choice(FOODS)),
+            SetMassIn(id=event_id, kind="set_mass", item=item, mass_g=drawn.uniform(10.0, 300.0)),
+            SetShareIn(id=event_id, kind="set_share", item=item, share=drawn.uniform(0.1, 1.0)),
+            ConfirmIn(id=event_id, kind="confirm", item=item),
+            CommentIn(id=event_id, kind="comment", item=item, text="As before."),
+        ]
+    )
 
 
-def say(use_case: MealEvents, reviewer: StaffCaller, client_id: uuid.UUID, event: NewEvent) -> MealView:
+def say(use_case: MealEvents, reviewer: StaffCaller, client_id: uuid.UUID, event: AnyEventIn) -> MealView:
     return use_case.append(reviewer, client_id, event, expected=None)[0]
 
 

@@ -8,6 +8,7 @@ undone event made or that a split or merge has replaced.
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from app.meals.event_models import LAYERS, MealEvent
 from app.meals.event_values import (
@@ -52,7 +53,7 @@ class SetMass:
     """
 
     mass_g: float
-    of: str
+    of: Literal["as_seen", "edible"]
     relative_sd: float
     portion_of: str | None = None
 

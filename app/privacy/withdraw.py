@@ -39,7 +39,7 @@ from app.records.project_records import project_meal
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
 NO_DETAILS: dict[str, object] = {"hints": [], "location": None, "app_version": None}
-FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/ask.py)
+FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/review_meal.py)
 
 
 def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:

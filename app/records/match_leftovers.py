@@ -2,7 +2,7 @@
 
 Called whenever a meal is projected, so it does not matter which pair was measured first, and what people say of the
 items meanwhile (another food, an item added) counts. What people say of the pieces themselves is a layer above
-(records/review/say_leftovers.py) and taken as given here. A piece that is not clearly of one item stays unmatched.
+(records/review/review_meal.py) and taken as given here. A piece that is not clearly of one item stays unmatched.
 """
 
 import uuid

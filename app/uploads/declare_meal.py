@@ -29,18 +29,21 @@ from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
 from app.records.project_records import project_meal
-from app.records.review.meal_events import NewEvent, Standing, insert_event
-from app.records.review.review_meal import added
-from app.records.review.told_amounts import DECLARED_SD
+from app.records.review.meal_events import insert_event
+from app.records.review.review_context import ReviewContext
+from app.records.review.review_meal import add
+from app.records.review.schemas import AddIn
+from app.records.review.stated_amounts import DECLARED_SD
+from app.uploads.declared_schemas import DeclaredItemIn
 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredMeal:
-    """What the phone tells, checked. items: as the request has them, JSON."""
+    """What the phone tells, checked."""
 
     client_id: uuid.UUID
     time: MealTime
-    items: tuple[Mapping[str, Any], ...]
+    items: tuple[DeclaredItemIn, ...]
     location: Mapping[str, float] | None = None
     app_version: str | None = None
 
@@ -92,11 +95,10 @@ def _require_same(meal: Meal, told: DeclaredMeal) -> None:
 def _add_items(session: Session, caller: DeviceCaller, meal: Meal, told: DeclaredMeal) -> None:
     parts = MealParts(meal)
     for number, item in enumerate(told.items, start=1):
-        event = NewEvent(
-            id=uuid.uuid5(meal.id, f"declared/{number}"), kind="add", told={**item, "lies_as": None, "region": None}
-        )
-        standing = Standing(session, meal, parts, fold_meal(parts), event, "participant", meal.received_at)
-        change = added(standing, "declared", DECLARED_SD)
+        event_id = uuid.uuid5(meal.id, f"declared/{number}")
+        event = AddIn(id=event_id, kind="add", food=item.food, amount=item.amount, share=item.share)
+        context = ReviewContext(session, meal, parts, fold_meal(parts), event_id, "participant", meal.received_at)
+        change = add(context, event, "declared", DECLARED_SD)
         insert_event(session, caller, meal, event, change, sequence=number, now=meal.received_at)
         parts.items.append(change.rows[0])  # type: ignore[arg-type]  # the item goes before what refers to it
 
@@ -130,5 +132,5 @@ def _details(told: DeclaredMeal, location: Mapping[str, float] | None) -> dict[s
         "hints": [],
         "location": location,
         "app_version": told.app_version,
-        "declared": [dict(item) for item in told.items],
+        "declared": [item.model_dump(mode="json") for item in told.items],
     }

@@ -30,7 +30,7 @@ def post_declared_meal(body: DeclaredMealIn, state: State, caller: CurrentDevice
     told = DeclaredMeal(
         client_id=body.id,
         time=meal_time(body.captured_at, body.time_zone, datetime.now(UTC)),
-        items=tuple(item.model_dump(mode="json") for item in body.items),
+        items=tuple(body.items),
         location=body.location.model_dump(exclude_none=True) if body.location else None,
         app_version=body.app_version,
     )

@@ -17,7 +17,7 @@ from app.dashboard.meal_pages.meal_timeline import TITLES
 from app.dashboard.page import CurrentPage, Page
 from app.foods.search.search_foods import search_foods
 from app.people.access.page_rules import MEAL, PREFIX
-from app.records.review.api import new_event, tagged_meal
+from app.records.review.api import tagged_meal
 from app.records.review.meal_events import MealEvents
 
 router = APIRouter(include_in_schema=False)
@@ -27,8 +27,13 @@ FOODS_OFFERED = 12
 
 @router.post(MEAL + "/events")
 def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]) -> Response:
+<<<<<<< HEAD
     """Append one event to the meal if it is unchanged since it was shown: confirm, correct, reject, ask, undo."""
     event = new_event(event_of(form))
+=======
+    """Confirm, correct, reject, ask, undo: one word about the meal as it was shown."""
+    event = event_of(form)
+>>>>>>> f376aca (review: rules take the typed event of its kind; NewEvent's dict, the injected rule table and four small files are gone)
     try:
         view, is_new = page.state.part(MealEvents).append(
             page.study_caller, meal_id, event, expected=frozenset({form.version}), participant_code=participant

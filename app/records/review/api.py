@@ -1,6 +1,5 @@
 """/v1/meals/{meal_id}/events: what the participant and reviewers say of a meal, and the history of it."""
 
-import uuid
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -14,9 +13,9 @@ from app.people.access.deps import CurrentCaller, State
 from app.records.meal_schemas import MealOut
 from app.records.read_meal import MealView
 from app.records.render import render_meal
-from app.records.review.meal_events import MealEvents, NewEvent
+from app.records.review.meal_events import MealEvents
 from app.records.review.meal_history import HistoryRow, read_history
-from app.records.review.schemas import AnyEventIn, EventIn, EventList, EventOut, SetMassIn, SetVolumeIn
+from app.records.review.schemas import EventIn, EventList, EventOut
 
 router = APIRouter(prefix="/v1/meals", tags=["review"])
 
@@ -38,7 +37,7 @@ def post_event(
 ) -> JSONResponse:
     """Confirm, correct, reject, add, split, merge or ask. `If-Match` names the version of the meal that was seen."""
     view, is_new = state.part(MealEvents).append(
-        caller, meal_id, new_event(body), expected=expected_versions(if_match), participant_code=participant
+        caller, meal_id, body, expected=expected_versions(if_match), participant_code=participant
     )
     return tagged_meal(view, 201 if is_new else 200)
 
@@ -56,17 +55,6 @@ def get_events(
     """All that was said of the meal, the oldest first, what was undone as well."""
     page = read_history(state.database, caller, meal_id, participant, cursor=cursor, limit=limit)
     return EventList(items=[_event(row) for row in page.rows], next=next_page(request, page.cursor))
-
-
-def new_event(body: AnyEventIn) -> NewEvent:
-    """From the wire's models to the service's."""
-    told = body.model_dump(mode="json", exclude={"id", "kind", "item"})
-    if isinstance(body, SetMassIn):
-        told = {"amount": body.amount().model_dump(mode="json")}
-    elif isinstance(body, SetVolumeIn):
-        told = {"amount": told}
-    item: uuid.UUID | None = getattr(body, "item", None)
-    return NewEvent(id=body.id, kind=body.kind, item_id=item, told=told)
 
 
 def tagged_meal(view: MealView, status: int) -> JSONResponse:

@@ -111,6 +111,10 @@ class SetVolumeIn(_OfItem):
     volume_ml: Millilitres = Field(description="Volume as served.")
     relative_sd: RelativeSd = None
 
+    def amount(self) -> AmountIn:
+        """Return the amount as other events give it."""
+        return AmountIn(volume_ml=self.volume_ml, relative_sd=self.relative_sd)
+
 
 class SetMassIn(_OfItem):
     """The item weighs so much, or is so many household measures of its food."""
@@ -135,7 +139,7 @@ class SetMassIn(_OfItem):
         return self
 
     def amount(self) -> AmountIn:
-        """The amount as the other events have it."""
+        """Return the amount as other events give it."""
         return AmountIn(
             mass_g=self.mass_g, of=self.of, portion=self.portion, count=self.count, relative_sd=self.relative_sd
         )
@@ -335,6 +339,11 @@ AnyEventIn = (
     | UndoIn
 )
 EventIn = Annotated[AnyEventIn, Field(discriminator="kind")]
+
+
+def item_of(event: AnyEventIn) -> uuid.UUID | None:
+    """Return the id of the item that the event is about, if it is about one."""
+    return event.item if isinstance(event, _OfItem | CommentIn | QuestionIn) else None
 
 
 class EventOut(BaseModel):
