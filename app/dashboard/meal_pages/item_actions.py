@@ -27,13 +27,8 @@ FOODS_OFFERED = 12
 
 @router.post(MEAL + "/events")
 def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]) -> Response:
-<<<<<<< HEAD
     """Append one event to the meal if it is unchanged since it was shown: confirm, correct, reject, ask, undo."""
-    event = new_event(event_of(form))
-=======
-    """Confirm, correct, reject, ask, undo: one word about the meal as it was shown."""
     event = event_of(form)
->>>>>>> f376aca (review: rules take the typed event of its kind; NewEvent's dict, the injected rule table and four small files are gone)
     try:
         view, is_new = page.state.part(MealEvents).append(
             page.study_caller, meal_id, event, expected=frozenset({form.version}), participant_code=participant

@@ -14,7 +14,7 @@ from app.foods.models import Food
 from app.meals import queries as meals
 from app.meals.event_models import Layer
 from app.meals.event_values import Region
-from app.meals.item_state import NOTHING_KNOWN, REMEASURING, Amount, ItemState, MealState
+from app.meals.item_state import REMEASURING, UNKNOWN_AMOUNT, Amount, ItemState, MealState
 from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts
 from app.meals.models import Meal
@@ -95,7 +95,9 @@ def require_complete(states: Sequence[ItemState]) -> None:
 
 
 def _is_complete(state: ItemState) -> bool:
-    return state.food_assignment is not None and served_mass(weighing_of(state.food_assignment), state.amount) is not None
+    return (
+        state.food_assignment is not None and served_mass(weighing_of(state.food_assignment), state.amount) is not None
+    )
 
 
 def new_item(
@@ -104,7 +106,7 @@ def new_item(
     *,
     place: int = 0,
     rings: Sequence[Ring] = (),
-    amount: Amount = NOTHING_KNOWN,
+    amount: Amount = UNKNOWN_AMOUNT,
     parent_id: uuid.UUID | None = None,
 ) -> Item:
     """Return an item that the event creates. place: its number among them; amount: its volume."""

@@ -13,13 +13,13 @@ from app.foods.models import Food
 from app.meals.event_models import MealEvent
 from app.meals.event_values import Answer
 from app.meals.item_state import (
-    NOTHING_KNOWN,
     REMEASURING,
+    UNKNOWN_AMOUNT,
     Amount,
     ItemState,
-    required_items,
     live_events,
     read_event,
+    required_items,
 )
 from app.meals.record_models import Item, ItemFood, Leftover
 from app.nutrition.doubt import Doubt, estimate
@@ -224,7 +224,7 @@ def _split_part(context: ReviewContext, whole: ItemState, place: int, part: Part
     """
     amount = whole.amount
     mass: StatedAmount = {}
-    volume = NOTHING_KNOWN
+    volume = UNKNOWN_AMOUNT
     if part.share is not None:
         share_sd = SPLIT_SD * (1.0 - part.share)
         whole_amount = amount.mass.mass_g if amount.mass is not None else amount.volume_ml
@@ -247,7 +247,7 @@ def _summed_volume(states: Sequence[ItemState]) -> Amount:
     amounts = [state.amount for state in states]
     volumes_ml = [amount.volume_ml for amount in amounts if amount.volume_ml is not None and amount.mass is None]
     if len(volumes_ml) < len(amounts):
-        return NOTHING_KNOWN
+        return UNKNOWN_AMOUNT
     total_ml = math.fsum(volumes_ml)
     pairs = list(zip(volumes_ml, amounts, strict=True))
     pair_sd = math.fsum(volume_ml * amount.relative_sd.get("pair", 0.0) for volume_ml, amount in pairs) / total_ml
@@ -260,7 +260,8 @@ def _summed_mass(states: Sequence[ItemState]) -> StatedAmount:
     masses = [
         mass
         for state in states
-        if state.food_assignment is not None and (mass := served_mass(weighing_of(state.food_assignment), state.amount)) is not None
+        if state.food_assignment is not None
+        and (mass := served_mass(weighing_of(state.food_assignment), state.amount)) is not None
     ]
     if len(masses) < len(states):
         return {}
