@@ -1,7 +1,7 @@
 """Query parameters of tables that are offered as files (`format`, `layout`, ...), and the file as a response."""
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import Depends, Query, Request
 from pydantic import StringConstraints
@@ -20,7 +20,7 @@ from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller
 
-FILES: dict[str, dict[str, Any]] = {
+FILES: dict[str, object] = {
     media_type.split(";")[0]: {"schema": {"type": "string"}}
     for output, media_type in MEDIA_TYPES.items()
     if output != "geojson"
@@ -40,7 +40,7 @@ Code = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 MOST_VALUES = 10  # of one filter: each needs its own index lookup
 
 
-def stored_file_responses(content: dict[str, dict[str, Any]]) -> dict[int | str, dict[str, Any]]:
+def stored_file_responses(content: dict[str, object]) -> dict[int | str, dict[str, object]]:
     """Return the successful responses of a route that calls answer_stored_file. content: media type -> schema."""
     return {
         200: {"content": content, "description": "The file."},

@@ -16,7 +16,7 @@ from app.diary import day_summaries, diary
 from app.diary.feedback import Feedback, read_feedback
 from app.diary.schemas import DayIn
 from app.diary.study_days import judge_day
-from app.exports.lists.days_api import word_of
+from app.exports.lists.days_api import day_event_kind
 from app.exports.lists.list_meals import list_meals, sums_of
 from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter
@@ -67,7 +67,7 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
         page.state.database,
         page.caller,
         day,
-        word_of(body),
+        day_event_kind(body),
         expected=expected,
         participant_ref=diary.ParticipantRef(study, participant),
     )

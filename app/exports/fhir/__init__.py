@@ -1,1 +1,1 @@
-"""Records as FHIR R5 resources, read only: GET /fhir/NutritionIntake and what goes with it (docs/fhir.md)."""
+"""Records as read-only FHIR R5 resources: GET /fhir/NutritionIntake and its companions (docs/fhir.md)."""

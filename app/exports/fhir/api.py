@@ -1,7 +1,7 @@
-"""/fhir: records as FHIR R5 resources, read only."""
+"""/fhir: records as read-only FHIR R5 resources."""
 
 import uuid
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Request
 from fastapi.responses import Response
@@ -21,16 +21,16 @@ router = APIRouter(prefix=PREFIX, tags=["fhir"], dependencies=[Depends(require_j
 LogicalId = Annotated[str, Path(max_length=200, description="The resource's logical id.")]
 
 
-def _content(description: str) -> dict[str, Any]:
+def _content(description: str) -> dict[str, object]:
     return {"description": description, "content": {FHIR_JSON: {"schema": {"type": "object"}}}}
 
 
-def _responses(described: str, *statuses: int) -> dict[int | str, dict[str, Any]]:
-    return {200: _content(described), **{status: _content("OperationOutcome") for status in statuses}}
+def _responses(description: str, *error_statuses: int) -> dict[int | str, dict[str, object]]:
+    return {200: _content(description), **{status: _content("OperationOutcome") for status in error_statuses}}
 
 
-def _parameter(name: str, description: str, *, is_list: bool = False) -> dict[str, Any]:
-    schema: dict[str, Any] = {"type": "string"}
+def _parameter(name: str, description: str, *, is_list: bool = False) -> dict[str, object]:
+    schema = {"type": "string"}
     return {
         "name": name,
         "in": "query",
@@ -62,8 +62,8 @@ def get_structure_definition(
     """What one of this server's extensions means."""
     for extension in EXTENSIONS:
         if extension.name == name:
-            found = structure_definition(names_of(request), extension)
-            return FhirJson(found, headers={"Cache-Control": "public, max-age=3600"})
+            definition = structure_definition(names_of(request), extension)
+            return FhirJson(definition, headers={"Cache-Control": "public, max-age=3600"})
     raise NotFoundError("There is no such StructureDefinition.")
 
 
@@ -75,9 +75,9 @@ def get_structure_definition(
 def search_nutrition_intakes(request: Request, state: State, caller: CurrentCaller) -> Response:
     """Records that hold, one a food of a meal, in the order of capture: a searchset, page by page."""
     names = names_of(request)
-    asked = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
-    page = search_intakes(state.database, caller, asked.search, cursor=asked.cursor, limit=asked.count)
-    return FhirJson(search_bundle(names, asked, page))
+    query = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
+    page = search_intakes(state.database, caller, query.search, cursor=query.cursor, limit=query.count)
+    return FhirJson(search_bundle(names, query, page))
 
 
 @router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
@@ -87,8 +87,10 @@ def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, c
         item_id = uuid.UUID(intake_id)
     except ValueError:
         raise NotFoundError("There is no such NutritionIntake.") from None
-    row = read_intake(state.database, caller, item_id)
-    return FhirJson(Intakes(names_of(request)).resource(row), headers={"ETag": f'W/"{row.of.record.change_seq}"'})
+    intake = read_intake(state.database, caller, item_id)
+    return FhirJson(
+        Intakes(names_of(request)).resource(intake), headers={"ETag": f'W/"{intake.row.record.change_seq}"'}
+    )
 
 
 @router.get("/Patient/{patient_id}", responses=_responses("Patient", 401, 404, 406, 503))

@@ -1,34 +1,40 @@
-"""A page of records as a searchset: its resources, what was used of the query, and where it goes on."""
+"""A page of records as a searchset: resources, the parameters that were used, and the link to the next page."""
 
-from typing import Any
 from urllib.parse import urlencode
 
+from pydantic import JsonValue
+
 from app.exports.fhir.answers import outcome_issue
-from app.exports.fhir.names import Names
+from app.exports.fhir.names import Names, Resource
 from app.exports.fhir.queries import IntakeRow
 from app.exports.fhir.resources import Intakes
-from app.exports.fhir.search import CURSOR, Asked
+from app.exports.fhir.search import CURSOR, SearchQuery
 from app.http.paging import Page
 
 
-def search_bundle(names: Names, asked: Asked, page: Page[IntakeRow]) -> dict[str, Any]:
-    """The bundle. It has no total: that would mean to count what nobody looks at."""
+def search_bundle(names: Names, query: SearchQuery, page: Page[IntakeRow]) -> Resource:
+    """Return the bundle, without a total, which would require counting all matches."""
     intakes, here = Intakes(names), names.url("NutritionIntake")
-    links = [{"relation": "self", "url": _url(here, asked.used, asked.cursor)}]
+    links: list[JsonValue] = [{"relation": "self", "url": _url(here, query.used, query.cursor)}]
     if page.cursor is not None:
-        links.append({"relation": "next", "url": _url(here, asked.used, page.cursor)})
-    entries = [
-        {"fullUrl": f"{here}/{row.of.record.item_id}", "resource": intakes.resource(row), "search": {"mode": "match"}}
-        for row in page.rows
+        links.append({"relation": "next", "url": _url(here, query.used, page.cursor)})
+    entries: list[JsonValue] = [
+        {
+            "fullUrl": f"{here}/{intake.row.record.item_id}",
+            "resource": intakes.resource(intake),
+            "search": {"mode": "match"},
+        }
+        for intake in page.rows
     ]
-    if asked.ignored:
-        entries.append({"resource": _ignored(names, asked.ignored), "search": {"mode": "outcome"}})
-    return {"resourceType": "Bundle", "type": "searchset", "link": links} | ({"entry": entries} if entries else {})
+    if query.ignored:
+        entries.append({"resource": _ignored(names, query.ignored), "search": {"mode": "outcome"}})
+    bundle: Resource = {"resourceType": "Bundle", "type": "searchset", "link": links}
+    return bundle | ({"entry": entries} if entries else {})
 
 
-def _ignored(names: Names, parameters: tuple[str, ...]) -> dict[str, Any]:
+def _ignored(names: Names, parameters: tuple[str, ...]) -> Resource:
     system = names.system("errors")
-    text = "Ignored, since it is not supported here: {}. GET /fhir/metadata lists what is."
+    text = "Ignored, since it is not supported here: {}. GET /fhir/metadata lists the supported parameters."
     return {
         "resourceType": "OperationOutcome",
         "issue": [

@@ -1,40 +1,38 @@
-"""What this server says of itself: its CapabilityStatement, and the definitions of its own extensions."""
+"""The server's CapabilityStatement, and the StructureDefinitions of its own extensions."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from app import __version__
-from app.exports.fhir.names import Names
+from app.exports.fhir.names import Names, Resource
 from app.exports.fhir.search import MOST_COUNT
 
 FHIR_VERSION = "5.0.0"
-DEFINED = "2026-11-22"  # when what stands here was last changed
+DEFINED = "2026-11-22"  # when these definitions last changed
 
 PERSON = (
-    "Whose: Patient/STUDY.CODE, or Patient/CODE where one study only has such a participant. Several, comma between: "
-    "of any of them."
+    "Whose: Patient/STUDY.CODE, or Patient/CODE if only one study has such a participant. Several, separated by "
+    "commas: of any of them."
 )
 SEARCH_PARAMETERS = (
-    ("_id", "token", "Ids of NutritionIntakes, comma between."),
+    ("_id", "token", "Ids of NutritionIntakes, separated by commas."),
     ("identifier", "token", "The same as _id, with or without the system."),
-    ("subject", "reference", f"{PERSON} With :identifier, by the system and code that subject.identifier tells."),
+    ("subject", "reference", f"{PERSON} With :identifier, by the system and code of subject.identifier."),
     ("patient", "reference", "The same as subject."),
     (
         "date",
         "date",
         (
-            "When it was eaten; may be repeated, then all must be met. Prefixes: eq, ge, le, gt, lt, sa, eb. A year, "
-            "month or day is of the participant's own calendar (with the study's start of the day); a time must have "
-            "its offset."
+            "When it was eaten; if repeated, all must be met. Prefixes: eq, ge, le, gt, lt, sa, eb. A year, month or "
+            "day is of the participant's own calendar (with the study's start of the day); a time must have an offset."
         ),
     ),
-    ("status", "token", "completed, or in-progress: an after-meal pair may still tell what was left."),
+    ("status", "token", "completed, or in-progress: an after-meal pair may still show what was left."),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """An extension of ours. on: the element that has it; value: its type, value[x]."""
+    """An extension of this server. on: the element that has it; value: the type of its value[x]."""
 
     name: str
     title: str
@@ -49,30 +47,29 @@ EXTENSIONS = (
         "Interval at 90 percent",
         "NutritionIntake.consumedItem.amount",
         "Range",
-        "The interval that holds the true amount with a probability of 90 percent. Amounts of nutrients are in "
-        "proportion to this amount, and so are their intervals; what the food table itself does not know exactly is "
-        "not in it.",
+        "The interval that contains the true amount with a probability of 90 percent. Amounts of nutrients are "
+        "proportional to this amount, and so are their intervals; the food table's own uncertainty is not included.",
     ),
     Extension(
         "record-status",
         "Status of the record",
         "NutritionIntake",
         "code",
-        "How sure food and amount are: proposed (by the server, nobody has looked), needs_review (the food or the "
-        "amount is not known), confirmed or corrected (by a person).",
+        "How certain food and amount are: proposed (by the server, not reviewed), needs_review (the food or the "
+        "amount is unknown), confirmed or corrected (by a person).",
     ),
     Extension(
         "reviewed",
         "Reviewed",
         "NutritionIntake",
         "boolean",
-        "Whether a reviewer of the study has had the last word.",
+        "Whether a reviewer of the study made the last decision.",
     ),
 )
 
 
-def capability_statement(names: Names) -> dict[str, Any]:
-    """GET /fhir/metadata."""
+def capability_statement(names: Names) -> Resource:
+    """Return the resource of GET /fhir/metadata."""
     return {
         "resourceType": "CapabilityStatement",
         "url": names.url("metadata"),
@@ -89,30 +86,30 @@ def capability_statement(names: Names) -> dict[str, Any]:
         "rest": [
             {
                 "mode": "server",
-                "documentation": "Records that hold, as NutritionIntake: one a food of a meal. Unknown parameters are "
-                "ignored, and named in the bundle; `Prefer: handling=strict` has them refused. There is no total. "
+                "documentation": "Records that count, as NutritionIntake: one per food of a meal. Unknown parameters "
+                "are ignored, and named in the bundle; `Prefer: handling=strict` refuses them. There is no total. "
                 f"Pages of up to {MOST_COUNT}, in the order of `date`; follow `next`.",
                 "security": {
                     "cors": False,
                     "description": "Authorization: Bearer TOKEN. Staff see their studies, a phone its participant. "
-                    "What may not be seen is not found.",
+                    "Anything else is not found.",
                 },
                 "resource": [
                     {
                         "type": "NutritionIntake",
-                        "documentation": "A rejected record is never here; by its id it is gone (410). versionId grows "
-                        "with every change of the record; when that was is not kept, so there is no lastUpdated.",
+                        "documentation": "Rejected records are excluded; by id they are gone (410). versionId grows "
+                        "with every change of the record; its time is not stored, so there is no lastUpdated.",
                         "interaction": [{"code": "read"}, {"code": "search-type"}],
                         "versioning": "versioned",
                         "readHistory": False,
                         "searchParam": [
-                            {"name": name, "type": its_type, "documentation": documentation}
-                            for name, its_type, documentation in SEARCH_PARAMETERS
+                            {"name": name, "type": kind, "documentation": documentation}
+                            for name, kind, documentation in SEARCH_PARAMETERS
                         ],
                     },
                     {
                         "type": "Patient",
-                        "documentation": "A participant: a code in a study, nothing of the person.",
+                        "documentation": "A participant: a code in a study, without personal data.",
                         "interaction": [{"code": "read"}],
                         "versioning": "no-version",
                     },
@@ -128,10 +125,10 @@ def capability_statement(names: Names) -> dict[str, Any]:
     }
 
 
-def structure_definition(names: Names, extension: Extension) -> dict[str, Any]:
-    """GET /fhir/StructureDefinition/{name}: what an extension of ours means, and where it stands."""
+def structure_definition(names: Names, extension: Extension) -> Resource:
+    """Return the resource of GET /fhir/StructureDefinition/{name}."""
     url = names.url(f"StructureDefinition/{extension.name}")
-    described = {"short": extension.title, "definition": extension.meaning}
+    description: Resource = {"short": extension.title, "definition": extension.meaning}
     return {
         "resourceType": "StructureDefinition",
         "id": extension.name,
@@ -151,7 +148,7 @@ def structure_definition(names: Names, extension: Extension) -> dict[str, Any]:
         "derivation": "constraint",
         "differential": {
             "element": [
-                {"id": "Extension", "path": "Extension", "min": 0, "max": "1", **described},
+                {"id": "Extension", "path": "Extension", "min": 0, "max": "1", **description},
                 {"id": "Extension.extension", "path": "Extension.extension", "max": "0"},
                 {"id": "Extension.url", "path": "Extension.url", "fixedUri": url},
                 {

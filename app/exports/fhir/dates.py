@@ -1,7 +1,7 @@
-"""FHIR's `date` parameter: a prefix and a date or an instant -> bounds of the local day, or of the instant.
+"""FHIR's `date` parameter: a prefix and a date or an instant -> bounds of the local day or of the instant.
 
-A date without a time (a year, a month, a day) is of the participant's own calendar, as in all of this API: the meal's
-local day. A date with a time is an instant, and must have an offset: without one nobody knows which.
+A date without a time (a year, a month, a day) is of the participant's own calendar, as everywhere in this API: the
+meal's local day. A date with a time is an instant and must have an offset; without one it would be ambiguous.
 """
 
 import calendar
@@ -19,18 +19,18 @@ Moment = TypeVar("Moment", date, datetime)
 DAY = timedelta(days=1)
 DATE = re.compile(r"(\d{4})(?:-(\d{2})(?:-(\d{2}))?)?")
 TIME = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?(Z|[+-]\d{2}:\d{2})?")
-# An intake is an instant: it begins after a period when it lies after it (sa), and ends before one when it lies before.
+# an intake is an instant: it starts after a period (sa) if it is after it, and ends before one (eb) if it is before it
 COMPARED: dict[str, Prefix] = {"eq": "eq", "ge": "ge", "le": "le", "gt": "gt", "lt": "lt", "sa": "gt", "eb": "lt"}
 UNSUPPORTED = ("ne", "ap")
 
 
-def narrowed(bounds: IntakeFilter, value: str) -> IntakeFilter:
-    """Return these bounds and what one more `date=` asks for. Raises MalformedRequestError."""
+def add_date(bounds: IntakeFilter, value: str) -> IntakeFilter:
+    """Return the filter with the bounds of one more `date=`. Raises MalformedRequestError."""
     prefix, text = (value[:2], value[2:]) if value[:2].isalpha() else ("eq", value)
     if prefix in UNSUPPORTED:
-        raise bad_date(value, f"the prefix {prefix} is not supported; these are: {', '.join(COMPARED)}")
+        raise _bad_date(value, f"the prefix {prefix} is not supported; these are: {', '.join(COMPARED)}")
     if prefix not in COMPARED:
-        raise bad_date(value, f"{prefix!r} is no prefix; these are: {', '.join(COMPARED)}")
+        raise _bad_date(value, f"{prefix!r} is no prefix; these are: {', '.join(COMPARED)}")
     try:
         if DATE.fullmatch(text):
             first, last = _ends(COMPARED[prefix], *_days(text), DAY)
@@ -41,17 +41,16 @@ def narrowed(bounds: IntakeFilter, value: str) -> IntakeFilter:
             since, before = _ends(COMPARED[prefix], *_instants(value, text), timedelta())
             return replace(bounds, since=_latest(bounds.since, since), before=_earliest(bounds.before, before))
     except (ValueError, OverflowError):
-        raise bad_date(value, "there is no such date") from None
-    raise bad_date(value, "write YYYY, YYYY-MM, YYYY-MM-DD or YYYY-MM-DDThh:mm:ss+hh:mm (+ is %2B in an address)")
+        raise _bad_date(value, "there is no such date") from None
+    raise _bad_date(value, "write YYYY, YYYY-MM, YYYY-MM-DD or YYYY-MM-DDThh:mm:ss+hh:mm (+ is %2B in an address)")
 
 
-def bad_date(value: str, why: str) -> MalformedRequestError:
-    """The error for a `date` that cannot be read."""
+def _bad_date(value: str, why: str) -> MalformedRequestError:
     return MalformedRequestError(f"date={value}: {why}.", code="search_parameter_invalid", parameter="date")
 
 
 def _ends(prefix: Prefix, first: Moment, last: Moment, step: timedelta) -> tuple[Moment | None, Moment | None]:
-    """The ends of what is compared with a period. step: from an end to what lies beyond it."""
+    """Return the bounds for a comparison with a period. step: from an end of the period to the first value beyond."""
     match prefix:
         case "eq":
             return first, last
@@ -74,7 +73,7 @@ def _earliest(*moments: Moment | None) -> Moment | None:
 
 
 def _days(text: str) -> tuple[date, date]:
-    """First and last day of a year, a month or a day."""
+    """Return the first and last day of a year, a month or a day."""
     year, month, day = (int(part) for part in [*text.split("-"), "0", "0"][:3])
     if not month:
         return date(year, 1, 1), date(year, 12, 31)
@@ -84,12 +83,12 @@ def _days(text: str) -> tuple[date, date]:
 
 
 def _instants(value: str, text: str) -> tuple[datetime, datetime]:
-    """From and before: of a minute, of a second, or of the microsecond."""
-    found = TIME.fullmatch(text)
-    if found is None or found[3] is None:
-        raise bad_date(value, "a time needs its offset, such as Z or +01:00 (+ is %2B in an address)")
-    fraction = found[2]
+    """Return (from, before) of a minute, a second or a microsecond."""
+    match = TIME.fullmatch(text)
+    if match is None or match[3] is None:
+        raise _bad_date(value, "a time needs an offset, such as Z or +01:00 (+ is %2B in an address)")
+    fraction = match[2]
     instant = datetime.fromisoformat(text if fraction is None else text.replace(fraction, fraction[:7], 1))
-    step = timedelta(minutes=1) if found[1] is None else timedelta(seconds=1)
+    step = timedelta(minutes=1) if match[1] is None else timedelta(seconds=1)
     instant = instant.astimezone(UTC)
     return instant, instant + (step if fraction is None else timedelta(microseconds=1))

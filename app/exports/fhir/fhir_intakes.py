@@ -1,4 +1,4 @@
-"""Records for FHIR: searched by person and date, read by id, and the person whom they are of, by code alone."""
+"""Records for FHIR: search by participant and date, reading by id, and participants by code."""
 
 import uuid
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from app.people.models import Participant, Study
 
 @dataclass(frozen=True, slots=True)
 class PersonName:
-    """A participant by code. study_code None: in whichever study that the caller may see."""
+    """A participant by code. study_code None: in any study that the caller may see."""
 
     study_code: str | None
     code: str
@@ -25,77 +25,79 @@ class PersonName:
 
 @dataclass(frozen=True, slots=True)
 class IntakeSearch:
-    """What is asked for. people: one of each group."""
+    """A search. people: a record's participant must be in every group."""
 
     people: tuple[tuple[PersonName, ...], ...]
     chosen: IntakeFilter
 
 
 def search_intakes(
-    database: Database, caller: Caller, asked: IntakeSearch, *, cursor: str | None, limit: int
+    database: Database, caller: Caller, search: IntakeSearch, *, cursor: str | None, limit: int
 ) -> Page[IntakeRow]:
-    """One page in the order of capture.
+    """Return a page in the order of capture.
 
     Raises MalformedRequestError (`patient_ambiguous`), InvalidInputError for a cursor that is broken or of other
     filters.
     """
-    listed = (
-        f"intakes {replace(asked, chosen=replace(asked.chosen, item_ids=None))} {sorted(asked.chosen.item_ids or ())}"
-    )
+    without_ids = replace(search, chosen=replace(search.chosen, item_ids=None))
+    listed = f"intakes {without_ids} {sorted(search.chosen.item_ids or ())}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
     studies = visible_studies(caller)
     with database.read() as session:
-        participants = _participants(session, caller, asked, studies)
-        chosen = replace(asked.chosen, study_ids=studies, participant_ids=participants)
+        participants = _participants(session, caller, search, studies)
+        chosen = replace(search.chosen, study_ids=studies, participant_ids=participants)
         rows = fhir_intakes.page_of_intakes(session, chosen, after=after, limit=limit + 1)
-    return page_of(listed, rows, limit, lambda row: (row.of.record.captured_at, row.of.record.item_id))
+    return page_of(listed, rows, limit, lambda intake: (intake.row.record.captured_at, intake.row.record.item_id))
 
 
 def read_intake(database: Database, caller: Caller, item_id: uuid.UUID) -> IntakeRow:
-    """One record. Raises NotFoundError, GoneError (`record_rejected`: somebody said that it is no food)."""
+    """Return a record. Raises NotFoundError, GoneError (`record_rejected`)."""
     with database.read() as session:
-        row = fhir_intakes.find_intake(session, item_id)
-    if row is None or (isinstance(caller, DeviceCaller) and row.of.record.participant_id != caller.participant_id):
+        intake = fhir_intakes.find_intake(session, item_id)
+    if intake is None:
         raise NotFoundError("There is no such NutritionIntake.")
-    require_study(caller, row.of.record.study_id, "NutritionIntake")
-    if row.of.record.status == "rejected":
+    record = intake.row.record
+    if isinstance(caller, DeviceCaller) and record.participant_id != caller.participant_id:
+        raise NotFoundError("There is no such NutritionIntake.")
+    require_study(caller, record.study_id, "NutritionIntake")
+    if record.status == "rejected":
         raise GoneError("The record was rejected: nobody ate this.", code="record_rejected")
-    return row
+    return intake
 
 
 def read_person(database: Database, caller: Caller, name: PersonName) -> tuple[Participant, str]:
-    """A participant and their study's code. Raises NotFoundError."""
+    """Return a participant and the study's code. Raises NotFoundError."""
     with database.read() as session:
-        found = _people_of(session, name, visible_studies(caller))
+        ids = _participant_ids(session, name, visible_studies(caller))
         if isinstance(caller, DeviceCaller):
-            found &= {caller.participant_id}
-        if not found:
+            ids &= {caller.participant_id}
+        if not ids:
             raise NotFoundError("There is no such Patient.")
-        participant = session.get_one(Participant, found.pop())
+        participant = session.get_one(Participant, ids.pop())
         return participant, session.get_one(Study, participant.study_id).code
 
 
 def _participants(
-    session: Session, caller: Caller, asked: IntakeSearch, studies: frozenset[uuid.UUID] | None
+    session: Session, caller: Caller, search: IntakeSearch, studies: frozenset[uuid.UUID] | None
 ) -> frozenset[uuid.UUID] | None:
-    """Whose records: of all groups that are asked for at once, and of a phone its participant's; None: anybody's."""
-    groups = [{person for name in group for person in _people_of(session, name, studies)} for group in asked.people]
+    """Return the participants in all groups of the search, for a phone only its own; None: no restriction."""
+    groups = [{id_ for name in group for id_ in _participant_ids(session, name, studies)} for group in search.people]
     if isinstance(caller, DeviceCaller):
         groups.append({caller.participant_id})
     return frozenset(set.intersection(*groups)) if groups else None
 
 
-def _people_of(session: Session, name: PersonName, studies: frozenset[uuid.UUID] | None) -> set[uuid.UUID]:
-    """The participant of this name among those whom the caller may see; nobody, or one."""
+def _participant_ids(session: Session, name: PersonName, studies: frozenset[uuid.UUID] | None) -> set[uuid.UUID]:
+    """Return the id of the participant of this name in the visible studies, or an empty set."""
     if name.study_code is not None:
         study = people.find_study(session, name.study_code)
         if study is None or (studies is not None and study.id not in studies):
             return set()
         studies = frozenset({study.id})
-    found = fhir_intakes.people_called(session, name.code, studies)
-    if len(found) > 1:
+    ids = fhir_intakes.participants_by_code(session, name.code, studies)
+    if len(ids) > 1:
         raise MalformedRequestError(
             f"Several studies have a participant {name.code!r}: name the study too, as Patient/STUDY.CODE.",
             code="patient_ambiguous",
         )
-    return set(found)
+    return set(ids)

@@ -1,7 +1,7 @@
-"""SQL of FHIR's view of records: pages by (captured_at, item id) of those that hold, with all that a resource tells.
+"""SQL of records for FHIR: pages by (captured_at, item id) of records that are not rejected, with their foods.
 
-A rejected record is none: it is never here. The pages are found as in record_pages: by person, by study and status, or
-by id, each in an index that has them in the page's order.
+Pages are read as in records/page_queries.py: by participant, by study and status, or by id, each from an index in the
+page's order.
 """
 
 import uuid
@@ -19,12 +19,12 @@ from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
 from app.records.page_queries import MOST_BRANCHES, Key, RecordSearch, all_studies, participants_of, within_days
 from app.records.queries import RecordRow, rows_of_page, rows_of_records
 
-STANDING = tuple(status for status in RECORD_STATUSES if status != "rejected")
+COUNTED = tuple(status for status in RECORD_STATUSES if status != "rejected")
 
 
 @dataclass(frozen=True, slots=True)
 class IntakeFilter:
-    """Which records: None leaves a filter out. since <= captured_at < before; the days are local ones, both included.
+    """Filters of records; None is no filter. since <= captured_at < before; days are local, both included.
 
     provisional: whether an after-meal pair may still come.
     """
@@ -41,7 +41,7 @@ class IntakeFilter:
 
 @dataclass(frozen=True, slots=True)
 class FoodComponent:
-    """A component, apart from its session: a page has thousands of figures."""
+    """A component as plain values, not as a row of a session: a page has thousands of figures."""
 
     number: str
     name: str
@@ -51,7 +51,7 @@ class FoodComponent:
 
 @dataclass(frozen=True, slots=True)
 class IntakeFood:
-    """A version of a food. release: its table's name and version. contents: of 100 g edible, of what is known."""
+    """A version of a food. release: its table's name and version. contents: known contents of 100 g edible portion."""
 
     key: str
     name: str
@@ -62,14 +62,14 @@ class IntakeFood:
 
 
 class IntakeRow(NamedTuple):
-    """A record, and the food that it is of."""
+    """A record and its food."""
 
-    of: RecordRow
+    row: RecordRow
     food: IntakeFood | None
 
 
 def page_of_intakes(session: Session, chosen: IntakeFilter, *, after: Key | None, limit: int) -> list[IntakeRow]:
-    """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
+    """Return at most `limit` records after `after`, in the order of (captured_at, item id)."""
     page = _keys(session, chosen, after, limit)
     if page is None:
         return []
@@ -77,24 +77,24 @@ def page_of_intakes(session: Session, chosen: IntakeFilter, *, after: Key | None
 
 
 def find_intake(session: Session, item_id: uuid.UUID) -> IntakeRow | None:
-    """One record, rejected or not."""
+    """Return a record, rejected or not."""
     rows = rows_of_records(session, [EffectiveRecord.item_id == item_id], (), 1)
     return next(iter(_with_foods(session, rows)), None)
 
 
-def people_called(session: Session, code: str, studies: Collection[uuid.UUID] | None) -> list[uuid.UUID]:
-    """The participants of this code in these studies (None: in all)."""
+def participants_by_code(session: Session, code: str, studies: Collection[uuid.UUID] | None) -> list[uuid.UUID]:
+    """Return the ids of the participants of this code in these studies (None: in all)."""
     return participants_of(session, code, None, None if studies is None else sorted(studies)) or []
 
 
 def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int) -> sa.CTE | None:
-    """The page's captured_at and item_id, in no order; None: nothing can be there."""
+    """Return the page's captured_at and item_id, unordered; None if the filters exclude everything."""
     record = EffectiveRecord
     rest = [*within_days(chosen.first_day, chosen.last_day), *_between(chosen.since, chosen.before)]
     if chosen.provisional is not None:
         rest.append(record.provisional.is_(chosen.provisional))
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
-    named: list[tuple[AnyColumn, Collection[uuid.UUID]]] = [
+    id_filters: list[tuple[AnyColumn, Collection[uuid.UUID]]] = [
         (column, values)
         for column, values in (
             (record.item_id, chosen.item_ids),
@@ -103,15 +103,17 @@ def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int)
         )
         if values is not None
     ]
-    if not all(values for _, values in named):
+    if not all(values for _, values in id_filters):
         return None
-    if named and named[0][0] is not record.study_id:
-        (key, values), *others = named  # the narrowest; the others are compared row by row
-        rest += [record.status.in_(STANDING), *(column.in_(sorted(allowed)) for column, allowed in others)]
-        return RecordSearch((key,), [(each,) for each in sorted(values)], tuple(rest), is_on_sqlite).page(after, limit)
+    if id_filters and id_filters[0][0] is not record.study_id:
+        (key, values), *others = id_filters  # the most selective; the others are compared row by row
+        rest += [record.status.in_(COUNTED), *(column.in_(sorted(allowed)) for column, allowed in others)]
+        return RecordSearch((key,), [(value,) for value in sorted(values)], tuple(rest), is_on_sqlite).page(
+            after, limit
+        )
     if chosen.provisional:
         return _few_keys(session, chosen, rest, after, limit)
-    rest.append(record.status.in_(STANDING))  # nearly all are: those that are passed by cost less than branches would
+    rest.append(record.status.in_(COUNTED))  # nearly all are: skipping the others costs less than branches
     if chosen.study_ids is None:
         return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
     studies = sorted(chosen.study_ids)
@@ -129,11 +131,11 @@ def _few_keys(
     after: Key | None,
     limit: int,
 ) -> sa.CTE:
-    """Of the records that are provisional, which are few: all of them by their own index, and sorted then."""
+    """Read all provisional records, which are few, from their own index, and sort them."""
     record = EffectiveRecord
     studies = sorted(chosen.study_ids) if chosen.study_ids is not None else all_studies(session)
     in_studies = [record.study_id.in_(studies)] if len(studies) <= MOST_BRANCHES else []
-    # nothing else is asked of them here, so that no other index looks as good
+    # no other conditions here, so that the planner chooses the index of provisional records
     held = (
         sa.select(record.item_id)
         .where(record.provisional.is_(sa.true()), *in_studies)
@@ -143,7 +145,7 @@ def _few_keys(
     query = (
         sa.select(record.captured_at, record.item_id)
         .join(held, held.c.item_id == record.item_id)
-        .where(record.status.in_(STANDING), *conditions)
+        .where(record.status.in_(COUNTED), *conditions)
     )
     if after is not None:
         behind = sa.tuple_(sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type))
@@ -176,17 +178,17 @@ def _with_foods(session: Session, rows: Sequence[RecordRow]) -> list[IntakeRow]:
 
 
 def _contents(session: Session, food_ids: Collection[int]) -> dict[int, list[tuple[FoodComponent, float]]]:
-    """Food -> its components with the content of 100 g; a page's foods have thousands, so the rows are bare numbers."""
+    """Return food -> components with the content of 100 g. Plain values, since a page's foods have thousands."""
     if not food_ids:
         return {}
-    every = sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname)
-    components = {row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in session.execute(every)}
+    rows = session.execute(sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname))
+    components = {row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in rows}
     query = (
         sa.select(FoodNutrient.food_id, FoodNutrient.component_id, FoodNutrient.per_100_g)
         .where(FoodNutrient.food_id.in_(food_ids))
         .order_by(FoodNutrient.food_id, FoodNutrient.component_id)
     )
-    found: dict[int, list[tuple[FoodComponent, float]]] = {}
+    contents: dict[int, list[tuple[FoodComponent, float]]] = {}
     for food_id, component_id, per_100_g in session.execute(query):
-        found.setdefault(food_id, []).append((components[component_id], per_100_g))
-    return found
+        contents.setdefault(food_id, []).append((components[component_id], per_100_g))
+    return contents

@@ -1,24 +1,32 @@
-"""A record as NutritionIntake, a participant as Patient: rows in, plain JSON out.
+"""A record as NutritionIntake, a participant as Patient: rows in, JSON out.
 
-One NutritionIntake is one record, the food that one item of a meal is: so its nutrients are the food's own, its figures
-are those of /v1/records, and nothing has to be summed over foods of which one could not be measured. What is not known
-is not there, or says so by `data-absent-reason`; it is never 0. docs/fhir.md tells each element.
+A NutritionIntake is one record, the food of one item of a meal: its nutrients are the food's own, its figures are those
+of /v1/records, and nothing is summed over foods of which one could not be measured. Unknown values are left out or have
+a `data-absent-reason`; they are never 0. docs/fhir.md describes each element.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, timezone
-from typing import Any
+
+from pydantic import JsonValue
 
 from app.core.units import content_of_mass
-from app.exports.fhir.names import ABSENT, ABSENT_CODES, FOOD_DATA_CENTRAL, TIME_ZONE, UCUM, Names, patient_id
+from app.exports.fhir.names import (
+    ABSENT,
+    ABSENT_CODES,
+    FOOD_DATA_CENTRAL,
+    TIME_ZONE,
+    UCUM,
+    Names,
+    Resource,
+    patient_id,
+)
 from app.exports.fhir.queries import FoodComponent, IntakeFood, IntakeRow
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.meals.record_models import EffectiveRecord
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.people.models import Participant
 from app.records.queries import RecordRow
-
-Resource = dict[str, Any]
 
 UCUM_CODES = {"g": "g", "mg": "mg", "ug": "ug", "kcal": "kcal", "kJ": "kJ", "IU": "[iU]"}
 FOOD_SYSTEMS = {"sr28_ndb": "usda-ndb", "fndds": "usda-fndds", "foodex2": "efsa-foodex2"}
@@ -31,17 +39,17 @@ NOT_NEGATIVE_FOOD = (
 
 
 class Intakes:
-    """Writes resources of one server; what is the same in all of them is made once."""
+    """Makes the resources of one server; nutrients are made once."""
 
     def __init__(self, names: Names) -> None:
         self._names = names
         self._nutrients: dict[str, Resource] = {}
 
     def resource(self, intake: IntakeRow) -> Resource:
-        """The NutritionIntake of a record."""
-        names, row, record = self._names, intake.of, intake.of.record
+        """Return the NutritionIntake of a record."""
+        names, row, record = self._names, intake.row, intake.row.record
         local = timezone(timedelta(minutes=row.utc_offset_minutes))
-        found: Resource = {
+        resource: Resource = {
             "resourceType": "NutritionIntake",
             "id": str(record.item_id),
             "meta": {"versionId": str(record.change_seq)},
@@ -74,23 +82,25 @@ class Intakes:
                 }
             ],
         }
-        labels = list(self._labels(record, intake.food))
-        notes = list(_notes(record))
-        return found | ({"ingredientLabel": labels} if labels else {}) | ({"note": notes} if notes else {})
+        if labels := list[JsonValue](self._labels(record, intake.food)):
+            resource["ingredientLabel"] = labels
+        if notes := list[JsonValue](_notes(record)):
+            resource["note"] = notes
+        return resource
 
     def _reported(self, row: RecordRow) -> Resource:
-        """Declared: the participant told it. Added: somebody saw it in the photographs. Else it was measured there."""
+        """Return the source: the participant for declared items; whether a person added it for the others."""
         if row.record.origin == "declared":
             return {"reportedReference": subject_of(self._names, row.study_code, row.participant_code)}
         return {"reportedBoolean": row.record.origin == "added"}
 
     def _food(self, food: IntakeFood | None) -> Resource:
         if food is None:
-            unknown = {"system": ABSENT_CODES, "code": "unknown", "display": "Unknown"}
-            return {"coding": [unknown], "text": "A food that nobody has named yet"}
+            unknown: Resource = {"system": ABSENT_CODES, "code": "unknown", "display": "Unknown"}
+            return {"coding": [unknown], "text": "A food that is not identified yet"}
         name, release = _text(food.name), _text(food.release)
         version = release if food.version == 1 else f"{release}, version {food.version}"
-        codings = [
+        codings: list[JsonValue] = [
             {"system": self._names.system("foods"), "version": version, "code": _text(food.key), "display": name}
         ]
         if food.source_ids.get("fdc_id"):
@@ -105,14 +115,14 @@ class Intakes:
     def _amount(self, record: EffectiveRecord) -> Resource:
         if record.consumed_g is None:
             return {"extension": [{"url": ABSENT, "valueCode": "unknown"}]}
-        found = quantity(record.consumed_g, "g")
+        amount = quantity(record.consumed_g, "g")
         if record.consumed_low_g is not None and record.consumed_high_g is not None:
-            interval = {"low": quantity(record.consumed_low_g, "g"), "high": quantity(record.consumed_high_g, "g")}
-            found["extension"] = [{"url": self._names.url(INTERVAL), "valueRange": interval}]
-        return found
+            low, high = quantity(record.consumed_low_g, "g"), quantity(record.consumed_high_g, "g")
+            amount["extension"] = [{"url": self._names.url(INTERVAL), "valueRange": {"low": low, "high": high}}]
+        return amount
 
     def _labels(self, record: EffectiveRecord, food: IntakeFood | None) -> Iterator[Resource]:
-        """All components that the food's version knows; the ten that a record holds itself are the record's figures."""
+        """Yield all components with a figure; the ten headline components have the record's figures."""
         if record.consumed_g is None:
             return
         amounts: dict[str, tuple[FoodComponent | Component, float]] = {
@@ -122,7 +132,7 @@ class Intakes:
         for column, numbers in RECORD_COLUMNS.items():
             value = getattr(record, column)
             if value is not None:
-                number = next((each for each in numbers if each in amounts), numbers[0])
+                number = next((number for number in numbers if number in amounts), numbers[0])
                 amounts[number] = (amounts[number][0] if number in amounts else COMPONENT_BY_NUMBER[number], value)
         for component, amount in amounts.values():
             yield {"nutrient": self._nutrient(component), "amount": quantity(amount, component.unit)}
@@ -130,17 +140,18 @@ class Intakes:
     def _nutrient(self, component: FoodComponent | Component) -> Resource:
         number, tagname, name = component.number, component.tagname, component.name
         if number not in self._nutrients:
-            codings = []
+            codings: list[JsonValue] = []
             if tagname is not None:
                 codings.append({"system": self._names.system("infoods-tagnames"), "code": tagname})
-            if number.isdecimal():  # USDA's; a component that it has no number for goes by its tagname
+            if number.isdecimal():  # USDA's; a component without such a number is identified by its tagname
                 codings.append({"system": self._names.system("usda-nutrients"), "code": number})
-            self._nutrients[number] = {"concept": ({"coding": codings} if codings else {}) | {"text": name}}
+            concept: Resource = {"coding": codings} if codings else {}
+            self._nutrients[number] = {"concept": concept | {"text": name}}
         return self._nutrients[number]
 
 
 def patient(names: Names, participant: Participant, study_code: str) -> Resource:
-    """A participant: a code in a study, and whether they are still in it. Nothing else is known of the person here."""
+    """Return a participant as a Patient: the code in a study, and whether the participant is still in it."""
     return {
         "resourceType": "Patient",
         "id": patient_id(study_code, participant.code),
@@ -150,31 +161,29 @@ def patient(names: Names, participant: Participant, study_code: str) -> Resource
 
 
 def subject_of(names: Names, study_code: str, participant_code: str) -> Resource:
-    """A reference to a participant."""
-    found: Resource = {"type": "Patient", "identifier": _identifier(names, study_code, participant_code)}
-    logical = patient_id(study_code, participant_code)
-    return ({"reference": f"Patient/{logical}"} if logical is not None else {}) | found
+    """Return a reference to a participant."""
+    logical_id = patient_id(study_code, participant_code)
+    reference: Resource = {"reference": f"Patient/{logical_id}"} if logical_id is not None else {}
+    return reference | {"type": "Patient", "identifier": _identifier(names, study_code, participant_code)}
 
 
 def status_of(record: EffectiveRecord) -> str:
-    """The state of the eating, not of its review: in progress as long as an after-meal pair may tell what was left."""
+    """Return the state of the intake, not of its review: in progress while an after-meal pair may still come."""
     return "in-progress" if record.provisional else "completed"
 
 
 def quantity(value: float, unit: str) -> Resource:
-    """A number of a unit of app/core/units.py."""
+    """Return a Quantity. unit: one of app/core/units.py."""
     return {"value": value, "unit": unit, "system": UCUM, "code": UCUM_CODES[unit]}
 
 
-def _identifier(names: Names, study_code: str, participant_code: str) -> Mapping[str, str]:
+def _identifier(names: Names, study_code: str, participant_code: str) -> Resource:
     return {"system": names.participants(study_code), "value": participant_code}
 
 
 def _notes(record: EffectiveRecord) -> Iterator[Resource]:
     if record.consumed_g is None:
-        yield {
-            "text": "How much was eaten could not be measured, and nobody has told it: count it as missing, not as 0."
-        }
+        yield {"text": "The eaten amount is unknown: count it as missing, not as 0."}
     elif record.consumed_g < 0:
         yield {"text": NOT_NEGATIVE_FOOD}
     for flag in record.flags:
@@ -186,5 +195,5 @@ def _instant(instant: datetime, zone: timezone) -> str:
 
 
 def _text(value: object) -> str:
-    """As FHIR's codes and strings are: no space at the ends, none doubled."""
+    """Return text as FHIR's codes and strings require: no leading, trailing or repeated spaces."""
     return " ".join(str(value).split())

@@ -1,8 +1,7 @@
-"""The query of GET /fhir/NutritionIntake -> what is asked for, and which parameters were used for it.
+"""The query of GET /fhir/NutritionIntake -> a search, and the parameters that were used for it.
 
-A parameter that this server does not know is ignored, and said to be, or refused where the caller wants that
-(`Prefer: handling=strict`). A value that cannot be read is always refused: without its filter the answer would be
-another one.
+An unsupported parameter is ignored and reported, or refused with `Prefer: handling=strict`. A value that cannot be read
+is always refused: without its filter the result would be wrong.
 """
 
 import uuid
@@ -10,25 +9,25 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from app.core.errors import MalformedRequestError
-from app.exports.fhir.dates import narrowed
+from app.exports.fhir.dates import add_date
 from app.exports.fhir.fhir_intakes import IntakeSearch, PersonName
 from app.exports.fhir.names import EVENT_STATUS, Names, person_of_id, person_of_token
 from app.exports.fhir.queries import IntakeFilter
 
 DEFAULT_COUNT, MOST_COUNT = 50, 100
-MOST_VALUES = 50  # of one parameter, comma between
+MOST_VALUES = 50  # of one parameter, separated by commas
 CURSOR = "_cursor"
 STATUSES = (
     "preparation", "in-progress", "not-done", "on-hold", "stopped", "completed", "entered-in-error", "unknown",
 )  # fmt: skip
 PROVISIONAL = {"in-progress": True, "completed": False}
-OF_ANY_REQUEST = frozenset({"_format", "_pretty"})  # say nothing of what is asked for
-NOBODY = PersonName("", "")  # whom no participant is called
+FORMAT_PARAMETERS = frozenset({"_format", "_pretty"})  # do not affect the search
+NOBODY = PersonName("", "")  # matches no participant
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """used: the parameters that had a say, as they came. ignored: names of the others."""
+class SearchQuery:
+    """used: the parameters that were used, as they were sent. ignored: names of the others."""
 
     search: IntakeSearch
     count: int
@@ -47,16 +46,16 @@ class _Reading:
     cursor: str | None = None
 
 
-def read_search(parameters: Iterable[tuple[str, str]], names: Names, *, is_strict: bool) -> Asked:
-    """What the query asks for.
+def read_search(parameters: Iterable[tuple[str, str]], names: Names, *, is_strict: bool) -> SearchQuery:
+    """Read the query.
 
     Raises MalformedRequestError: `search_parameter_invalid`, and if is_strict `search_parameter_unsupported`.
     """
     reading, used, ignored = _Reading(names), [], []
     for name, value in parameters:
-        if name in OF_ANY_REQUEST:
+        if name in FORMAT_PARAMETERS:
             continue
-        if not _is_known(name, value):
+        if not _is_supported(name, value):
             ignored.append(name)
             continue
         if not value:
@@ -66,16 +65,16 @@ def read_search(parameters: Iterable[tuple[str, str]], names: Names, *, is_stric
             used.append((name, value))
     if ignored and is_strict:
         raise MalformedRequestError(
-            f"Not supported here: {', '.join(dict.fromkeys(ignored))}. GET /fhir/metadata lists what is.",
+            f"Not supported here: {', '.join(dict.fromkeys(ignored))}. GET /fhir/metadata lists the parameters.",
             code="search_parameter_unsupported",
             parameters=list(dict.fromkeys(ignored)),
         )
-    return Asked(_search(reading), reading.count, reading.cursor, tuple(used), tuple(dict.fromkeys(ignored)))
+    return SearchQuery(_search(reading), reading.count, reading.cursor, tuple(used), tuple(dict.fromkeys(ignored)))
 
 
-def _is_known(name: str, value: str) -> bool:
+def _is_supported(name: str, value: str) -> bool:
     if name == "_sort":
-        return value == "date"  # the one order that there is
+        return value == "date"  # the only order
     if name == "_total":
         return value == "none"
     return name in READERS
@@ -84,14 +83,14 @@ def _is_known(name: str, value: str) -> bool:
 def _search(reading: _Reading) -> IntakeSearch:
     chosen = reading.chosen
     if not reading.provisional:
-        chosen = replace(chosen, item_ids=frozenset())  # a state that no record is in
+        chosen = replace(chosen, item_ids=frozenset())  # no record has this state
     elif len(reading.provisional) == 1:
         chosen = replace(chosen, provisional=reading.provisional.pop())
     return IntakeSearch(tuple(reading.people), chosen)
 
 
 def _read_person(reading: _Reading, name: str, value: str) -> None:
-    """A reference: Patient/ID, the whole URL of one, or an id; `system|code` too, which no reference looks like."""
+    """Read a reference: Patient/ID, a Patient's URL, or an id; also `system|code`, which is no reference."""
 
     def person(text: str) -> PersonName:
         if "|" in text:
@@ -99,7 +98,7 @@ def _read_person(reading: _Reading, name: str, value: str) -> None:
         own = text.removeprefix(f"{reading.names.base}/")
         kind, slash, logical_id = own.rpartition("/")
         if slash and kind != "Patient":
-            return NOBODY  # a Group, or of another server
+            return NOBODY  # a Group, or another server's
         return person_of_id(logical_id) or NOBODY
 
     reading.people.append(tuple(person(text) for text in _values(name, value)))
@@ -112,7 +111,7 @@ def _read_person_token(reading: _Reading, name: str, value: str) -> None:
 def _read_date(reading: _Reading, name: str, value: str) -> None:
     if "," in value:
         raise _invalid(name, "takes one value; several of them must all be met")
-    reading.chosen = narrowed(reading.chosen, value)
+    reading.chosen = add_date(reading.chosen, value)
 
 
 def _read_status(reading: _Reading, name: str, value: str) -> None:
@@ -124,11 +123,10 @@ def _read_status(reading: _Reading, name: str, value: str) -> None:
 
 
 def _read_ids(reading: _Reading, name: str, value: str) -> None:
-    found = (_id(text) for text in _values(name, value))
-    named = frozenset(each for each in found if each is not None)
+    item_ids = frozenset(item_id for text in _values(name, value) if (item_id := _id(text)) is not None)
     if reading.chosen.item_ids is not None:
-        named &= reading.chosen.item_ids
-    reading.chosen = replace(reading.chosen, item_ids=named)
+        item_ids &= reading.chosen.item_ids
+    reading.chosen = replace(reading.chosen, item_ids=item_ids)
 
 
 def _read_identifier(reading: _Reading, name: str, value: str) -> None:
@@ -138,7 +136,7 @@ def _read_identifier(reading: _Reading, name: str, value: str) -> None:
 
 def _read_count(reading: _Reading, name: str, value: str) -> None:
     if not (value.isascii() and value.isdecimal()) or not int(value[:9]):
-        raise _invalid(name, "is a number of resources, from 1 on; what it comes to in all is not counted")
+        raise _invalid(name, "is a number of resources, at least 1; totals are not counted")
     reading.count = min(int(value[:9]), MOST_COUNT)
 
 
@@ -147,22 +145,22 @@ def _read_cursor(reading: _Reading, _: str, value: str) -> None:
 
 
 def _read_nothing(_: _Reading, __: str, ___: str) -> None:
-    """What is so anyhow."""
+    """The value is the default."""
 
 
 def _id(text: str) -> uuid.UUID | None:
-    """An id as this server writes it; None: of nothing here."""
+    """Read an id as this server writes it; None if it is no such id."""
     try:
-        found = uuid.UUID(text)
+        item_id = uuid.UUID(text)
     except ValueError:
         return None
-    return found if str(found) == text else None
+    return item_id if str(item_id) == text else None
 
 
 def _values(name: str, value: str) -> Sequence[str]:
     values = value.split(",")
     if len(values) > MOST_VALUES or not all(values):
-        raise _invalid(name, f"takes up to {MOST_VALUES} values, comma between, none of them empty")
+        raise _invalid(name, f"takes up to {MOST_VALUES} values, separated by commas, none of them empty")
     return values
 
 

@@ -1,8 +1,7 @@
-"""SQL of what has changed in a study: records, days, and what is erased, in the order of its counter of changes."""
+"""SQL of a study's changes: changed records and days, and erasures, in the order of its change counter."""
 
 import uuid
 from dataclasses import dataclass
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -19,7 +18,7 @@ KINDS = ("record", "day", "erased")  # their order within one change
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Behind which row a page begins: change, kind and that row's key (item id; day's id; digest)."""
+    """The place of a row in the order of changes. key: item id, day's id, or digest."""
 
     change_seq: int
     kind: str
@@ -27,31 +26,39 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
+class ChangedDay:
+    """A day that changed, and its participant's code."""
+
+    day: DiaryDay
+    participant_code: str
+
+
+@dataclass(frozen=True, slots=True)
 class Change:
-    """One row: where it stands, and a RecordRow, a (DiaryDay, participant's code) or a Tombstone."""
+    """A changed or erased row, and its place."""
 
     place: Place
-    row: Any
+    row: RecordRow | ChangedDay | Tombstone
 
 
 def page_of_changes(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
-    """At most `limit` rows behind a place. A row that changes again meanwhile moves to its new place."""
-    found = [
+    """Return at most `limit` changes after a place. A row that changes again moves to its new place."""
+    changes = [
         *_records(session, study_id, after, limit),
         *_days(session, study_id, after, limit),
         *_erased(session, study_id, after, limit),
     ]
-    # stable, and each kind is in the order of its keys already
-    found.sort(key=lambda change: (change.place.change_seq, KINDS.index(change.place.kind)))
-    return found[:limit]
+    # the sort is stable, and each kind is already in the order of its keys
+    changes.sort(key=lambda change: (change.place.change_seq, KINDS.index(change.place.kind)))
+    return changes[:limit]
 
 
 def _records(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
     record = EffectiveRecord
     key = uuid.UUID(after.key) if after.kind == "record" else None
-    where = _behind(after, "record", record.change_seq, record.item_id, key)
+    where = _after(after, "record", record.change_seq, record.item_id, key)
     order = (record.change_seq, record.item_id)
-    rows: list[RecordRow] = rows_of_records(session, (record.study_id == study_id, where), order, limit)
+    rows = rows_of_records(session, (record.study_id == study_id, where), order, limit)
     return [Change(Place(row.record.change_seq, "record", row.record.item_id.hex), row) for row in rows]
 
 
@@ -60,11 +67,13 @@ def _days(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> li
     query = (
         sa.select(DiaryDay, Participant.code)
         .join(Participant, Participant.id == DiaryDay.participant_id)
-        .where(DiaryDay.study_id == study_id, _behind(after, "day", DiaryDay.change_seq, DiaryDay.id, key))
+        .where(DiaryDay.study_id == study_id, _after(after, "day", DiaryDay.change_seq, DiaryDay.id, key))
         .order_by(DiaryDay.change_seq, DiaryDay.id)
         .limit(limit)
     )
-    return [Change(Place(day.change_seq, "day", day.id.hex), (day, code)) for day, code in session.execute(query)]
+    return [
+        Change(Place(day.change_seq, "day", day.id.hex), ChangedDay(day, code)) for day, code in session.execute(query)
+    ]
 
 
 def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
@@ -74,7 +83,7 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
         .where(
             Tombstone.kind.in_(("record", "day")),
             Tombstone.study_id == study_id,
-            _behind(after, "erased", Tombstone.change_seq, Tombstone.digest, key),
+            _after(after, "erased", Tombstone.change_seq, Tombstone.digest, key),
         )
         .order_by(Tombstone.change_seq, Tombstone.digest)
         .limit(limit)
@@ -82,10 +91,10 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
     return [Change(Place(row.change_seq or 0, "erased", row.digest), row) for row in session.scalars(query)]
 
 
-def _behind(
+def _after(
     after: Place, kind: str, change_seq: AnyColumn, column: AnyColumn, key: uuid.UUID | str | None
 ) -> sa.ColumnElement[bool]:
-    """Rows of a kind behind a place: of later changes, and of the same change those that come after it there."""
+    """Rows of a kind after a place: those of later changes, and the later ones of the same change."""
     if KINDS.index(kind) > KINDS.index(after.kind):
         return sa.and_(change_seq >= after.change_seq)
     if key is None:

@@ -1,4 +1,4 @@
-"""What has changed in a study, over the wire."""
+"""Schemas of a study's changes."""
 
 import uuid
 from datetime import date

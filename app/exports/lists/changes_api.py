@@ -1,15 +1,17 @@
-"""/v1/studies/{study}/changes: what to pull to keep a copy of a study's records up to date."""
+"""/v1/studies/{study}/changes: the changes by which a copy of a study's records is kept up to date."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 
-from app.exports.lists.change_queries import KINDS
+from app.exports.lists.change_queries import ChangedDay
 from app.exports.lists.change_schemas import ChangedDayOut, ChangePage, ErasedOut
 from app.exports.lists.list_changes import list_changes
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.people.access.deps import State
+from app.people.privacy_models import Tombstone
+from app.records.queries import RecordRow
 from app.records.render import render_record
 from app.records.schemas import RecordOfItem
 
@@ -26,22 +28,32 @@ def get_study_changes(
 ) -> JSONResponse:
     """Records and days that changed, and records that are erased, since the page before. Nothing is missed."""
     page = list_changes(state.database, study, cursor=cursor, limit=limit)
-    rows = {kind: [change.row for change in page.rows if change.place.kind == kind] for kind in KINDS}
+    rows = [change.row for change in page.rows]
     body = ChangePage(
-        records=[RecordOfItem.model_validate(render_record(row), from_attributes=True) for row in rows["record"]],
-        days=[
-            ChangedDayOut(
-                id=day.id,
-                participant=code,
-                local_date=day.local_date,
-                status=day.status,
-                ate_nothing=day.ate_nothing,
-                change_seq=day.change_seq,
-            )
-            for day, code in rows["day"]
+        records=[
+            RecordOfItem.model_validate(render_record(row), from_attributes=True)
+            for row in rows
+            if isinstance(row, RecordRow)
         ],
-        erased=[ErasedOut(kind=row.kind, id_sha256=row.digest, change_seq=row.change_seq) for row in rows["erased"]],
+        days=[_changed_day(row) for row in rows if isinstance(row, ChangedDay)],
+        erased=[_erased(row) for row in rows if isinstance(row, Tombstone)],
         next=next_page(request, page.cursor) or "",
         has_more=page.has_more,
     )
     return JSONResponse(body.model_dump(mode="json"))
+
+
+def _changed_day(row: ChangedDay) -> ChangedDayOut:
+    day = row.day
+    return ChangedDayOut(
+        id=day.id,
+        participant=row.participant_code,
+        local_date=day.local_date,
+        status=day.status,
+        ate_nothing=day.ate_nothing,
+        change_seq=day.change_seq,
+    )
+
+
+def _erased(row: Tombstone) -> ErasedOut:
+    return ErasedOut.model_validate({"kind": row.kind, "id_sha256": row.digest, "change_seq": row.change_seq})

@@ -45,7 +45,7 @@ def put_my_day(
     day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
 ) -> DayOut:
     """Close a day, enter that nothing was eaten, or reopen it. `If-Match` names its version, "0" the first time."""
-    row = diary.set_day(state.database, device, day, word_of(body), expected=expected_versions(if_match))
+    row = diary.set_day(state.database, device, day, day_event_kind(body), expected=expected_versions(if_match))
     return _tagged(row, response)
 
 
@@ -85,7 +85,7 @@ def put_day_of_participant(
         state.database,
         staff,
         day,
-        word_of(body),
+        day_event_kind(body),
         expected=expected_versions(if_match),
         participant_ref=ParticipantRef(study, participant),
     )
@@ -144,8 +144,8 @@ def get_intakes(
     )
 
 
-def word_of(body: DayIn) -> DayEventKind:
-    """Return the kind of day event that a request asks for."""
+def day_event_kind(body: DayIn) -> DayEventKind:
+    """Return the kind of event for a requested day status."""
     if body.status == "open":
         return "reopened"
     return "ate_nothing" if body.ate_nothing else "closed"

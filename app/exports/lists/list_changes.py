@@ -1,8 +1,7 @@
-"""What has changed in a study since a reader last asked: records, days, and records that are erased.
+"""A study's changes since a client's last request: changed records and days, and erasures.
 
-The place in the study's counter of changes is taken under a lock, so a change that commits late stands late: who
-follows it misses nothing. An erased record is told by the SHA-256 of its id: who has pulled it can find it, the server
-cannot any more.
+Change numbers are assigned under a lock, so a change that commits late has a late number and a client misses nothing.
+An erased record is identified by the SHA-256 of its id: a client that has a copy can find it, the server no longer can.
 """
 
 import uuid
@@ -20,7 +19,7 @@ START = Place(0, KINDS[-1], "")
 
 @dataclass(frozen=True, slots=True)
 class ChangePage:
-    """Rows in the order of change; cursor: to go on behind them, now or later; has_more: now."""
+    """Rows in the order of changes. cursor: continues after them, now or later. has_more: there are more now."""
 
     rows: list[Change]
     cursor: str
@@ -28,7 +27,7 @@ class ChangePage:
 
 
 def list_changes(database: Database, study_code: str, *, cursor: str | None, limit: int) -> ChangePage:
-    """The rows behind the cursor, or from the first. Raises NotFoundError, InvalidInputError for a broken cursor."""
+    """Return the changes after the cursor, or all. Raises NotFoundError, InvalidInputError for a broken cursor."""
     listed = f"changes of {study_code}"
     after = _place(decode_cursor(listed, cursor, WHOLE_NUMBER, TEXT, TEXT))
     with database.read() as session:
@@ -42,7 +41,7 @@ def list_changes(database: Database, study_code: str, *, cursor: str | None, lim
 
 
 def _place(key: tuple[int, str, str] | None) -> Place:
-    """The place that a cursor names."""
+    """Return the place of a cursor's key. Raises InvalidInputError."""
     if key is None:
         return START
     number, kind, row = key

@@ -1,7 +1,6 @@
-"""Meals for a page: the caller's filters, keyset pages either way round, an opaque cursor that binds its filters.
+"""Pages of meals: the caller's filters, keyset pages in either order, opaque cursors that are bound to their filters.
 
-And what a gallery asks beside them: how many there are of each status, which of those that it shows have changed, or
-are gone.
+Also what a gallery needs: counts by status, and which of the meals that it shows have changed or are gone.
 """
 
 import math
@@ -21,17 +20,17 @@ from app.records.queries import FoodName
 
 Order = Literal["newest", "oldest"]
 
-MOST_COUNTED = 1000  # meals of a status; of more it is said that there are more
-MOST_WATCHED = 60  # meals that one call asks about: a page of a gallery
+MOST_COUNTED = 1000  # meals of a status
+MOST_WATCHED = 60  # meals in one request for changes: a page of a gallery
 
 
 @dataclass(frozen=True, slots=True)
 class MealSums:
-    """What the records of a meal that hold (not rejected) come to.
+    """Sums over the records of a meal that count (not rejected).
 
-    consumed_g, energy_kcal: of those of which it is known; None where there are records and it is known of none, or
-    where nothing is known of the meal. unmeasured: records without grams; without_energy: without energy, these
-    included; above 0, the sum is incomplete. doubt: the greatest; None without records.
+    consumed_g, energy_kcal: over records with a known value; None if none has one, or if nothing is known of the meal.
+    unmeasured: records without grams; without_energy: records without energy, including these; above 0, the sum is
+    incomplete. doubt: the greatest; None without records.
     """
 
     items: int
@@ -47,7 +46,7 @@ class MealSums:
 
 @dataclass(frozen=True, slots=True)
 class StatusCount:
-    """How many meals have a status; is_more: there are more than these."""
+    """The number of meals with a status; is_more: there are more."""
 
     status: str
     count: int
@@ -57,7 +56,7 @@ class StatusCount:
 def list_meals(
     database: Database, caller: Caller, chosen: RowFilter, *, order: Order, cursor: str | None, limit: int
 ) -> Page[MealRow]:
-    """One page. Raises InvalidInputError for a cursor that is broken or of other filters."""
+    """Return a page. Raises InvalidInputError for a cursor that is broken or of other filters."""
     chosen = visible_rows(caller, chosen)
     listed = list_name(f"meals {order}", chosen)
     after = decode_cursor(listed, cursor, INSTANT, ID)
@@ -67,16 +66,16 @@ def list_meals(
 
 
 def cursor_behind(visible: RowFilter, order: Order, captured_at: datetime, meal_id: uuid.UUID) -> str:
-    """Return the cursor of the page behind a place in the list, whether or not a meal is there."""
+    """Return the cursor of the page after a place in the list, whether or not a meal is there."""
     return encode_cursor(list_name(f"meals {order}", visible), captured_at, meal_id)
 
 
 def sums_of(row: MealRow) -> MealSums:
-    """A row's records together. Confirmed without foods, nothing was eaten: 0, as `GET /v1/meals/{id}` has it."""
+    """Sum a row's records. A confirmed meal without foods sums to 0, as in `GET /v1/meals/{id}`."""
     grams = [record.consumed_g for record in row.records if record.consumed_g is not None]
     energies = [record.energy_kcal for record in row.records if record.energy_kcal is not None]
     is_nothing = not row.records and row.meal.status == "confirmed"
-    foods: dict[str, FoodName] = {}  # each once, where it comes first
+    foods: dict[str, FoodName] = {}  # each once, at its first place
     for record in row.records:
         if record.food_key is not None and record.food_name is not None:
             foods.setdefault(record.food_key, FoodName(record.food_key, record.food_name))
@@ -94,27 +93,24 @@ def sums_of(row: MealRow) -> MealSums:
 
 
 def count_meals(database: Database, study_id: uuid.UUID) -> list[StatusCount]:
-    """How many meals of a study have each status, in the order of a meal's way; no more than 1,000 are counted."""
+    """Count a study's meals by status, in the order in which a meal goes through them; up to 1,000 each."""
     with database.read() as session:
         counts = meal_rows.count_by_status(session, study_id, MOST_COUNTED + 1)
     return [StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED) for status, count in counts.items()]
 
 
-def changed_meals(database: Database, study_id: uuid.UUID, known: Sequence[tuple[uuid.UUID, int]]) -> list[MealRow]:
-    """Of a study's meals, told by the client's id and the version that is known, those that have another by now.
-
-    One that was erased is not among them.
-    """
+def changed_meals(database: Database, study_id: uuid.UUID, versions: Sequence[tuple[uuid.UUID, int]]) -> list[MealRow]:
+    """Return the meals whose version differs from these (client id, version), without erased ones."""
     with database.read() as session:
-        return meal_rows.rows_of(session, meal_rows.changed_meals(session, study_id, known))
+        return meal_rows.rows_of(session, meal_rows.changed_meals(session, study_id, versions))
 
 
 def missing_meals(
-    database: Database, study_id: uuid.UUID, known: Sequence[tuple[str, uuid.UUID]]
+    database: Database, study_id: uuid.UUID, keys: Sequence[tuple[str, uuid.UUID]]
 ) -> list[tuple[str, uuid.UUID]]:
-    """Of these (participant's code, client's id) those that are no meals of the study: erased, or never there."""
-    if not known:
+    """Return those of these (participant's code, client id) that are no meals of the study."""
+    if not keys:
         return []
     with database.read() as session:
-        there = meal_rows.meals_there(session, study_id, [client_id for _, client_id in known])
-    return [key for key in known if key not in there]
+        existing = meal_rows.existing_meals(session, study_id, [client_id for _, client_id in keys])
+    return [key for key in keys if key not in existing]

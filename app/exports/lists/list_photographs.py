@@ -1,4 +1,4 @@
-"""The image manifest in pages: photographs of so many meals at a time, in the order of capture."""
+"""The image manifest in pages: the photographs of `limit` meals at a time, in the order of capture."""
 
 from app.db.session import Database
 from app.exports.lists.meal_page_queries import keys_of, search_of
@@ -14,9 +14,9 @@ from app.people.access.caller import Caller, visible_rows
 def list_photographs(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
 ) -> Page[dict[str, Cell]]:
-    """The photographs of at most `limit` meals, each as the manifest's columns by name.
+    """Return the photographs of at most `limit` meals, each as column -> value of the manifest.
 
-    Raises InvalidInputError for a cursor that is broken or of others.
+    Raises InvalidInputError for a cursor that is broken or of other filters.
     """
     chosen = visible_rows(caller, chosen)
     listed = list_name("photographs", chosen)
@@ -27,5 +27,5 @@ def list_photographs(
             return Page([], None)
         keys = keys_of(session, search, after, limit + 1, is_newest_first=False)
         rows = photographs_of(session, [meal_id for _, meal_id in keys[:limit]])
-    found = [named_cells(PHOTOGRAPH_PARTS, PHOTOGRAPH_READERS, row) for row in rows]
-    return Page(found, encode_cursor(listed, *keys[limit - 1]) if len(keys) > limit else None)
+    photographs = [named_cells(PHOTOGRAPH_PARTS, PHOTOGRAPH_READERS, row) for row in rows]
+    return Page(photographs, encode_cursor(listed, *keys[limit - 1]) if len(keys) > limit else None)

@@ -1,4 +1,4 @@
-"""Records for a page: the caller's filters, keyset pages, an opaque cursor that binds its filters."""
+"""Pages of records: the caller's filters, keyset pages, opaque cursors that are bound to their filters."""
 
 import uuid
 from datetime import datetime
@@ -14,7 +14,7 @@ from app.records.queries import RecordRow
 def list_records(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
 ) -> Page[RecordRow]:
-    """One page. Raises InvalidInputError for a cursor that is broken or of other filters."""
+    """Return a page. Raises InvalidInputError for a cursor that is broken or of other filters."""
     chosen = visible_rows(caller, chosen)
     listed = list_name("records", chosen)
     after = decode_cursor(listed, cursor, INSTANT, ID)
@@ -24,5 +24,5 @@ def list_records(
 
 
 def cursor_behind(visible: RowFilter, captured_at: datetime, item_id: uuid.UUID) -> str:
-    """Return the cursor of the page behind a place in the list, whether or not a record is there."""
+    """Return the cursor of the page after a place in the list, whether or not a record is there."""
     return encode_cursor(list_name("records", visible), captured_at, item_id)

@@ -1,9 +1,9 @@
-"""Which meals are on a page: their keys (captured_at, id), found in indexes whatever the filters, either way round.
+"""SQL of the keys (captured_at, id) of a page of meals, read from indexes for all filters, in either order.
 
-Each filter has an index in which its meals stand in the page's order: of the meals themselves (study, status and
-origin, failure, after-meal pair, participant) or of their records (food, flags, not reviewed). The page is read along
-one of them, the one with the fewest meals, and what the other filters ask is looked up meal by meal; so a rare filter
-beside a common one is quick, and one that leaves nothing costs nothing. docs/capacity.md tells which index serves what.
+Each filter has an index with its meals in the page's order: of meals (study, status and origin, failure, after-meal
+pair, participant) or of records (food, flags, not reviewed). The page is read from the index with the fewest meals, and
+the other filters are checked meal by meal. So a rare filter beside a common one is fast, and a filter without matches
+costs nothing. docs/capacity.md lists the indexes.
 """
 
 import itertools
@@ -11,7 +11,6 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -35,21 +34,21 @@ from app.records.page_queries import (
 )
 from app.records.streams import MealSearch, Stream
 
-MOST_BY_ARRAYS = 2000  # branches of one statement of PostgreSQL, which plans them as one
-MOST_LISTS = 2000  # of flags in a study, and
-MOST_STUDIES_FLAGGED = 64  # studies in which they are looked up; with more the meals are read in their order
-SAMPLED = 1000  # meals of each filter are looked at, to read along the one that has the fewest
+MOST_BY_ARRAYS = 2000  # branches of a statement on PostgreSQL, which plans them as one
+MOST_LISTS = 2000  # different lists of flags in a study
+MOST_STUDIES_FLAGGED = 64  # studies whose lists of flags are read; for more, meals are read in their order
+SAMPLED = 1000  # meals of each filter that are sampled to find the rarest filter
 
 Span = tuple[datetime | None, datetime | None]  # both included; None: no bound
 ALWAYS: Span = (None, None)
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
-    """What one filter asks. stream: where its meals stand in order; None: nowhere, or in too many branches.
+class _Filter:
+    """One filter. stream: its index in the page's order; None if there is none, or it has too many branches.
 
-    of_meal: of the meal itself. of_record: of one of its records, given the
-    entity. is_of_questions: that one is open.
+    of_meal: its conditions on the meal. of_record: its condition on one of the meal's records, given the entity.
+    is_of_questions: it requires an open question.
     """
 
     stream: Stream | None
@@ -61,44 +60,44 @@ class _Asked:
 def search_of(
     session: Session, chosen: RowFilter, *, after: Key | None = None, is_newest_first: bool = True
 ) -> MealSearch | None:
-    """The filter as it is searched for; None: it names what is not there, or what the caller may not see.
+    """Return the search for these filters; None if they match nothing that the caller may see.
 
-    after, is_newest_first: the page to be read; they change which index is read along, not what is found.
+    after, is_newest_first: the page to read; they affect the choice of the index, not the result.
     """
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
     people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
     foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
     searched = studies if studies is not None else all_studies(session, MOST_BY_ARRAYS)
-    if any(found is not None and not found for found in (searched, people, foods)):
+    if any(ids is not None and not ids for ids in (searched, people, foods)):
         return None
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
     of_studies = () if studies is None else (conditions_of.one_of_ids(Meal.study_id, studies),)
-    asked = list(_asked(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
-    if any(one.stream is not None and not one.stream.branches for one in asked):
+    filters = list(_filters(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
+    if any(each.stream is not None and not each.stream.branches for each in filters):
         return None
-    along, span = _all_of(searched, is_on_sqlite=is_on_sqlite), ALWAYS
+    read_filter, span = _all_of(searched, is_on_sqlite=is_on_sqlite), ALWAYS
     if people is not None:
-        # a person has some thousand meals: what else is asked is looked up at each
-        along = _Asked(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
-    elif any(one.stream is not None for one in asked):
-        search = _Searching(session, chosen, after, is_newest_first=is_newest_first, is_on_sqlite=is_on_sqlite)
-        common = search.common_span(asked)
+        # a participant has some thousand meals: the other filters are checked for each
+        read_filter = _Filter(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
+    elif any(each.stream is not None for each in filters):
+        planner = _Planner(session, chosen, after, is_newest_first=is_newest_first, is_on_sqlite=is_on_sqlite)
+        common = planner.common_span(filters)
         if common is None:
             return None
-        span, along = common, search.rarest(asked, common)
-    stream = along.stream
+        span, read_filter = common, planner.rarest(filters, common)
+    stream = read_filter.stream
     if stream is None:  # too many studies at once: their meals are sorted
         stream, of_others = Stream(Meal, (), [()], is_small=True), of_studies
     else:
-        of_others = of_studies if along.is_of_questions else ()
-    rest = (*of_others, *_looked_up(stream.model, [one for one in asked if one is not along]))
+        of_others = of_studies if read_filter.is_of_questions else ()
+    rest = (*of_others, *_conditions(stream.model, [each for each in filters if each is not read_filter]))
     return MealSearch(stream, (*within_days(stream.model, chosen), *_within(stream.model, span), *rest), is_on_sqlite)
 
 
 def pages_of_keys(
     session: Session, chosen: RowFilter, *, size: int = 1000, is_newest_first: bool = False
 ) -> Iterator[list[Key]]:
-    """All meals of a filter, page by page, each in its order: what an export reads on, in its one transaction."""
+    """Yield all keys of the filters, page by page, for an export in one transaction."""
     search = search_of(session, chosen, is_newest_first=is_newest_first)
     after: Key | None = None
     while search is not None:
@@ -111,40 +110,43 @@ def pages_of_keys(
 
 
 def keys_of(session: Session, search: MealSearch, after: Key | None, limit: int, *, is_newest_first: bool) -> list[Key]:
-    """The keys of one page, in its order."""
+    """Return the keys of a page, in its order."""
     page = search.page(after, limit, is_newest_first=is_newest_first)
-    found = session.execute(sa.select(page.c.captured_at, page.c.id))
-    return sorted(((instant, meal) for instant, meal in found), reverse=is_newest_first)
+    rows = session.execute(sa.select(page.c.captured_at, page.c.id))
+    return sorted(((instant, meal_id) for instant, meal_id in rows), reverse=is_newest_first)
 
 
 def within_days(model: type[Meal | EffectiveRecord], chosen: RowFilter) -> Conditions:
-    """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
+    """Return the exact conditions on local days, and bounds on the instant, which limit the range of an index."""
     earliest, latest = CALENDAR
-    found: list[Condition] = []
+    conditions: list[Condition] = []
     if chosen.first_day is not None:
-        found.append(model.local_date >= chosen.first_day)
+        conditions.append(model.local_date >= chosen.first_day)
         if earliest < chosen.first_day < latest:
-            found.append(model.captured_at >= _midnight(chosen.first_day) - EASTERNMOST)
+            conditions.append(model.captured_at >= _midnight(chosen.first_day) - EASTERNMOST)
     if chosen.last_day is not None:
-        found.append(model.local_date <= chosen.last_day)
+        conditions.append(model.local_date <= chosen.last_day)
         if earliest < chosen.last_day < latest:
-            found.append(model.captured_at < _midnight(chosen.last_day) + LATEST_END)
-    return tuple(found)
+            conditions.append(model.captured_at < _midnight(chosen.last_day) + LATEST_END)
+    return tuple(conditions)
 
 
-def _asked(
+def _filters(
     session: Session,
     chosen: RowFilter,
     studies: Sequence[uuid.UUID],
     foods: Sequence[int] | None,
     *,
     is_on_sqlite: bool,
-) -> Iterator[_Asked]:
-    """Each filter beside study, participant and days."""
+) -> Iterator[_Filter]:
+    """Yield the filters other than study, participant and days."""
     record = EffectiveRecord
 
     def stream(
-        model: type[Meal | EffectiveRecord], keys: tuple[AnyColumn, ...], *values: Sequence[Any], part: Conditions = ()
+        model: type[Meal | EffectiveRecord],
+        keys: tuple[AnyColumn, ...],
+        *values: Sequence[object],
+        part: Conditions = (),
     ) -> Stream | None:
         return _stream(model, keys, list(itertools.product(*values)), part, is_on_sqlite=is_on_sqlite)
 
@@ -154,43 +156,45 @@ def _asked(
         keys = (Meal.study_id, Meal.status, Meal.origin)
         conditions = [conditions_of.one_of_words(Meal.origin, origins)] if chosen.origin is not None else []
         conditions += [conditions_of.one_of_words(Meal.status, statuses)] if chosen.statuses else []
-        yield _Asked(stream(Meal, keys, studies, statuses, origins), of_meal=tuple(conditions))
+        yield _Filter(stream(Meal, keys, studies, statuses, origins), of_meal=tuple(conditions))
     for column, values in (
         (Meal.failure_code, sorted(set(chosen.failure_codes))),
         (Meal.after_status, sorted(set(chosen.after_statuses))),
     ):
         if values:
-            known = stream(Meal, (Meal.study_id, column), studies, values, part=(column.is_not(None),))
-            yield _Asked(known, of_meal=(conditions_of.one_of_words(column, values),))
+            by_code = stream(Meal, (Meal.study_id, column), studies, values, part=(column.is_not(None),))
+            yield _Filter(by_code, of_meal=(conditions_of.one_of_words(column, values),))
     if foods is not None:
-        known = stream(record, (record.food_id, record.study_id), foods, studies, part=(conditions_of.holds(record),))
-        yield _Asked(known, of_record=lambda its: conditions_of.one_of_numbers(its.food_id, foods))
+        by_food = stream(record, (record.food_id, record.study_id), foods, studies, part=(conditions_of.holds(record),))
+        yield _Filter(by_food, of_record=lambda entity: conditions_of.one_of_numbers(entity.food_id, foods))
     if chosen.flags:
         yield _flagged(session, chosen, studies, is_on_sqlite=is_on_sqlite)
     if chosen.needs == "review":
         part = (conditions_of.holds(record), record.reviewed.is_(False))
-        known = stream(record, (record.study_id,), studies, part=part)
-        yield _Asked(known, of_record=lambda its: its.reviewed.is_(False))
+        not_reviewed = stream(record, (record.study_id,), studies, part=part)
+        yield _Filter(not_reviewed, of_record=lambda entity: entity.reviewed.is_(False))
     if chosen.needs == "answer":
-        asked = Stream(Meal, (), [()], (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)), True)
-        yield _Asked(asked, is_of_questions=True)
+        questions = Stream(Meal, (), [()], (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)), True)
+        yield _Filter(questions, is_of_questions=True)
 
 
-def _flagged(session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
-    """An index by whole lists of flags: of the lists that a study's records have, those with one of the flags."""
+def _flagged(session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Filter:
+    """Return the filter of flags; its index is by whole lists of flags, of which those with one of the flags count."""
     record, flags = EffectiveRecord, sorted(set(chosen.flags))
-    asked = _Asked(None, of_record=lambda its: conditions_of.has_flag(its.flags, flags, is_on_sqlite=is_on_sqlite))
+    without_index = _Filter(
+        None, of_record=lambda entity: conditions_of.has_flag(entity.flags, flags, is_on_sqlite=is_on_sqlite)
+    )
     if len(studies) > MOST_STUDIES_FLAGGED:
-        return asked
+        return without_index
     branches = []
     for study in studies:
         lists = conditions_of.lists_of_flags(session, study, MOST_LISTS + 1)
         if len(lists) > MOST_LISTS:
-            return asked
+            return without_index
         branches += [(study, listed) for listed in lists if not conditions_of.flags_in(listed).isdisjoint(flags)]
     part = (conditions_of.holds(record), conditions_of.has_flags(record))
     stream = _stream(record, (record.study_id, record.flags), branches, part, is_on_sqlite=is_on_sqlite)
-    return replace(asked, stream=stream)
+    return replace(without_index, stream=stream)
 
 
 def _stream(
@@ -205,14 +209,14 @@ def _stream(
     return Stream(model, keys, branches, part) if len(branches) <= most else None
 
 
-def _all_of(studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
-    """Nothing but studies is asked."""
-    return _Asked(_stream(Meal, (Meal.study_id,), [(study,) for study in studies], (), is_on_sqlite=is_on_sqlite))
+def _all_of(studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Filter:
+    """Return the filter that only restricts the studies."""
+    return _Filter(_stream(Meal, (Meal.study_id,), [(study,) for study in studies], (), is_on_sqlite=is_on_sqlite))
 
 
 @dataclass(frozen=True, slots=True)
-class _Searching:
-    """Which of several filters to read along, for one page."""
+class _Planner:
+    """Chooses the filter from whose index a page is read."""
 
     session: Session
     chosen: RowFilter
@@ -220,12 +224,12 @@ class _Searching:
     is_newest_first: bool
     is_on_sqlite: bool
 
-    def common_span(self, asked: Sequence[_Asked]) -> Span | None:
-        """From when to when there are meals of each filter; None: of one there are none, or they never meet.
+    def common_span(self, filters: Sequence[_Filter]) -> Span | None:
+        """Return the span of time in which every filter has meals; None if there is none.
 
-        What waits for a reviewer is new, what failed may be of one bad week: outside it nothing need be looked up.
+        Meals that wait for a reviewer are new, failed ones may be of a single week: others need not be checked.
         """
-        streams = [one.stream for one in asked if one.stream is not None]
+        streams = [each.stream for each in filters if each.stream is not None]
         if len(streams) <= 1:
             return ALWAYS
         first, last = ALWAYS
@@ -237,9 +241,9 @@ class _Searching:
             last = until if last is None else min(last, until)
         return (first, last) if first is None or last is None or first <= last else None
 
-    def rarest(self, asked: Sequence[_Asked], span: Span) -> _Asked:
-        """The filter with the fewest entries behind the page's place, or whose entries lie the farthest apart."""
-        readable = [(one, one.stream) for one in asked if one.stream is not None]
+    def rarest(self, filters: Sequence[_Filter], span: Span) -> _Filter:
+        """Return the filter with the fewest entries after the page's start, or with the widest spacing of entries."""
+        readable = [(each, each.stream) for each in filters if each.stream is not None]
         if len(readable) == 1:
             return readable[0][0]
         sampled = []
@@ -263,18 +267,18 @@ def _within(model: type[Meal | EffectiveRecord], span: Span) -> Iterator[Conditi
         yield model.captured_at <= last
 
 
-def _looked_up(model: type[Meal | EffectiveRecord], others: Sequence[_Asked]) -> Iterator[Condition]:
-    """What the other filters ask, of an entry of the index that is read along."""
+def _conditions(model: type[Meal | EffectiveRecord], filters: Sequence[_Filter]) -> Iterator[Condition]:
+    """Yield the conditions of filters on an entry of another filter's index."""
     meal_id = Meal.id if model is Meal else EffectiveRecord.meal_id
-    of_meal = [condition for one in others for condition in one.of_meal]
+    of_meal = [condition for each in filters for condition in each.of_meal]
     if of_meal and model is Meal:
         yield from of_meal
     elif of_meal:
         yield conditions_of.meal_is(meal_id, of_meal)
-    for one in others:
-        if one.of_record is not None:
-            yield conditions_of.has_record(meal_id, one.of_record)
-        if one.is_of_questions:
+    for checked in filters:
+        if checked.of_record is not None:
+            yield conditions_of.has_record(meal_id, checked.of_record)
+        if checked.is_of_questions:
             yield conditions_of.waits_for_answer(meal_id)
 
 

@@ -1,7 +1,6 @@
-"""What a list of meals shows of each: the meal, the records that hold, its left photograph; a handful of statements.
+"""SQL of lists of meals: meals with their records that count and whether they have a left photograph.
 
-Also how many meals of a study have each status, counted up to a bound, and which of some meals have changed, or are
-there at all.
+Also bounded counts of a study's meals by status, and which of some meals have changed or exist.
 """
 
 import uuid
@@ -23,7 +22,7 @@ from app.records.page_queries import Key
 
 
 class HeldRecord(NamedTuple):
-    """A record that holds (not rejected), as far as a list of meals needs it; food_name: in the version that it has."""
+    """What a list of meals needs of a record that is not rejected. food_name: of the record's version of the food."""
 
     item_id: uuid.UUID
     status: str
@@ -39,9 +38,9 @@ class HeldRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MealRow:
-    """A meal of a list. records: those that hold, in the order of the items.
+    """A meal of a list. records: those that count, in the order of the items.
 
-    has_left: its left photograph has come and is not erased. meal.details and meal.after_details are not read.
+    has_left: its left photograph has arrived and is not erased. meal.details and meal.after_details are not loaded.
     """
 
     meal: Meal
@@ -54,7 +53,7 @@ class MealRow:
 def page_of_meals(
     session: Session, chosen: RowFilter, *, after: Key | None, limit: int, is_newest_first: bool = True
 ) -> list[MealRow]:
-    """At most `limit` meals by (captured_at, id), those behind `after`."""
+    """Return at most `limit` meals after `after`, by (captured_at, id)."""
     search = search_of(session, chosen, after=after, is_newest_first=is_newest_first)
     if search is None:
         return []
@@ -63,7 +62,7 @@ def page_of_meals(
 
 
 def rows_of(session: Session, meal_ids: Sequence[uuid.UUID]) -> list[MealRow]:
-    """These meals in the order given; one that is not there is left out."""
+    """Return the existing meals of these ids, in their order."""
     if not meal_ids:
         return []
     query = (
@@ -73,18 +72,18 @@ def rows_of(session: Session, meal_ids: Sequence[uuid.UUID]) -> list[MealRow]:
         .where(Meal.id.in_(meal_ids))
         .options(defer(Meal.details, raiseload=True), defer(Meal.after_details, raiseload=True))
     )
-    found = {meal.id: (meal, study, person) for meal, study, person in session.execute(query)}
+    meals = {meal.id: (meal, study, participant) for meal, study, participant in session.execute(query)}
     held = _held_records(session, meal_ids)
     left = _with_left_photograph(session, meal_ids)
     return [
-        MealRow(*found[meal_id], tuple(held.get(meal_id, ())), has_left=meal_id in left)
+        MealRow(*meals[meal_id], tuple(held.get(meal_id, ())), has_left=meal_id in left)
         for meal_id in meal_ids
-        if meal_id in found
+        if meal_id in meals
     ]
 
 
 def count_by_status(session: Session, study_id: uuid.UUID, most: int) -> dict[str, int]:
-    """Status -> how many meals of the study have it, counted up to `most`."""
+    """Return status -> number of the study's meals, counted up to `most`."""
     counts: dict[str, int] = {}
     for status in MEAL_STATUSES:
         of_status = sa.select(Meal.id).where(Meal.study_id == study_id, Meal.status == status).limit(most).subquery()
@@ -92,22 +91,28 @@ def count_by_status(session: Session, study_id: uuid.UUID, most: int) -> dict[st
     return counts
 
 
-def changed_meals(session: Session, study_id: uuid.UUID, known: Collection[tuple[uuid.UUID, int]]) -> list[uuid.UUID]:
-    """Of the study's meals of these (client id, version) the ids of those whose version is another now.
+def changed_meals(
+    session: Session, study_id: uuid.UUID, versions: Collection[tuple[uuid.UUID, int]]
+) -> list[uuid.UUID]:
+    """Return the ids of the study's meals whose version differs from these (client id, version).
 
-    Two participants may have made the same client id: a meal is left out where any version told of its id is its own.
+    Two participants may have made the same client id: a meal is left out if any version given for its id is its own.
     """
-    if not known:
+    if not versions:
         return []
     query = sa.select(Meal.id, Meal.client_id, Meal.version).where(
-        Meal.client_id.in_({client_id for client_id, _ in known}), Meal.study_id == study_id
+        Meal.client_id.in_({client_id for client_id, _ in versions}), Meal.study_id == study_id
     )
-    told = set(known)
-    return sorted(meal_id for meal_id, client_id, version in session.execute(query) if (client_id, version) not in told)
+    unchanged = set(versions)
+    return sorted(
+        meal_id for meal_id, client_id, version in session.execute(query) if (client_id, version) not in unchanged
+    )
 
 
-def meals_there(session: Session, study_id: uuid.UUID, client_ids: Collection[uuid.UUID]) -> set[tuple[str, uuid.UUID]]:
-    """The study's meals of these client ids: participant's code, client id."""
+def existing_meals(
+    session: Session, study_id: uuid.UUID, client_ids: Collection[uuid.UUID]
+) -> set[tuple[str, uuid.UUID]]:
+    """Return (participant's code, client id) of the study's meals with these client ids."""
     query = (
         sa.select(Participant.code, Meal.client_id)
         .join(Participant, Participant.id == Meal.participant_id)
@@ -130,10 +135,10 @@ def _held_records(session: Session, meal_ids: Sequence[uuid.UUID]) -> dict[uuid.
         .where(record.meal_id.in_(meal_ids), holds(record))
         .order_by(record.meal_id, Item.position, Item.id)
     )
-    found: dict[uuid.UUID, list[HeldRecord]] = {}
+    records: dict[uuid.UUID, list[HeldRecord]] = {}
     for meal_id, *values in session.execute(query):
-        found.setdefault(meal_id, []).append(HeldRecord(*values))
-    return found
+        records.setdefault(meal_id, []).append(HeldRecord(*values))
+    return records
 
 
 def _with_left_photograph(session: Session, meal_ids: Sequence[uuid.UUID]) -> set[uuid.UUID]:

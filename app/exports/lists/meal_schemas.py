@@ -1,4 +1,4 @@
-"""Lists of meals over the wire."""
+"""Schemas of lists of meals."""
 
 import uuid
 from datetime import date, datetime

@@ -1,4 +1,4 @@
-"""/v1/meals as a list; how many meals of a study have each status; which of those on a page have changed."""
+"""/v1/meals as a list, counts of a study's meals by status, and which of some meals have changed."""
 
 import uuid
 from typing import Annotated, Literal
@@ -40,7 +40,7 @@ from app.records.render import food_ref
 
 router = APIRouter(prefix="/v1", tags=["meals"])
 
-Known = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
+MealVersion = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
 
 
 @router.get(
@@ -89,21 +89,21 @@ def get_changed_meals(
     state: State,
     caller: CurrentStaff,
     meal: Annotated[
-        list[Known] | None,
+        list[MealVersion] | None,
         Query(max_length=MOST_WATCHED, description="ID:VERSION, as they are known; several."),
     ] = None,
 ) -> ChangedMeals:
     """Which of these meals have changed, as they stand now: what a page that shows them asks every few seconds."""
-    known = [_known(text) for text in meal or ()]
-    rows = changed_meals(state.database, read_study(state.database, study).id, known)
+    versions = [_parse_version(text) for text in meal or ()]
+    rows = changed_meals(state.database, read_study(state.database, study).id, versions)
     return ChangedMeals(items=[render_meal_row(row, caller) for row in rows])
 
 
 def render_meal_row(row: MealRow, caller: Caller) -> MealListItem:
-    """A meal of a list as the API shows it. Staff's links name the participant: a phone's id alone may be two meals."""
+    """Render a meal of a list. Links for staff name the participant, since a phone's id alone is not unique."""
     meal, sums = row.meal, sums_of(row)
     path = f"/v1/meals/{meal.client_id}"
-    whose = "" if isinstance(caller, DeviceCaller) else f"?participant={quote(row.participant_code, safe='')}"
+    query = "" if isinstance(caller, DeviceCaller) else f"?participant={quote(row.participant_code, safe='')}"
     return MealListItem(
         id=meal.client_id,
         study=row.study_code,
@@ -128,12 +128,12 @@ def render_meal_row(row: MealRow, caller: Caller) -> MealListItem:
         items_without_energy=sums.without_energy,
         doubt=sums.doubt,
         flags=list(sums.flags),
-        links=MealLinks(meal=f"{path}{whose}", photograph_left=f"{path}/images/left{whose}" if row.has_left else None),
+        links=MealLinks(meal=f"{path}{query}", photograph_left=f"{path}/images/left{query}" if row.has_left else None),
     )
 
 
-def _known(text: str) -> tuple[uuid.UUID, int]:
-    """Raises InvalidInputError where the id is none."""
+def _parse_version(text: str) -> tuple[uuid.UUID, int]:
+    """Read ID:VERSION. Raises InvalidInputError."""
     client_id, _, version = text.partition(":")
     try:
         return uuid.UUID(client_id), int(version)

@@ -1,4 +1,4 @@
-"""The image manifest over the wire."""
+"""Schemas of the image manifest."""
 
 import uuid
 from datetime import date, datetime

@@ -1,4 +1,4 @@
-"""/v1/records: what participants ate, for researchers and scripts: JSON pages, or all as one streamed file."""
+"""/v1/records: what participants ate, as JSON pages or as one streamed file."""
 
 from typing import Annotated
 
