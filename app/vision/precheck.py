@@ -14,10 +14,13 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.board.camera import estimate_views, view_angle_deg
-from app.vision.board.grid import shortest_step_px, square_means
+from app.vision.board.grid import square_means
 from app.vision.board.marker import agree_on_corners, contrast_image, find_marker
+from app.vision.board.print_layout import border_share, seen_tags_px, shortest_side_px
 from app.vision.board.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
 from app.vision.board.search import find_grids
+from app.vision.board.tag_bits import read_tag_cells
+from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import EstimateOptions, Float64Array, ImageArray, MarkerObservation, PhotoPair, View
@@ -106,15 +109,15 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
         is_cut_off = marker.code == "marker_covered" and _leaves_photograph(pixels_bgr)
         code = "marker_cut_off" if is_cut_off else marker.code
         return _stopped(side, code, measures, problems)
-    grid, contrast = marker.grid_px, contrast_image(pixels_bgr, spec.kind)
-    width_px = marker_edge_width_px(contrast, grid) * read.factor
+    contrast = contrast_image(pixels_bgr, spec.kind)
+    width_px = _edge_width_px(contrast, marker) * read.factor
     limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
-    measures |= {f"edge_width_px_{side}": width_px, f"square_px_{side}": shortest_step_px(grid) * read.factor}
+    measures |= {f"edge_width_px_{side}": width_px, f"square_px_{side}": shortest_side_px(marker) * read.factor}
     if width_px > limit_px:
         return _stopped(side, "image_blurred", measures, problems)
     if width_px > NEAR_BLUR_SHARE * limit_px:
         problems.append(PairProblem("image_blurred", "warn", side))
-    if _has_glare(contrast, grid, spec):
+    if _has_glare(contrast, marker):
         problems.append(PairProblem("marker_glare", "warn", side))
     return _Side(tuple(problems), measures, (read, marker))
 
@@ -130,12 +133,25 @@ def _leaves_photograph(pixels_bgr: ImageArray) -> bool:
     return grid is not None and bool(np.isnan(square_means(contrast, grid, ring=1)).any())
 
 
-def _has_glare(contrast: ImageArray, grid: Float64Array, spec: MarkerSpec) -> bool:
-    """Whether a square that is printed dark looks light. contrast: (H, W); grid: (r, c, 2) in the print's order."""
-    means = square_means(contrast, grid)
-    is_dark = np.indices(means.shape).sum(axis=0) % 2 == (0 if spec.kind == "plain" else 1)
-    dark, light = float(np.nanmedian(means[is_dark])), float(np.nanmedian(means[~is_dark]))
-    return bool(np.nanmax(means[is_dark]) > dark + GLARE_STEP_SHARE * (light - dark))
+def _edge_width_px(contrast: ImageArray, marker: MarkerObservation) -> float:
+    """Width of the marker's edges, px. contrast: (H, W)."""
+    if marker.spec.dictionary is None:
+        return marker_edge_width_px(contrast, marker.grid_px)
+    return edge_width_px(edge_profiles(contrast, seen_tags_px(marker)[1], border_share(marker.spec)))
+
+
+def _has_glare(contrast: ImageArray, marker: MarkerObservation) -> bool:
+    """Whether a square, or the black of a tag, looks light. contrast: (H, W)."""
+    if marker.spec.dictionary is None:
+        means = square_means(contrast, marker.grid_px)
+        is_dark = np.indices(means.shape).sum(axis=0) % 2 == (0 if marker.spec.kind == "plain" else 1)
+        darks, lights = means[is_dark], means[~is_dark]
+    else:
+        tags = zip(*seen_tags_px(marker), strict=True)
+        cells = [read_tag_cells(contrast, marker.spec, int(tag), quad) for tag, quad in tags]
+        darks, lights = (np.array([np.median(tag[place]) for tag in cells]) for place in (0, 1))
+    dark, light = float(np.nanmedian(darks)), float(np.nanmedian(lights))
+    return bool(np.nanmax(darks) > dark + GLARE_STEP_SHARE * (light - dark))
 
 
 def _judge_views(
@@ -146,7 +162,7 @@ def _judge_views(
     pair, spec = PhotoPair(photos[0].photo, photos[1].photo), markers[0].spec
     views = estimate_views(pair, agree_on_corners(pair, *markers), EstimateOptions(spec, camera))
     if isinstance(views, Failure):
-        steps = [shortest_step_px(marker.grid_px) for marker in markers]
+        steps = [shortest_side_px(marker) for marker in markers]
         is_sure = views.code != "pose_unreliable" or min(steps) >= SURE_STEP_PX
         return [PairProblem(views.code, "stop" if is_sure else "warn")], {}
     measures = {

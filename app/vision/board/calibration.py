@@ -87,16 +87,16 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
     return Calibration(camera, rms_px, reach, tuple(found), tuple(sorted(rejected, key=lambda photo: photo.index)))
 
 
-def _flat_points(spec: MarkerSpec) -> Float32Array:
-    """(n, 3) inner corners at z = 0, where OpenCV's first guess wants them; thickness has no part in intrinsics."""
-    return board_points(replace(spec, thick_mm=0.0)).astype(np.float32)
+def _flat_points(seen: MarkerObservation) -> Float32Array:
+    """(n, 3) points in view at z = 0, where OpenCV's first guess wants them; thickness has no part in intrinsics."""
+    return seen.seen_of(board_points(replace(seen.spec, thick_mm=0.0))).astype(np.float32)
 
 
 def _fit_intrinsics(
     observations: Sequence[MarkerObservation], size: tuple[int, int]
 ) -> tuple[Camera, float, Float64Array]:
     """Camera, overall rms and each view's rms, px. size: (width, height)."""
-    points = [_flat_points(seen.spec) for seen in observations]
+    points = [_flat_points(seen) for seen in observations]
     corners = [seen.corners_px.astype(np.float32) for seen in observations]
     # OpenCV makes its own first guess where the matrix is zero.
     rms, matrix, distortion, _, _, _, _, view_rms = cv2.calibrateCameraExtended(

@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.grid import shortest_step_px
 from app.vision.board.pose import fit_board
+from app.vision.board.print_layout import common_points, shortest_side_px
 from app.vision.intrinsics import Camera, adapt_camera
 from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, PhotoPair, View
 
@@ -71,7 +71,7 @@ def estimate_views(
     if fit is None:
         return _unreliable("no camera position above the table explains the marker's corners")
     for name, rms, observation in zip(("left", "right"), fit.rms_px, observations, strict=True):
-        limit = MAX_RMS_SQUARES * shortest_step_px(observation.grid_px)
+        limit = MAX_RMS_SQUARES * shortest_side_px(observation)
         if rms > limit:
             return _unreliable(
                 f"the marker's corners in the {name} photograph fit to {rms:.1f} px only, {limit:.1f} px is the limit"
@@ -139,7 +139,7 @@ def _baseline_failure(left: View, right: View) -> Failure | None:
 
 
 def _is_same_photograph(photos: tuple[Photo, Photo], observations: tuple[MarkerObservation, MarkerObservation]) -> bool:
-    left, right = (seen.corners_px for seen in observations)
-    if left.shape == right.shape and np.abs(left - right).max() < SAME_CORNERS_PX:
+    common = common_points(*observations)
+    if len(common.first_px) and np.abs(common.first_px - common.second_px).max() < SAME_CORNERS_PX:
         return True
     return np.array_equal(photos[0].pixels_bgr, photos[1].pixels_bgr)

@@ -11,6 +11,8 @@ import numpy as np
 from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB
 from app.vision.board.grid import grid_homography, sample_squares
+from app.vision.board.print_layout import seen_tags_px, tag_places
+from app.vision.board.tag_bits import read_tag_cells
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, MaskArray
 
@@ -32,7 +34,7 @@ SAME_LIGHT = 1.08  # between what the two pairs of opposite neighbours tell
 
 @dataclass(frozen=True, slots=True)
 class BoardSamples:
-    """Squares with one ring of the margin around them, (rows + 2, columns + 2).
+    """Squares with one ring of the margin around them, (rows + 2, columns + 2), or a board of tags laid out like that.
 
     linear: (.., 3) red first, the mean of the middle half of the samples; NaN outside the photograph.
     is_clipped: (.., 3). is_white: squares and margin where the paper is white. is_black: printed black.
@@ -64,8 +66,13 @@ class WhiteLevel:
 
 
 def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamples | None:
-    """The middle of every square and of one square's width of margin; None for corners that make no grid."""
+    """The middle of every square and of one square's width of margin; None for corners that make no grid.
+
+    Of a board of tags: see _sample_tags.
+    """
     spec = marker.spec
+    if spec.dictionary is not None:
+        return _sample_tags(pixels_bgr, marker)
     count = (spec.rows - 1) * (spec.columns - 1)
     if marker.corners_px.shape != (count, 2) or not np.isfinite(marker.corners_px).all():
         return None
@@ -85,6 +92,29 @@ def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamp
     is_white, is_black = _places(marker.spec)
     is_clipped = (squares >= CLIPPED_BYTE).mean(axis=2) > CLIPPED_SHARE
     return BoardSamples(linear, is_clipped, is_white, is_black)
+
+
+def _sample_tags(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamples:
+    """The black and the white cells of each tag in view, side by side as squares of a checkerboard; NaN elsewhere.
+
+    (rows + 2, 2 columns + 2): each black place borders on its own tag's white one and on those of the tags around it.
+    """
+    spec = marker.spec
+    size = (spec.rows + 2, 2 * spec.columns + 2)
+    linear, is_clipped = np.full((*size, 3), np.nan), np.zeros((*size, 3), bool)
+    is_black = np.zeros(size, bool)
+    places = tag_places(spec)
+    is_black[places[:, 0] + 1, 2 * places[:, 1] + places[:, 0] % 2 + 1] = True
+    ids, quads_px = seen_tags_px(marker)
+    for tag, quad in zip(ids, quads_px, strict=True):
+        row, column = places[tag]
+        for place, values in enumerate(read_tag_cells(pixels_bgr, spec, int(tag), quad)):
+            at = row + 1, 2 * column + (place + row) % 2 + 1
+            cells = np.sort(values[:, ::-1], axis=0)
+            quarter = len(cells) // 4
+            linear[at] = LINEAR_OF_BYTE[cells[quarter : len(cells) - quarter]].mean(axis=0)
+            is_clipped[at] = (cells >= CLIPPED_BYTE).mean(axis=0) > CLIPPED_SHARE
+    return BoardSamples(linear, is_clipped, ~is_black, is_black)
 
 
 def find_white(samples: BoardSamples) -> WhiteLevel | None:

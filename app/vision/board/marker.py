@@ -18,6 +18,7 @@ from app.vision.board.grid import alternating_share, grid_homography, refine_gri
 from app.vision.board.pose import solve_pose
 from app.vision.board.quality import judge_marker, judge_photograph
 from app.vision.board.search import find_grids
+from app.vision.board.tag_board import find_tag_board
 from app.vision.geometry.pictures import grey_of
 from app.vision.marker_spec import MarkerKind, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, PhotoPair
@@ -35,12 +36,15 @@ SEE_WHOLE = "Check that the whole printed marker, with its white margin, is visi
 
 
 def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> MarkerObservation | Failure:
-    """The announced board's inner corners, or why they cannot be had.
+    """The announced board's points in view, or why they cannot be had. A checkerboard must be seen as a whole.
 
     Failures: marker_not_found, marker_mismatch, marker_covered, image_too_dark, image_blurred. side names the
     photograph in messages.
     """
     where = f"in the {side} photograph" if side else "in the photograph"
+    if spec.dictionary is not None:
+        seen = find_tag_board(photo, spec, where)
+        return seen if isinstance(seen, MarkerObservation) else _explain_tags(photo, spec, seen, where)
     contrast = contrast_image(photo.pixels_bgr, spec.kind)
     corners = (spec.columns - 1, spec.rows - 1)
     refusal: Failure | None = None
@@ -69,9 +73,12 @@ def readings(observation: MarkerObservation) -> list[MarkerObservation]:
     """All the ways to read the same corners that the board's looks cannot tell apart, the given one first.
 
     A plain board whose sides add up to an even number looks the same turned by 180 degrees; one with as many rows as
-    columns, odd, by 90 degrees too. All others, and the colour board, have one way.
+    columns, odd, by 90 degrees too. All others have one way, and so have the colour
+    board and boards of tags.
     """
     spec = observation.spec
+    if spec.dictionary is not None:
+        return [observation]
     grid = observation.grid_px
     turns = [0]
     if spec.kind == "plain" and (spec.columns + spec.rows) % 2 == 0:
@@ -160,8 +167,8 @@ def _correlation(a: Float64Array, b: Float64Array) -> float:
 
 
 def contrast_image(pixels_bgr: ImageArray, kind: MarkerKind) -> ImageArray:
-    """(H, W): grey for a plain board; for the colour board the smallest channel, in which white alone is light."""
-    if kind == "plain":
+    """(H, W): grey for a black board; for the colour board the smallest channel, in which white alone is light."""
+    if kind != "colour":
         return grey_of(pixels_bgr)
     blue, green, red = cv2.split(pixels_bgr)
     return np.asarray(cv2.min(cv2.min(blue, green), red), np.uint8)
@@ -223,6 +230,21 @@ def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
     middle = (np.percentile(inner, 25) + np.percentile(inner, 75)) / 2
     margin = np.concatenate([means[0, 1:-1], means[-1, 1:-1], means[1:-1, 0], means[1:-1, -1]])
     return bool(np.mean(margin > middle) >= MIN_CORRECT_SHARE)
+
+
+def _explain_tags(photo: Photo, spec: MarkerSpec, refusal: Failure | None, where: str) -> Failure:
+    """Why a board of tags cannot be measured; refusal: what its tags told, None where there are none."""
+    unfit = judge_photograph(grey_of(photo.pixels_bgr), where)
+    if unfit is not None:
+        return unfit
+    if refusal is not None:
+        return refusal
+    contrast = contrast_image(photo.pixels_bgr, "colour")
+    for grid in find_grids(contrast):
+        if has_white_margin(contrast, grid):
+            rows, columns = (n + 1 for n in grid.shape[:2])
+            return _mismatch(spec, where, f"a board of {columns}x{rows} squares without tags that could be read")
+    return Failure("marker_not_found", f"The marker {spec} was not found {where}.", SEE_WHOLE)
 
 
 def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.vision.board.tag_layout import tag_corners_mm
+from app.vision.board.print_layout import print_points_mm
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation
@@ -42,23 +42,15 @@ class BoardFit:
 
 
 def board_points(spec: MarkerSpec) -> Float64Array:
-    """(n, 3) the print's points in the table frame, mm: all at z = thick_mm (CONVENTIONS.md, "Marker").
-
-    Inner corners, row-major; of an ArUco board the corners of its tags, tag by tag, clockwise from the upper left.
-    """
+    """(n, 3) print_points_mm in the table frame, mm: all at z = thick_mm."""
     return _board_points(spec).copy()
 
 
 @functools.lru_cache(maxsize=8)
 def _board_points(spec: MarkerSpec) -> Float64Array:
     """As board_points, which the fits ask for a thousand times a pair."""
-    if spec.kind == "aruco":
-        flat = tag_corners_mm(spec).reshape(-1, 2)
-        return np.column_stack([flat, np.full(len(flat), spec.thick_mm)])
-    rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
-    x = (columns + 1 - spec.columns / 2) * spec.square_mm
-    y = (spec.rows / 2 - rows - 1) * spec.square_mm
-    return np.stack([x, y, np.full_like(x, spec.thick_mm)], axis=1).astype(np.float64)
+    points = print_points_mm(spec)
+    return np.column_stack([points, np.full(len(points), spec.thick_mm)])
 
 
 def bent_points(spec: MarkerSpec, bend_mm: Float64Array) -> Float64Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.board.grid import square_means
+from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.model import Float64Array, ImageArray
 
 DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
@@ -42,6 +43,21 @@ def judge_marker(contrast: ImageArray, grid: Float64Array, where: str) -> Failur
     width = marker_edge_width_px(contrast, grid)
     diagonal = np.linalg.norm(grid[1:, 1:] - grid[:-1, :-1], axis=-1).mean() / np.sqrt(2.0)
     if width > edge_width_limit_px(max(contrast.shape)) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
+        return Failure(
+            "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
+        )
+    return None
+
+
+def judge_tags(grey: ImageArray, corners_px: Float64Array, border_share: float, where: str) -> Failure | None:
+    """Dark or blurred by the borders of a board's tags, (n, 4, 2) px; None if it is neither. As tag_edges."""
+    profiles = edge_profiles(grey, corners_px, border_share)
+    if profiles.light.max() < DARK_LEVEL:
+        return Failure(
+            "image_too_dark", f"It is too dark {where}: the marker's white paper is almost black.", DARK_ADVICE
+        )
+    width = edge_width_px(profiles)
+    if width > edge_width_limit_px(max(grey.shape)):
         return Failure(
             "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
         )

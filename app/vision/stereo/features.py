@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
-from app.vision.board.tag_layout import common_points, seen_print_mm
+from app.vision.board.print_layout import common_points, seen_print_mm
 from app.vision.geometry.patch_alignment import align_patches
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points

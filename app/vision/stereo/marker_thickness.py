@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.board.tag_layout import sheet_half_mm
+from app.vision.board.print_layout import sheet_half_mm
 from app.vision.geometry.topview import (
     CELLS_PER_FACT,
     MIN_POINTS_PER_TABLE_CELL,

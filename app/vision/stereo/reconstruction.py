@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.vision.board.pose import bent_points
-from app.vision.board.tag_layout import common_points
+from app.vision.board.print_layout import common_points
 from app.vision.model import Float32Array, Float64Array
 from app.vision.stereo.rectification import RectifiedPair, to_rectified_px
 from app.vision.stereo.relative_pose import RefinedViews

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.tag_layout import sheet_half_mm
+from app.vision.board.print_layout import sheet_half_mm
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, MaskArray
 from app.vision.stereo.epipolar import surely_on_epipolar_lines

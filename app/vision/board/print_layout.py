@@ -1,15 +1,18 @@
-"""Where the tags of an ArUco or ChArUco board lie on the print, and which part of a print a photograph shows.
+"""Where a print's points and tags lie, and which part of the print a photograph shows.
 
-MarkerSpec or MarkerObservation in -> corners of tags, rectangles of the print, mm in the table frame; points that two
-observations share.
+MarkerSpec or MarkerObservation in -> points, corners of tags, rectangles of the print, mm in the table frame; points
+that two observations share; tags and their size in px.
 """
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from app.vision.marker_spec import MarkerSpec
+from app.vision.board.grid import shortest_step_px
+from app.vision.geometry.projective import map_points
+from app.vision.marker_spec import DICTIONARIES, MarkerSpec
 from app.vision.model import Float64Array, Int64Array, MarkerObservation, MaskArray
 
 # A tag's corners from its middle, in sides, y up: clockwise on the print from the upper left, as OpenCV lists them.
@@ -44,6 +47,19 @@ def common_points(first: MarkerObservation, second: MarkerObservation) -> Common
         return CommonPoints(first.corners_px, second.corners_px, None)
     shared, at_first, at_second = np.intersect1d(first.point_ids, second.point_ids, return_indices=True)
     return CommonPoints(first.corners_px[at_first], second.corners_px[at_second], shared)
+
+
+def print_points_mm(spec: MarkerSpec) -> Float64Array:
+    """(n, 2) x, y of the print's points in the table frame (CONVENTIONS.md, "Marker").
+
+    Inner corners, row-major; of an ArUco board the corners of its tags, tag by tag.
+    """
+    if spec.kind == "aruco":
+        return tag_corners_mm(spec).reshape(-1, 2)
+    rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
+    x = (columns + 1 - spec.columns / 2) * spec.square_mm
+    y = (spec.rows / 2 - rows - 1) * spec.square_mm
+    return np.asarray(np.stack([x, y], axis=1), np.float64)
 
 
 def tag_places(spec: MarkerSpec, *, is_legacy: bool = False) -> Int64Array:
@@ -121,3 +137,37 @@ def _rectangle(spec: MarkerSpec, top: int, bottom: int, left: int, right: int) -
         high_x=right * spec.pitch_mm + spec.square_mm - spec.width_mm / 2 + beyond(right == spec.columns - 1),
         high_y=spec.height_mm / 2 - top * spec.pitch_mm + beyond(top == 0),
     )
+
+
+def border_share(spec: MarkerSpec) -> float:
+    """The narrower of a tag's black border, which is one cell wide, and the white around it, of the tag's side."""
+    cells = DICTIONARIES[str(spec.dictionary)][1] + 2
+    white_mm = spec.gap_mm if spec.kind == "aruco" else (spec.square_mm - spec.tag_mm) / 2
+    return min(1.0 / cells, white_mm / spec.tag_mm)
+
+
+def shortest_side_px(marker: MarkerObservation) -> float:
+    """The shortest side of the marker's squares (of ArUco its tags) in the photograph, px."""
+    spec = marker.spec
+    if marker.point_ids is None:
+        return shortest_step_px(marker.grid_px)
+    if spec.kind == "aruco":
+        quads = marker.corners_px.reshape(-1, 4, 2)
+        return float(np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=-1).min())
+    flat = np.full(((spec.rows - 1) * (spec.columns - 1), 2), np.nan)
+    flat[marker.point_ids] = marker.corners_px
+    grid = flat.reshape(spec.rows - 1, spec.columns - 1, 2)
+    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    return float(np.nanmin(np.concatenate(steps)))
+
+
+def seen_tags_px(marker: MarkerObservation) -> tuple[Int64Array, Float64Array]:
+    """(n,) numbers of the tags in view and (n, 4, 2) their corners, px: of ChArUco by the squares around them."""
+    spec, is_seen = marker.spec, seen_squares(marker)
+    places = tag_places(spec)
+    ids = np.flatnonzero(is_seen[places[:, 0], places[:, 1]])
+    if spec.kind == "aruco":
+        return ids, marker.corners_px.reshape(-1, 4, 2)
+    seen_mm = marker.seen_of(print_points_mm(spec))
+    homography = np.asarray(cv2.findHomography(seen_mm, marker.corners_px)[0], np.float64)
+    return ids, map_points(homography, tag_corners_mm(spec)[ids].reshape(-1, 2)).reshape(-1, 4, 2)

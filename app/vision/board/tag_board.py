@@ -1,0 +1,195 @@
+"""The printed ArUco or ChArUco board in a photograph: which of its points are seen, and where.
+
+Photo and announced marker in -> the corners of its tags, or the corners of its squares, that are in view
+(CONVENTIONS.md, "Marker"), or a Failure that tells what is seen instead. Tags carry their numbers, so that a board may
+be partly covered, and has one reading. Tags: OpenCV's aruco module (Garrido-Jurado et al., 2014).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.board.print_layout import border_share, print_points_mm, tag_corners_mm
+from app.vision.board.quality import judge_tags
+from app.vision.board.tag_edges import grow_tags, ink_gain_px, refine_tags
+from app.vision.geometry.pictures import grey_of
+from app.vision.geometry.projective import map_points
+from app.vision.marker_spec import DICTIONARIES, MarkerSpec
+from app.vision.model import Float64Array, ImageArray, Int64Array, MarkerObservation, MaskArray, Photo
+
+MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
+MIN_TAGS = 4
+MIN_POINTS = 8
+MIN_SPREAD = 0.4  # of the whole board's, along the axis where what is seen spreads less
+MAX_STRAY_TAG = 0.2  # of a tag's side, from where the others put it; lenses and curled paper move it by less
+MAX_STRAYS = (1, 0.1)  # tags that are not where the announced board has them: so many, and as a share of those that are
+MAX_INK_GAIN = 0.02  # of a tag's side, at either end: more, and the print has other proportions
+MIN_INK_GAIN_PX = 1.0  # as much as blur and a tone curve take off small tags
+LARGEST_OF_FAMILY = (  # the smaller dictionaries are their first tags
+    *(f"DICT_{bits}X{bits}_1000" for bits in (4, 5, 6, 7)),
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_ARUCO_MIP_36H12",
+    *(name for name in DICTIONARIES if "APRILTAG" in name),
+)
+SEE_MORE = "Uncover the marker: at least four of its tags, well apart, must be in the photograph and not in glare."
+USE_ANNOUNCED = "Use the marker that the study printed, or announce the one that lies on the table."
+
+
+@dataclass(frozen=True, slots=True)
+class Tags:
+    """Tags of one dictionary in a photograph. ids: (n,). corners_px: (n, 4, 2), clockwise from the upper left."""
+
+    ids: Int64Array
+    corners_px: Float64Array
+
+    def __len__(self) -> int:
+        """Number of tags."""
+        return len(self.ids)
+
+    def chosen(self, mask: MaskArray) -> "Tags":
+        """Those where the mask (n,) holds."""
+        return Tags(self.ids[mask], self.corners_px[mask])
+
+
+def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservation | Failure | None:
+    """The announced board's points in view, or why they cannot be had; None where no tag at all is seen.
+
+    Failures: marker_mismatch, marker_covered, image_too_dark, image_blurred. where: such as "in the left photograph".
+    """
+    grey = grey_of(photo.pixels_bgr)
+    tags = _detect_tags(grey, str(spec.dictionary))
+    placed = _placed(tags, spec)
+    on_board = tags.chosen(placed)
+    other = _other_board(tags, len(on_board), spec, where)
+    if other is not None:
+        return other
+    if len(on_board) < MIN_TAGS:
+        return _covered(len(on_board), where) if len(on_board) else _foreign_tags(grey, spec, where)
+    share = border_share(spec)
+    refined = refine_tags(grey, on_board.corners_px, share)
+    corners_mm = tag_corners_mm(spec)[on_board.ids]
+    gain_px = ink_gain_px(refined, corners_mm)
+    side_px = float(np.median(np.linalg.norm(refined[:, 1] - refined[:, 0], axis=-1)))
+    if abs(gain_px) > max(MIN_INK_GAIN_PX, MAX_INK_GAIN * side_px):
+        larger = "smaller" if gain_px > 0 else "larger"
+        return _mismatch(spec, where, f"a board whose tags are {larger} for their distances than the announced ones")
+    grown = Tags(on_board.ids, grow_tags(refined, gain_px))
+    observation = _tag_points(grown, spec) if spec.kind == "aruco" else _square_corners(grey, grown, spec)
+    if not _is_enough(observation):
+        return _covered(len(on_board), where)
+    unfit = judge_tags(grey, grown.corners_px, share, where)
+    return observation if unfit is None else unfit
+
+
+def _detect_tags(grey: ImageArray, *names: str, error_correction: float | None = None) -> Tags:
+    """Tags of one of the named dictionaries, each number once: where two have it, the larger one's."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate = MIN_PERIMETER_SHARE
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if error_correction is not None:
+        parameters.errorCorrectionRate = error_correction
+    found: dict[int, Float64Array] = {}
+    for name in names:
+        detector = cv2.aruco.ArucoDetector(_dictionary(name), parameters)
+        corners, ids, _ = detector.detectMarkers(grey)
+        for number, quad in zip(np.ravel(ids) if ids is not None else (), corners, strict=True):
+            tag = np.asarray(quad, np.float64).reshape(4, 2)
+            if int(number) not in found or np.ptp(tag) > np.ptp(found[int(number)]):
+                found[int(number)] = tag
+    numbers = sorted(found)
+    return Tags(np.array(numbers, np.int64), np.array([found[number] for number in numbers]).reshape(-1, 4, 2))
+
+
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's, whose names of AprilTags have a capital H too."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _placed(tags: Tags, spec: MarkerSpec, *, is_legacy: bool = False) -> MaskArray:
+    """(n,) tags that lie where the announced board has them, seen through one homography."""
+    layout = tag_corners_mm(spec, is_legacy=is_legacy)
+    placed = tags.ids < len(layout)
+    if not placed.any():
+        return placed
+    own = tags.chosen(placed)
+    side_px = np.linalg.norm(own.corners_px - np.roll(own.corners_px, 1, axis=1), axis=-1).mean(axis=1)
+    limit_px = MAX_STRAY_TAG * float(np.median(side_px))
+    corners_mm = layout[own.ids].reshape(-1, 2)
+    matrices = [cv2.findHomography(corners_mm, own.corners_px.reshape(-1, 2), cv2.RANSAC, limit_px)[0]]
+    homography = next((np.asarray(matrix, np.float64) for matrix in matrices if matrix is not None), None)
+    if homography is None:
+        return np.zeros_like(placed)
+    off = np.linalg.norm(map_points(homography, corners_mm).reshape(-1, 4, 2) - own.corners_px, axis=-1).max(axis=1)
+    placed[placed] = off < 2 * limit_px
+    return placed
+
+
+def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Failure | None:
+    """Failure marker_mismatch where tags of the announced dictionary lie otherwise than on the announced board."""
+    strays = len(tags) - on_board
+    fewest, share = MAX_STRAYS
+    if strays <= max(fewest, share * on_board):
+        return None
+    if spec.kind == "charuco" and np.count_nonzero(_placed(tags, spec, is_legacy=True)) > max(on_board, strays):
+        return _mismatch(
+            spec,
+            where,
+            "a ChArUco board of the pattern that OpenCV printed before version 4.6, whose upper left square is light,",
+        )
+    return _mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
+
+
+def _foreign_tags(grey: ImageArray, spec: MarkerSpec, where: str) -> Failure | None:
+    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
+    mirrored = _detect_tags(np.ascontiguousarray(grey[:, ::-1]), str(spec.dictionary))
+    if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
+        return _mismatch(spec, where, "its mirror image")
+    for name in LARGEST_OF_FAMILY:
+        tags = _detect_tags(grey, name, error_correction=0.0)
+        if len(tags) >= MIN_TAGS:
+            return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
+    return None
+
+
+def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
+    ids = (4 * tags.ids[:, None] + np.arange(4)).ravel()
+    return MarkerObservation(spec, tags.corners_px.reshape(-1, 2), ids)
+
+
+def _square_corners(grey: ImageArray, tags: Tags, spec: MarkerSpec) -> MarkerObservation:
+    """The inner corners of a ChArUco board both of whose tags are seen, refined where four squares meet."""
+    size = (spec.columns, spec.rows)
+    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.tag_mm, _dictionary(str(spec.dictionary)))
+    quads = [quad.astype(np.float32).reshape(1, 4, 2) for quad in tags.corners_px]
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(
+        grey, markerCorners=quads, markerIds=tags.ids.astype(np.int32).reshape(-1, 1)
+    )
+    numbers = np.array([] if len(corners) == 0 else np.ravel(ids), np.int64)
+    order = np.argsort(numbers)
+    return MarkerObservation(spec, np.array(corners, np.float64).reshape(-1, 2)[order], numbers[order])
+
+
+def _is_enough(observation: MarkerObservation) -> bool:
+    """Whether what is seen tells scale and pose: so many points, spread over enough of the board."""
+    whole = print_points_mm(observation.spec)
+    seen = observation.seen_of(whole)
+    return len(seen) >= min(MIN_POINTS, len(whole)) and _spread_mm(seen) >= MIN_SPREAD * _spread_mm(whole)
+
+
+def _spread_mm(points: Float64Array) -> float:
+    """Standard deviation of points (n, 2) along the axis where they spread least."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(np.cov(points.T))[0], 0.0)))
+
+
+def _covered(tags: int, where: str) -> Failure:
+    return Failure(
+        "marker_covered",
+        f"Too little of the marker can be seen {where}: {tags} of its tags, or one side alone.",
+        SEE_MORE,
+    )
+
+
+def _mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:
+    return Failure("marker_mismatch", f"The marker {spec} was announced, but {seen} is seen {where}.", USE_ANNOUNCED)
