@@ -21,9 +21,8 @@ from app.meals.models import AFTER_SLOTS, SLOTS, Meal
 from app.people.access import audit
 from app.people.access.caller import Caller
 from app.people.participants import require_in_study
-from app.records.locked_meal import lock_meal_of
 from app.records.project_records import project_meal
-from app.records.read_meal import MealView, read_meal
+from app.records.read_meal import MealView, lock_meal_of, read_meal
 
 log = structlog.get_logger()
 
@@ -37,9 +36,9 @@ def retry_meal(
     `withdrawn`).
     """
     with database.write() as session:
-        locked = lock_meal_of(session, caller, client_id, participant_code)
-        queued = retry_locked_meal(session, queue, locked.meal, caller)
-    log.info("meal_retried", meal_id=str(locked.meal.id), purposes=queued)
+        meal, _, _ = lock_meal_of(session, caller, client_id, participant_code)
+        queued = retry_locked_meal(session, queue, meal, caller)
+    log.info("meal_retried", meal_id=str(meal.id), purposes=queued)
     return read_meal(database, caller, client_id, participant_code), bool(queued)
 
 

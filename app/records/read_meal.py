@@ -1,4 +1,4 @@
-"""One meal as the phone or a researcher sees it: what has arrived, where it stands, what was found."""
+"""Find, lock and read one meal as its phone or a researcher sees it: photographs, status, items and totals."""
 
 import uuid
 from collections.abc import Generator, Iterator, Mapping
@@ -25,8 +25,10 @@ from app.nutrition.nutrients import (
     total_mass,
     total_nutrients,
 )
+from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, known_studies, require_study
+from app.people.participants import require_in_study
 from app.records import queries as records
 from app.storage.blob_store import BlobStore
 
@@ -86,6 +88,29 @@ def find_meal(
     require_study(caller, matches[0][0].study_id, "meal")
     tell(meal_id=str(matches[0][0].id))
     return matches[0]
+
+
+def lock_meal_of(
+    session: Session, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
+) -> tuple[Meal, str, str]:
+    """Find a meal and lock it until the transaction ends; returns what `find_meal` does.
+
+    The participant is locked before the meal, in the same order as a withdrawal locks them.
+    Raises NotFoundError, NotAllowedError, GoneError (`withdrawn`: the phone's participant left meanwhile).
+    """
+    if isinstance(caller, DeviceCaller):
+        require_in_study(session, caller.participant_id)
+    meal, participant, study = find_meal(session, caller, client_id, participant_code)
+    locked = lock_with_person(session, meal)
+    if locked is None or locked.client_id != client_id:  # erased or anonymised while this waited for the lock
+        raise NotFoundError("There is no such meal.")
+    return locked, participant, study
+
+
+def lock_with_person(session: Session, meal: Meal) -> Meal | None:
+    """Lock the meal and keep its participant from leaving; None: erased while this waited for the lock."""
+    privacy.join_participant(session, meal.participant_id)
+    return meals.lock_meal(session, meal.id)
 
 
 def read_meal(

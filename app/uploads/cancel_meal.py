@@ -18,9 +18,8 @@ from app.meals.models import Meal
 from app.meals.queries import WAITING
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller
-from app.records.locked_meal import lock_meal_of
 from app.records.project_records import project_meal
-from app.records.read_meal import MealView, read_meal
+from app.records.read_meal import MealView, lock_meal_of, read_meal
 
 log = structlog.get_logger()
 
@@ -36,9 +35,9 @@ def cancel_meal(
     yet), GoneError.
     """
     with database.write() as session:
-        locked = lock_meal_of(session, caller, client_id, participant_code)
-        called_off = cancel_locked_meal(session, locked.meal, caller)
-    log.info("meal_cancelled", meal_id=str(locked.meal.id), jobs=called_off)
+        meal, _, _ = lock_meal_of(session, caller, client_id, participant_code)
+        called_off = cancel_locked_meal(session, meal, caller)
+    log.info("meal_cancelled", meal_id=str(meal.id), jobs=called_off)
     return read_meal(database, caller, client_id, participant_code)
 
 

@@ -18,7 +18,7 @@ from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.models import Meal
 from app.people import queries as people
-from app.records.locked_meal import lock_with_person
+from app.records.read_meal import lock_with_person
 from app.uploads import job_list_queries as job_lists
 from app.uploads.cancel_meal import cancel_locked_meal
 from app.uploads.job_list_queries import FailedFilter, JobRow

@@ -5,16 +5,18 @@ known, by the rule that days have (diary/queries.py).
 """
 
 import math
-from collections.abc import Iterable, Sequence
+import uuid
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
 
+import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.core.units import content_of_mass
 from app.exports.export_spec import ExportSpec
-from app.exports.tables.component_queries import components_in_use
 from app.exports.tables.record_queries import Lookup
+from app.foods.models import Component, Food, FoodNutrient
 from app.foods.queries import contents_of
 from app.http.tables.columns import Batch, Part, PartOfBatch
 from app.http.tables.component_columns import (
@@ -24,6 +26,7 @@ from app.http.tables.component_columns import (
     component_column,
     headline_columns,
 )
+from app.meals.record_models import EffectiveRecord
 from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINE_NUMBERS
 from app.people.access.caller import Caller, visible_studies
 from app.records.page_queries import studies_of
@@ -76,7 +79,7 @@ def components_for(session: Session, caller: Caller, spec: ExportSpec) -> list[C
     studies = studies_of(session, spec.filters.study_code, visible_studies(caller))
     found = [
         component_column(one.number, one.name, one.unit, one.tagname, one.expression)
-        for one in components_in_use(session, studies)
+        for one in _components_in_use(session, studies)
     ]
     names = [one.column.name for one in found]
     if len(set(names)) < len(names):
@@ -126,3 +129,17 @@ def long_batch(
 
 def _of(known: dict[str, float], numbers: Sequence[tuple[str, ...]]) -> Amounts:
     return [next((known[number] for number in its if number in known), None) for its in numbers]
+
+
+def _components_in_use(session: Session, study_ids: Collection[uuid.UUID] | None) -> Sequence[Component]:
+    """Return the components that foods of these studies' records have, ordered as in components.csv. None: all studies.
+
+    Each food is looked up once in the index of records, however many records there are.
+    """
+    record = EffectiveRecord
+    first = sa.select(record.food_id).where(record.food_id == Food.id).limit(1)
+    if study_ids is not None:
+        first = first.where(record.study_id.in_(study_ids))
+    used = sa.select(Food.id).where(first.correlate(Food).scalar_subquery().is_not(None))
+    component_ids = sa.select(FoodNutrient.component_id).where(FoodNutrient.food_id.in_(used))
+    return session.scalars(sa.select(Component).where(Component.id.in_(component_ids)).order_by(Component.id)).all()

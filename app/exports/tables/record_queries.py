@@ -21,8 +21,7 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn, AnyQuery
 from app.db.stored_ids import stored_id
 from app.foods.models import Food, FoodRelease
-from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Cells, Part, PartOfBatch, Row, instant_text
+from app.http.tables.columns import Batch, Cells, ConvertedOnce, Part, PartOfBatch, Row, instant_text
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
     AMOUNTS,
@@ -123,7 +122,7 @@ def export_batches(
     # a meal's records are neighbours
     meals = Lookup(_meal_finder(session, with_point=POINT in parts), most_known=ROWS_A_BATCH)
     foods = Lookup(lambda ids: _foods(session, ids))
-    flags, states = MadeOnce(_flags), MadeOnce(_state)
+    flags, states = ConvertedOnce(_flags), ConvertedOnce(_state)
     for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
         own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
         item_ids, meal_ids, food_ids = ([row[place] for row in rows] for place in (1, 2, 3))
@@ -213,7 +212,7 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
     """Finds meals by their ids, with what goes with a meal; with_point: where it was too, as far as it is kept."""
     connection, is_on_sqlite = session.connection(), session.get_bind().dialect.name == "sqlite"
     study_codes, people = Lookup(lambda ids: _studies(session, ids)), Lookup(lambda ids: _people(session, ids))
-    query, days = _meals(is_on_sqlite=is_on_sqlite, with_point=with_point), MadeOnce(_day)
+    query, days = _meals(is_on_sqlite=is_on_sqlite, with_point=with_point), ConvertedOnce(_day)
 
     def find(ids: Collection[str]) -> dict[str, _Meal]:
         rows = rows_of_ids(connection, query, ids, is_on_sqlite=is_on_sqlite)

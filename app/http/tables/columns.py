@@ -3,16 +3,21 @@
 Whoever writes a file, and the data dictionary, go by these definitions and nothing else.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Literal, cast
+from typing import Generic, Literal, TypeVar, cast
 
 ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
 PartType = Literal["id", "shared", "numbers"]
 Cell = str | float | bool | None | tuple[str, ...]
 Row = Sequence[Cell]
 Cells = Sequence[Cell | Row]  # of a part: a row's values, or of a single column the value itself
+
+MOST_CONVERTED = 4000  # values kept by ConvertedOnce: a few batches' meals, most foods
+
+Value = TypeVar("Value")
+Converted = TypeVar("Converted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +66,25 @@ class PartOfBatch:
 
 
 Batch = list[PartOfBatch]
+
+
+class ConvertedOnce(dict[Value, Converted], Generic[Value, Converted]):
+    """Converts values and keeps the results, since the same values come again and again."""
+
+    def __init__(self, convert: Callable[[Value], Converted]) -> None:
+        super().__init__()
+        self._convert = convert
+
+    def __missing__(self, value: Value) -> Converted:
+        """Convert a new value."""
+        converted = self[value] = self._convert(value)
+        return converted
+
+    def of(self, values: Iterable[Value]) -> list[Converted]:
+        """Return each value converted."""
+        if len(self) > MOST_CONVERTED:
+            self.clear()
+        return list(map(self.__getitem__, values))
 
 
 def columns_of(parts: Iterable[Part]) -> tuple[Column, ...]:

@@ -8,8 +8,18 @@ from typing import cast
 
 from pydantic_core import to_json
 
-from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Cell, Cells, Column, ColumnType, Part, PartOfBatch, Row, as_row
+from app.http.tables.columns import (
+    Batch,
+    Cell,
+    Cells,
+    Column,
+    ColumnType,
+    ConvertedOnce,
+    Part,
+    PartOfBatch,
+    Row,
+    as_row,
+)
 
 # a spreadsheet would compute such a cell; the last four are full-width, as Chinese and Japanese keyboards type them
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
@@ -18,8 +28,8 @@ LINE_END = "\r\n"
 
 def encode_csv(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The header, then each batch's rows. Lists of words stand in one cell, a blank between; None is an empty cell."""
-    words = MadeOnce[Cell, str](_word)
-    shared = {part: MadeOnce(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
+    words = ConvertedOnce[Cell, str](_word)
+    shared = {part: ConvertedOnce(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
     yield (",".join(column.name for part in parts for column in part.columns) + LINE_END).encode()
     for batch in batches:
         texts = (_texts(part, shared) for part in batch)
@@ -42,7 +52,7 @@ def number_cells(rows: Cells) -> list[str]:
     return text[2:-2].split("],[") if text.startswith("[[") else text[1:-1].split(",")
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Cell | Row, str]]) -> Sequence[str]:
+def _texts(some: PartOfBatch, shared: dict[Part, ConvertedOnce[Cell | Row, str]]) -> Sequence[str]:
     match some.part.type:
         case "id":
             return cast("Sequence[str]", some.rows)
@@ -52,13 +62,13 @@ def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Cell | Row, str]]) -> 
             return shared[some.part].of(some.rows)
 
 
-def _cells(columns: tuple[Column, ...], words: MadeOnce[Cell, str], values: Cell | Row) -> str:
+def _cells(columns: tuple[Column, ...], words: ConvertedOnce[Cell, str], values: Cell | Row) -> str:
     return ",".join(
         [_cell(column.type, words, value) for column, value in zip(columns, as_row(columns, values), strict=True)]
     )
 
 
-def _cell(column_type: ColumnType, words: MadeOnce[Cell, str], value: Cell) -> str:
+def _cell(column_type: ColumnType, words: ConvertedOnce[Cell, str], value: Cell) -> str:
     match column_type:
         case "word" | "words":
             return words[value]

@@ -5,10 +5,9 @@ from functools import partial
 
 from pydantic_core import to_json
 
-from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Cell, Part, PartOfBatch, Row, as_row
+from app.http.tables.columns import Batch, Cell, ConvertedOnce, Part, PartOfBatch, Row, as_row
 
-Members = dict[Part, MadeOnce[Cell | Row, str]]
+Members = dict[Part, ConvertedOnce[Cell | Row, str]]
 
 
 def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
@@ -20,7 +19,7 @@ def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[b
 
 def known_members(parts: Sequence[Part]) -> Members:
     """The texts of shared parts' rows, made once each."""
-    return {part: MadeOnce(partial(_members, part)) for part in parts if part.type == "shared"}
+    return {part: ConvertedOnce(partial(_members, part)) for part in parts if part.type == "shared"}
 
 
 def member_texts(batch: Batch, shared: Members) -> Iterator[str]:

@@ -26,9 +26,8 @@ from app.meals.models import Meal
 from app.meals.record_models import Item
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
-from app.records.locked_meal import lock_meal_of
 from app.records.project_records import project_meal
-from app.records.read_meal import MealView, meal_view
+from app.records.read_meal import MealView, lock_meal_of, meal_view
 from app.records.review import review_item, review_meal
 from app.records.review.review_context import Change, ReviewContext
 from app.records.review.schemas import (
@@ -138,8 +137,7 @@ class MealEvents:
         participant_code: str | None,
     ) -> tuple[MealView, bool]:
         with self._database.write() as session:
-            locked = lock_meal_of(session, caller, client_id, participant_code)
-            meal, participant, study = locked.meal, locked.participant_code, locked.study_code
+            meal, participant, study = lock_meal_of(session, caller, client_id, participant_code)
             stored = session.get(MealEvent, event.id)
             if stored is not None:
                 _require_same(stored, meal, caller, event)
