@@ -20,7 +20,7 @@ from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import ExportSpec
 from app.exports.tables import export_days, export_tables
 from app.exports.tables import record_queries as record_export
-from app.http.tables import cells
+from app.http.tables import columns
 from app.http.tables.columns import columns_of
 from app.http.tables.csv_rows import safe_cell
 from app.http.tables.record_columns import PROVENANCE_PARTS, RECORD_COLUMNS, RECORD_PARTS
@@ -162,7 +162,7 @@ def plain_csv(rows):
 @pytest.mark.parametrize("batch", [3, 2000])
 def test_files_are_byte_for_byte_those_of_a_plain_writer(client, admin, monkeypatch, batch):
     monkeypatch.setattr(record_export, "ROWS_A_BATCH", batch)
-    monkeypatch.setattr(cells, "MOST_KNOWN", 1)  # all is forgotten in between, and made again
+    monkeypatch.setattr(columns, "MOST_CONVERTED", 1)  # all is forgotten in between, and made again
     rows = [json.loads(line) for line in fetch(client, admin, "ndjson").splitlines()]
     assert fetch(client, admin, "csv") == plain_csv(rows)
     assert fetch(client, admin, "ndjson") == b"".join(to_json(row) + b"\n" for row in rows)
