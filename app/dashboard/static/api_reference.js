@@ -1,4 +1,4 @@
-// The API's document, drawn by Swagger UI. Nothing is remembered, and no other host validates the document.
+// The API's document in Swagger UI; nothing is stored, and the document is not sent to a validator.
 globalThis.SwaggerUIBundle({
   url: "/openapi.json",
   dom_id: "#api",

@@ -1,4 +1,4 @@
-// What every page has: the choice of light or dark, and words for what htmx could not do.
+// Scripts of every page: the choice of light or dark, and messages for failed htmx requests.
 
 const root = document.documentElement;
 
@@ -13,7 +13,7 @@ document.addEventListener("click", (event) => {
   document.dispatchEvent(new CustomEvent("tada:theme"));
 });
 
-// a server that does not answer is no answer that htmx could swap in
+// without a response htmx has nothing to swap in
 document.addEventListener("htmx:error", () => {
   const place = document.getElementById("problem");
   if (!place) return;
@@ -25,23 +25,23 @@ document.addEventListener("htmx:error", () => {
 
 document.addEventListener("htmx:before:request", () => document.getElementById("problem")?.replaceChildren());
 
-// <select data-submit> and the like: a filter is applied when it is chosen
+// <select data-submit> and others: a filter is applied when it is chosen
 document.addEventListener("change", (event) => {
   if (event.target.matches("[data-submit]")) event.target.form?.requestSubmit();
 });
 
-// empty fields of a filter say nothing: keep them out of the address
+// keep empty fields of a filter out of the address
 document.addEventListener("submit", (event) => {
   if (!event.target.matches("form[data-filters]")) return;
   const fields = [...event.target.elements].filter((field) => field.name && field.value === "" && !field.disabled);
   for (const field of fields) field.disabled = true;
-  setTimeout(() => fields.forEach((field) => (field.disabled = false))); // what is sent is settled: the page may stay
+  setTimeout(() => fields.forEach((field) => (field.disabled = false))); // after the form's data were collected: the page may stay
 });
 addEventListener("pageshow", () => {
   for (const field of document.querySelectorAll("form[data-filters] :disabled")) field.disabled = false;
 });
 
-// <form data-confirm="...">: asked before it is sent
+// <form data-confirm="...">: asks before it is sent
 document.addEventListener("submit", (event) => {
   const question = event.target.dataset.confirm;
   if (question && !confirm(question)) event.preventDefault();

@@ -1,8 +1,8 @@
-// Charts: each <figure data-chart> has its numbers in a JSON script, is drawn by uPlot (vendor/uplot, loaded before) in
-// the colours of the page's tokens, and read out by mouse or keys. The same numbers stand as a table beneath.
+// Charts: each <figure data-chart> has its numbers in a JSON script. uPlot (vendor/uplot, loaded before) draws it in the
+// colours of the page's tokens; mouse and keys show single values. A table below has the same numbers.
 //
 // {kind: "days", labels: [local days]} or {kind: "bins", edges: [n + 1 amounts], x_unit}; caption; unit: of the values, ""
-// where their label is it; whole: they are counts; stacked; low: of little height;
+// if their label has it; whole: they are counts; stacked; low: of small height;
 // series: [{label, draw: "bars" | "line" | "dashed", colour: a token's name, fill: "solid" | "hatched" | "hollow",
 //           values: [number or null], counts: null or [over how many]}];
 // marks: [{label, at: an amount, colour, dash: [px]}]: lines across the bins
@@ -18,7 +18,7 @@ function token(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-// --- numbers as the page's own filters show them
+// --- numbers as the page's filters show them
 
 export function amount(value, unit = "") {
   if (value === null || value === undefined) return "not known";
@@ -43,7 +43,7 @@ export function shortDay(day) {
   return `${Number(date)} ${MONTHS[Number(month) - 1]}`;
 }
 
-// what is told of the place n of the x axis
+// the text for position n of the x axis
 export function reading(chart, n) {
   const place =
     chart.kind === "days" ? chart.labels[n] : `${amount(chart.edges[n])} to ${amount(chart.edges[n + 1], chart.x_unit)}`;
@@ -54,7 +54,7 @@ export function reading(chart, n) {
   return `${place}: ${told.join(", ")}`;
 }
 
-// the tops of stacked bars: each series upon those before it
+// the tops of stacked bars: each series on top of the earlier ones
 export function stackedTops(series) {
   const tops = [];
   for (const [n, each] of series.entries()) {
@@ -97,7 +97,7 @@ function yAxis(chart, ink, grid) {
   return axis;
 }
 
-// whole bars from zero; room above
+// bars start at zero; with room above them
 function yRange(plot, low, high) {
   return [Math.min(0, low ?? 0) * 1.05, Math.max(high ?? 0, 0) > 0 ? high * 1.08 : low < 0 ? 0 : 1];
 }
@@ -162,7 +162,7 @@ function build(figure, place, told, chart) {
   const ends = chart.kind === "days" ? [-0.6, places - 0.4] : [chart.edges[0], chart.edges[places]];
   const tops = chart.stacked ? stackedTops(chart.series) : chart.series.map((series) => series.values);
   let drawn = chart.series.map((series, n) => [drawnSeries(chart, series, ground), tops[n]]);
-  if (chart.stacked) drawn = drawn.reverse(); // the highest first: what lies before it covers its lower part
+  if (chart.stacked) drawn = drawn.reverse(); // the highest first: later ones cover its lower part
   const plot = new uPlot(
     {
       width: Math.max(place.clientWidth, 200),
@@ -187,7 +187,7 @@ function build(figure, place, told, chart) {
   return plot;
 }
 
-// arrows, Home, End, Page Up and Down lead the cursor from place to place
+// arrows, Home, End, Page Up and Page Down move the cursor
 function lead(event, plot, told) {
   const last = plot.data[0].length - 1;
   const at = plot.cursor.idx ?? null;
@@ -224,7 +224,7 @@ function mount(figure) {
   place.setAttribute("aria-roledescription", "chart");
   place.setAttribute("aria-label", `${chart.caption}. Arrow keys read it out; the table beneath has all numbers.`);
   place.addEventListener("keydown", (event) => lead(event, state.plot, told));
-  place.addEventListener("pointerenter", () => told.setAttribute("aria-live", "off")); // who points sees it
+  place.addEventListener("pointerenter", () => told.setAttribute("aria-live", "off")); // a pointer's user sees it
   place.addEventListener("blur", () => state.plot.setCursor({ left: -10, top: -10 }));
   new ResizeObserver(() => {
     const width = Math.max(place.clientWidth, 200);

@@ -1,9 +1,9 @@
-// Foods as options of a combobox (<div class="combobox" data-foods="...">): searched as one types, chosen by key or mouse.
-// A form is not sent with words of which no food was chosen: what is exactly one food's key or name is that food.
+// Foods as options of a combobox (<div class="combobox" data-foods="...">): searched while typing, chosen by key or mouse.
+// A form is not sent with text for which no food was chosen; text that is exactly one food's key or name chooses it.
 
-let search; // the running one
+let search; // the running request
 
-// Shows what the server finds; whether it answered. A search that a later one broke off did not.
+// Shows the server's matches; returns whether it answered, which an aborted search did not.
 async function offer(box, input, list) {
   search?.abort();
   search = new AbortController();
@@ -50,14 +50,14 @@ function choose(box, option) {
   close(input, box.querySelector("[role=listbox]"));
 }
 
-// What is wrong with the words; "": nothing.
+// Returns what is wrong with the text; "" if nothing.
 function say(input, sentence) {
   input.setCustomValidity(sentence);
   if (sentence) input.setAttribute("aria-invalid", "true");
   else input.removeAttribute("aria-invalid");
 }
 
-// The one food that the words are the key or the name of; undefined: none, or several.
+// Returns the only food whose key or name is the text; undefined for none or several.
 function named(words, list) {
   const wanted = words.toLowerCase();
   const same = [...list.querySelectorAll("[role=option]")].filter((option) =>
@@ -66,20 +66,20 @@ function named(words, list) {
   return same.length === 1 ? same[0] : undefined;
 }
 
-// The boxes of a form that have words and no food yet.
+// Returns the boxes of a form that have text but no food yet.
 function undecided(form) {
   return [...form.querySelectorAll(".combobox[data-foods]")].filter(
     (box) => box.querySelector("[role=combobox]").value.trim() && !box.querySelector("input[name=food]").value,
   );
 }
 
-// Takes the food that the words name, or says that none was chosen; whether one was taken.
+// Chooses the food that the text names, or reports that none was chosen; returns whether one was.
 async function settle(box) {
   const input = box.querySelector("[role=combobox]");
   const list = box.querySelector("[role=listbox]");
   const words = input.value.trim();
   const answered = await offer(box, input, list);
-  if (input.value.trim() !== words) return false; // typed on: the form is sent again by whoever types
+  if (input.value.trim() !== words) return false; // the text has changed: the user sends the form again
   const food = answered ? named(words, list) : undefined;
   if (food) {
     choose(box, food);
@@ -98,7 +98,7 @@ async function settle(box) {
   return false;
 }
 
-const settling = new WeakSet(); // forms that wait for an answer: sent once, however often the key is pressed
+const settling = new WeakSet(); // forms that wait for a response: sent once, however often the key is pressed
 document.addEventListener(
   "submit",
   async (event) => {
@@ -106,7 +106,7 @@ document.addEventListener(
     const boxes = undecided(form);
     if (!boxes.length) return;
     event.preventDefault();
-    event.stopImmediatePropagation(); // neither htmx nor a question "are you sure" has it yet
+    event.stopImmediatePropagation(); // before htmx and the confirmation handle it
     if (settling.has(form)) return;
     settling.add(form);
     clearTimeout(typing);
@@ -121,11 +121,11 @@ document.addEventListener(
   true,
 );
 
-// What was wrong is judged anew at each try: a browser sends no form that has something wrong in it, nor tells a script
+// Validity is reset at each attempt: a browser does not send an invalid form, nor tells a script
 document.addEventListener(
   "click",
   (event) => {
-    const form = event.target.closest("button")?.form; // also pressed by Enter in a field
+    const form = event.target.closest("button")?.form; // also clicked by Enter in a field
     for (const input of form?.querySelectorAll(".combobox[data-foods] [role=combobox]") ?? []) say(input, "");
   },
   true,
@@ -136,7 +136,7 @@ document.addEventListener("input", (event) => {
   const input = event.target;
   const box = input.closest(".combobox");
   if (!box || !input.matches("[role=combobox]")) return;
-  box.querySelector("input[name=food]").value = ""; // what is typed now is not what was chosen
+  box.querySelector("input[name=food]").value = ""; // the text is no longer the chosen food
   say(input, "");
   clearTimeout(typing);
   typing = setTimeout(() => offer(box, input, box.querySelector("[role=listbox]")), 180);

@@ -1,16 +1,16 @@
-// What a map shows, as numbers: longitude and latitude to pixels and back, where it must look to see its points, the
-// length of its scale bar and the lines of its grid. Nothing is drawn here.
+// The geometry of a map: longitude and latitude to pixels and back, the view that contains its points, the length of the
+// scale bar and the lines of the grid. It draws nothing.
 //
-// Equirectangular, true along the latitude in the middle of the points: x = longitude * cos(that latitude).
+// Equirectangular, true to scale along the points' middle latitude: x = longitude * cos(that latitude).
 
-export const KM_PER_DEGREE = 111.195; // of a great circle, for an earth of 6371 km
-const LEAST_SPAN_DEGREES = 0.02; // some two kilometres: points are kept to a few hundred metres
+export const KM_PER_DEGREE = 111.195; // on a great circle of a sphere with radius 6371 km
+const LEAST_SPAN_DEGREES = 0.02; // about two kilometres: points are rounded to a few hundred metres
 const MOST_SPAN_DEGREES = 360;
 const MARGIN = 0.12;
 const STEPS = [1, 2, 5];
 const GRID_DEGREES = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30];
 
-// Longitudes in a row without the widest gap between them: people on both sides of the 180th meridian are neighbours.
+// Orders longitudes so that the widest gap is outside: points on both sides of the 180th meridian are neighbours.
 export function westernmost(longitudes) {
   const sorted = [...new Set(longitudes)].sort((one, other) => one - other);
   let [widest, start] = [sorted[0] + 360 - sorted.at(-1), sorted[0]];
@@ -26,7 +26,7 @@ export function eastOf(start, longitude) {
 }
 
 export class MapView {
-  // points: [{latitude, longitude}], one at least
+  // points: [{latitude, longitude}], at least one
   constructor(points) {
     this.start = westernmost(points.map((point) => point.longitude));
     const longitudes = points.map((point) => eastOf(this.start, point.longitude));
@@ -62,7 +62,7 @@ export class MapView {
     this.isFitted = true;
   }
 
-  // by a factor, so that what is at this pixel stays there
+  // zooms by a factor; the place at this pixel stays there
   zoom(factor, x = this.width / 2, y = this.height / 2) {
     const held = this.placeOf(x, y);
     this.pixelsPerDegree *= factor;
@@ -71,7 +71,7 @@ export class MapView {
     this.pan(nowX - x, nowY - y);
   }
 
-  // by pixels to the right and down
+  // moves by pixels to the right and down
   pan(right, down) {
     this.centre.longitude += right / (this.pixelsPerDegree * this.squeeze);
     this.centre.latitude -= down / this.pixelsPerDegree;
@@ -88,7 +88,7 @@ export class MapView {
     this.centre.longitude = Math.min(Math.max(this.centre.longitude, middle - 180), middle + 180);
   }
 
-  // longitude: as it is counted from the westernmost point, or 360 more or less
+  // longitude: counted from the westernmost point, or 360 more or less
   pixelOf(longitude, latitude) {
     return [
       this.width / 2 + (longitude - this.centre.longitude) * this.squeeze * this.pixelsPerDegree,
@@ -107,8 +107,8 @@ export class MapView {
     };
   }
 
-  // the longest round distance within so many pixels: {km, pixels}; it holds from north to south anywhere, and from
-  // west to east in the middle of the points
+  // the longest round distance within so many pixels: {km, pixels}; exact from north to south everywhere, from west to
+  // east at the points' middle latitude
   scaleBar(mostPixels = 120) {
     const mostKm = (mostPixels / this.pixelsPerDegree) * KM_PER_DEGREE;
     const power = 10 ** Math.floor(Math.log10(mostKm));

@@ -1,18 +1,18 @@
-// A map of places without a picture from anywhere else: points over a plain outline of the land (map-view.js has the
+// A map of places without images from other hosts: points over a plain outline of the land (map-view.js has the
 // numbers). <figure data-map data-land="address of land.json" data-meals="address of the study's meals">, its points in a JSON
-// script: [[latitude, longitude, participant, local day, meal id]]. The table beneath has the same places.
+// script: [[latitude, longitude, participant, local day, meal id]]. The table below has the same places.
 import { MapView, around, degrees, eastOf } from "./map-view.js";
 
 const POINT_PX = 5;
-const REACH_PX = 10; // how near the pointer must be
+const REACH_PX = 10; // distance at which the pointer reaches a point
 const PAN_PX = 60;
-const TURN = [-360, 0, 360, 720]; // a ring may begin on one turn of the globe and reach into the next
+const TURN = [-360, 0, 360, 720]; // a ring may start on one turn of the globe and extend into the next
 
 function token(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-// rings as they are kept: whole steps, each the difference from the one before
+// rings as they are stored: integer steps, each the difference from the previous point
 export function readLand({ unit, rings }) {
   return rings.map((flat) => {
     const ring = new Float32Array(flat.length);
@@ -48,7 +48,7 @@ class PointMap {
 
   async loadLand() {
     const answer = await fetch(this.figure.dataset.land);
-    if (!answer.ok) return; // the points stand without it
+    if (!answer.ok) return; // the points are shown without it
     this.land = readLand(await answer.json());
     this.draw();
   }
@@ -63,7 +63,7 @@ class PointMap {
     this.place.addEventListener(
       "wheel",
       (event) => {
-        if (!this.place.contains(document.activeElement) && !event.ctrlKey) return; // else the page scrolls
+        if (!this.place.contains(document.activeElement) && !event.ctrlKey) return; // otherwise the page scrolls
         event.preventDefault();
         const box = this.canvas.getBoundingClientRect();
         this.view.zoom(1.0015 ** -event.deltaY, event.clientX - box.left, event.clientY - box.top);
@@ -159,7 +159,7 @@ class PointMap {
   drawLand(pen) {
     pen.beginPath();
     for (const ring of this.land) {
-      const start = eastOf(this.view.start - 180, ring[0]) - ring[0]; // a ring keeps together, whichever turn it is on
+      const start = eastOf(this.view.start - 180, ring[0]) - ring[0]; // all points of a ring are on the same turn
       for (const turn of TURN) this.trace(pen, ring, start + turn);
     }
     pen.fillStyle = token("surface");

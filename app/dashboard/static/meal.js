@@ -1,11 +1,11 @@
-// The page of one meal: outlines and cards light up together, foods are searched as one types (combobox.js), outlines
-// are drawn.
+// The page of a meal: outlines and cards are highlighted together, foods are searched while typing (combobox.js),
+// outlines are drawn.
 import "./combobox.js";
 import { startDrawing } from "./outline-editor.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
-// --- outline and card light up together
+// --- outline and card are highlighted together
 
 function light(id) {
   for (const element of document.querySelectorAll(".meal [data-item]")) {
@@ -16,31 +16,31 @@ for (const kind of ["mouseover", "focusin"]) {
   document.addEventListener(kind, (event) => light(event.target.closest?.(".meal [data-item]")?.dataset.item));
 }
 
-// --- what stays open when the section is made anew: details that one reads in
+// --- open details stay open when the section is replaced
 
 document.addEventListener("htmx:before:morph:attr", (event) => {
   if (event.detail?.attrName === "open" && event.target.matches?.("details[data-keep]")) event.preventDefault();
 });
 
-let spokenOf = null; // id of the item that the last form was about; "" of the meal; null: no form was sent
+let sentFor = null; // id of the last form's item; "" for the meal; null: no form was sent
 
 document.addEventListener("submit", (event) => {
-  if (event.target.closest(".meal")) spokenOf = event.target.elements.namedItem("item")?.value ?? "";
+  if (event.target.closest(".meal")) sentFor = event.target.elements.namedItem("item")?.value ?? "";
 });
 
-// a refusal is told at the head of the page: bring it into view; else the focus stays by what was spoken of
+// a refusal is shown at the top of the page: scroll to it; otherwise the focus stays at the form's item
 document.addEventListener("htmx:after:swap", () => {
   afterSwap();
   const refusal = document.querySelector("#problem .refused, #conflict");
   refusal?.scrollIntoView({ block: "nearest" });
-  if (spokenOf === null) return;
+  if (sentFor === null) return;
   const isLost = !document.activeElement?.checkVisibility() || document.activeElement === document.body;
-  const next = refusal ? document.getElementById("conflict") : (document.getElementById(`item-${spokenOf}`) ?? document.getElementById("said"));
+  const next = refusal ? document.getElementById("conflict") : (document.getElementById(`item-${sentFor}`) ?? document.getElementById("said"));
   if (isLost) next?.focus({ preventScroll: !refusal });
-  spokenOf = null;
+  sentFor = null;
 });
 
-// --- an outline is drawn in the left photograph
+// --- drawing an outline in the left photograph
 
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-draw-start]");
@@ -50,9 +50,9 @@ document.addEventListener("click", (event) => {
   startDrawing(svg, field.querySelector("textarea"), button);
 });
 
-// --- what the run's scene knows: outlines in the right photograph, the marker's corners in both
+// --- from the run's scene: outlines in the right photograph, the marker's corners in both
 
-let scene; // of the page's run, fetched once
+let scene; // the run's scene, fetched once
 
 async function drawScene() {
   const told = document.getElementById("scene-of-photographs");
@@ -65,7 +65,7 @@ async function drawScene() {
       scene = { address: wanted.scene, file: await answer.json() };
     }
   } catch {
-    return; // the outlines in the left photograph stand without it
+    return; // the outlines in the left photograph are shown without it
   }
   for (const side of ["left", "right"]) {
     const group = document.querySelector(`svg[data-photograph="${side}"] [data-corners]`);

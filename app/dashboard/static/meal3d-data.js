@@ -1,16 +1,16 @@
-// scene.json (docs/volume.md) as numbers, and as the words and the table that stand beside the picture.
+// scene.json (docs/volume.md) as numbers, and the text and table beside the picture.
 
 export const VERSION = 1;
 export const ITEM_COLOURS = ["#dc2828", "#28aa3c", "#1e78dc", "#e6a01e", "#aa32be"]; // as in overlay.jpg
 
 const TYPES = { int16: Int16Array, uint16: Uint16Array, uint8: Uint8Array };
 
-/** Packed rows -> {values, columns}: whole numbers, or a Float32Array where they have a scale. */
+/** Packed rows -> {values, columns}: integers, or a Float32Array if they have a scale. */
 export function unpack(packed) {
   const text = atob(packed.base64);
   const bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
-  const whole = new TYPES[packed.type](bytes.buffer); // little endian, as every browser's machine is
+  const whole = new TYPES[packed.type](bytes.buffer); // little endian, as on every machine with a browser
   const columns = packed.shape[1];
   if (!packed.scale) return { values: whole, columns };
   const values = new Float32Array(whole.length);
@@ -26,7 +26,7 @@ export function nameOf(item, names) {
   return names[item.index] || `Food ${item.index + 1}`;
 }
 
-/** The text alternative: what the picture shows, as a table. It is there with and without WebGL. */
+/** The text alternative: the picture's contents as a table, shown with and without WebGL. */
 export function tableOf(scene, names) {
   const table = document.createElement("table");
   const caption = table.createCaption();
@@ -74,7 +74,7 @@ export function tableOf(scene, names) {
   return table;
 }
 
-/** One sentence for who cannot see the picture. */
+/** A sentence for people who cannot see the picture. */
 export function sentenceOf(scene, names) {
   const items = scene.items ?? [];
   if (!items.length) return `3D view of the table and the board ${scene.board.marker}; no food was measured.`;
@@ -86,7 +86,7 @@ function volume(ml) {
   return ml >= 100 ? ml.toFixed(0) : ml.toFixed(1);
 }
 
-// the default method's volume is an average over several shapes, of which the likeliest is drawn
+// the default method's volume is an average over several shapes; the most likely one is drawn
 function differs(item) {
   return item.mesh_volume_ml !== undefined && Math.abs(item.mesh_volume_ml / item.volume_ml - 1) > 0.01;
 }

@@ -1,18 +1,18 @@
-// What the 3D view draws, layer by layer: points, closed shapes, slices, the board, cameras, a ruler. Lengths mm, z up.
+// The layers of the 3D view: points, closed shapes, slices, the board, cameras, a ruler. Lengths in mm, z up.
 
 import * as THREE from "./vendor/three/three.module.min.js";
 import { colourOf, nameOf, unpack } from "./meal3d-data.js";
 
 const CREASE = Math.cos((40 * Math.PI) / 180); // sharper edges are drawn as edges
 const CORNERS = 64; // of a slice's ellipse
-const SHEET_MM = 6; // so near to the print a point shows the sheet
-const BEHIND_UNITS = 1200; // by which shapes step back behind the points measured on them: 1 mm where people look
+const SHEET_MM = 6; // a point this near to the print belongs to the sheet
+const BEHIND_UNITS = 1200; // depth offset of shapes behind their measured points: 1 mm at usual distances
 const CAMERA_MM = 40; // length of a drawn camera
 const NAME_PX = 26;
 const SMALL_PX = 18;
 const UNSEEN = new Set(["mirrored", "continued"]); // slices that no photograph shows
 
-/** {root, layers by name, box of the foods and the board, withCameras, dispose()}. palette: {ink, ground}, as CSS says colours. */
+/** {root, layers by name, box of the foods and the board, withCameras, dispose()}. palette: {ink, ground}, as CSS colours. */
 export function buildLayers(scene, names, palette) {
   const root = new THREE.Group();
   const layers = {};
@@ -25,7 +25,7 @@ export function buildLayers(scene, names, palette) {
   add("points", cloud ? [cloud.foods, cloud.table] : []);
   add("grid", [...gridOf(scene, cloud?.box, palette)]);
   add("board", [...boardOf(scene.board)]);
-  layers.sheet = new THREE.Group(); // what the points show of the board; the drawn board takes its place
+  layers.sheet = new THREE.Group(); // the board's points; the drawn board replaces them
   if (cloud) layers.sheet.add(cloud.sheet);
   layers.points.add(layers.sheet);
   const meshes = (scene.items ?? []).filter((item) => item.shape).map((item) => shapeOf(scene, item, cloud));
@@ -55,7 +55,7 @@ export function setWireframe(layers, isWire) {
   });
 }
 
-/** Words are as large as they are on the page, however far away they stand. height: of the view, px. */
+/** Text has the page's size at any distance. height: of the view, px. */
 export function sizeLabels(root, fieldOfView, height) {
   const onePixel = (2 * Math.tan((fieldOfView / 2) * (Math.PI / 180))) / Math.max(height, 1);
   root.traverse((each) => {
@@ -94,11 +94,11 @@ function cloudOf(scene) {
   return { box, ...Object.fromEntries(Object.entries(groups).map(([name, group]) => [name, pointsOf(group, size[name])])) };
 }
 
-/** Where the table's points lie, and how large they have to be to cover it. */
+/** The extent of the table's points, and the size at which they cover it. */
 function spreadOf(at) {
   const box = new THREE.Box2();
   const point = new THREE.Vector2();
-  const cells = new Set(); // of a centimetre, that have a point
+  const cells = new Set(); // cells of a centimetre with a point
   for (let i = 0; i < at.length; i += 3) {
     box.expandByPoint(point.set(at[i], at[i + 1]));
     cells.add(Math.floor(at[i] / 10) * 4096 + Math.floor(at[i + 1] / 10));
@@ -125,7 +125,7 @@ function discOf() {
   return new THREE.CanvasTexture(canvas);
 }
 
-/** The colour that the food's points have on the mean, paler: what no photograph shows of it is not made up. */
+/** The mean colour of the food's points, paler: parts that no photograph shows get no invented colour. */
 function paintOf(item, cloud) {
   const paint = cloud?.foods.geometry.getAttribute("color").array ?? [];
   const mean = new THREE.Color(0, 0, 0);
@@ -151,7 +151,7 @@ function shapeOf(scene, item, cloud) {
   return mesh;
 }
 
-/** Triangles with a normal for each corner: the mean of the faces about it that are nearly level with its own. */
+/** Triangles with a normal per corner: the mean over the adjacent faces of similar direction. */
 function creased(vertices, faces) {
   const count = faces.length / 3;
   const normals = new Float32Array(faces.length);
@@ -159,7 +159,7 @@ function creased(vertices, faces) {
   const [a, b, c] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
   for (let face = 0; face < count; face += 1) {
     [a, b, c].forEach((corner, k) => corner.fromArray(vertices, 3 * faces[3 * face + k]));
-    b.sub(a).cross(c.sub(a)).toArray(normals, 3 * face); // twice the area long
+    b.sub(a).cross(c.sub(a)).toArray(normals, 3 * face); // its length is twice the area
     for (let k = 0; k < 3; k += 1) around[faces[3 * face + k]].push(face);
   }
   const at = new Float32Array(3 * faces.length);
@@ -234,7 +234,7 @@ function quadsOf(quads, z) {
   return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide }));
 }
 
-/** The table as a plane with lines every 10 mm, stronger every 50 mm; a shade where a food stands. */
+/** The table as a plane with lines every 10 mm, stronger every 50 mm; a shade below each food. */
 function* gridOf(scene, box, palette) {
   const low = box && !box.isEmpty() ? box.min : new THREE.Vector2(-150, -150);
   const high = box && !box.isEmpty() ? box.max : new THREE.Vector2(150, 150);
@@ -289,7 +289,7 @@ function cameraOf(name, photo, palette) {
   return [segments(at, { color: palette.ink }), label];
 }
 
-/** A ruler of 100 mm along the board's lower edge, and how high 50 mm are at its end. */
+/** A ruler of 100 mm along the board's lower edge, with a height of 50 mm at its end. */
 function* rulerOf(board, palette) {
   const left = (-board.columns * board.square_mm) / 2 - board.margin_mm;
   const y = (-board.rows * board.square_mm) / 2 - board.margin_mm - 12;
@@ -315,7 +315,7 @@ function badgeOf(mesh, names, palette) {
   return label;
 }
 
-/** Words that always face who looks, so many px high, standing on their place. */
+/** Text that always faces the viewer, of a fixed height in px, above its place. */
 function labelOf(words, height, palette, edge) {
   const [pixels, pad] = [48, 14];
   const canvas = document.createElement("canvas");

@@ -1,4 +1,4 @@
-// The WebGL view: a camera that is turned by pointer, keys and buttons, and drawn only when something changed.
+// The WebGL view: pointer, keys and buttons turn the camera; it is drawn only when something changed.
 
 import * as THREE from "./vendor/three/three.module.min.js";
 import { OrbitControls } from "./vendor/three/OrbitControls.min.js";
@@ -7,13 +7,13 @@ import { buildLayers, setWireframe, sizeLabels } from "./meal3d-layers.js";
 const FIELD_OF_VIEW = 32; // degrees
 const NEAR_MM = 10;
 const FAR_MM = 6000;
-const MARGIN = 1.06; // around what is shown
-const TURN = Math.PI / 18; // at a key
-const ZOOM = 1.15; // at a key
+const MARGIN = 1.06; // around the contents
+const TURN = Math.PI / 18; // per key press
+const ZOOM = 1.15; // per key press
 const PAN_PX = 30;
-const MOVE_MS = 280; // from one view to another, where motion is wanted
+const MOVE_MS = 280; // from one view to another, unless motion is reduced
 
-/** canvas, scene.json, names of the foods by index, palette() -> {ink, ground}. Throws where WebGL is refused. */
+/** canvas, scene.json, names of the foods by index, palette() -> {ink, ground}. Throws if WebGL is not available. */
 export function openView(canvas, scene, names, palette) {
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -29,7 +29,7 @@ export function openView(canvas, scene, names, palette) {
   lamp.position.copy(lamp.target.position).add(new THREE.Vector3(-250, -150, 500));
 
   const controls = new OrbitControls(camera, canvas);
-  canvas.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
+  canvas.style.touchAction = "pan-y"; // a vertical swipe scrolls the page
   controls.minDistance = 30;
   controls.maxDistance = 2500;
   let frame = 0;
@@ -56,7 +56,7 @@ export function openView(canvas, scene, names, palette) {
   };
 
   const framed = () => (shown.cameras ? built.withCameras : built.box);
-  // so far from the middle, in this direction, that all of the box is in the picture
+  // at the distance from the centre, in this direction, at which the whole box is visible
   const away = (direction) => {
     const { min, max } = framed();
     const middle = framed().getCenter(new THREE.Vector3());
@@ -123,7 +123,7 @@ export function openView(canvas, scene, names, palette) {
     keys[event.key](event.shiftKey);
     controls.update();
   });
-  // who scrolls the page does not zoom by the way: only when the view was chosen before
+  // zoom only if the view has the focus, so that scrolling the page does not zoom
   canvas.addEventListener("wheel", (event) => {
     controls.enableZoom = event.ctrlKey || document.activeElement === canvas;
   }, { capture: true, passive: true });
@@ -152,13 +152,13 @@ export function openView(canvas, scene, names, palette) {
     setShown: (name, isShown) => {
       shown[name] = isShown;
       apply();
-      if (name === "cameras") setView(isShown ? "side" : "phone"); // they stand far from what was framed before
+      if (name === "cameras") setView(isShown ? "side" : "phone"); // they are far outside of the former frame
     },
     setWire: (is) => {
       isWire = is;
       apply();
     },
-    /** Words are drawn in the pages' colours: again, when these change. */
+    /** Text is drawn in the page's colours: drawn again when they change. */
     repaint: () => {
       stage.remove(built.root);
       built.dispose();

@@ -1,7 +1,7 @@
 // The meal in 3D: <div data-scene="…/scene.json" data-fallback="…/points.jpg" data-names='["Apple"]'></div>.
 //
-// A page that loads this module has all such elements mounted, also those that htmx swaps in later; what is taken out
-// is closed. three.js is fetched where there is a scene and WebGL to draw it.
+// The module mounts all such elements, also those that htmx inserts later, and closes those that are removed. three.js is
+// only loaded if there is a scene and WebGL.
 
 import { VERSION, sentenceOf, tableOf } from "./meal3d-data.js";
 
@@ -22,7 +22,7 @@ const KEYS =
 const mounted = new Map(); // element -> handle
 let serial = 0;
 
-/** Draw a scene into an element, whose content it takes the place of. Answers {ready, unmount()}; ready never fails.
+/** Draw a scene into an element, replacing its content. Returns {ready, unmount()}; ready never rejects.
  *
  * options: fallbackUrl of a picture for browsers without WebGL; names of the foods, by their index in the run.
  */
@@ -74,7 +74,7 @@ export function mountScene(element, sceneUrl, options = {}) {
   return handle;
 }
 
-/** Mount what is there, and close what went: after htmx swapped, too. */
+/** Mount new elements and close removed ones, also after htmx swaps. */
 export function mountAll() {
   for (const [element, handle] of mounted) {
     const isThere = element.isConnected && element.contains(handle.root) && (element.dataset.scene ?? handle.url) === handle.url;
@@ -149,7 +149,7 @@ function connect({ canvas, lost, layers, views }, view, signal) {
     if (target.closest("button")) view.setView(target.closest("button").value);
   });
   canvas.addEventListener("webglcontextlost", (event) => {
-    event.preventDefault(); // so that it may come back
+    event.preventDefault(); // so that the context can be restored
     if (!signal.aborted) lost.textContent = "The graphics card let go of the 3D view. Reload the page if it does not come back.";
   });
   canvas.addEventListener("webglcontextrestored", () => {
@@ -163,7 +163,7 @@ function connect({ canvas, lost, layers, views }, view, signal) {
   signal.addEventListener("abort", () => theme.disconnect());
 }
 
-/** The pages' colours (app.css), as they are now. */
+/** The page's current colours (app.css). */
 function palette() {
   const style = getComputedStyle(document.documentElement);
   const isDark = style.colorScheme.includes("dark") && !style.colorScheme.includes("light");
@@ -182,7 +182,7 @@ function fallbackOf(url) {
 
 function hasWebGl() {
   const context = document.createElement("canvas").getContext("webgl2");
-  context?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers keep some sixteen at once
+  context?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow about sixteen at once
   return Boolean(context);
 }
 

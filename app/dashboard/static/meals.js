@@ -1,13 +1,13 @@
-// The list of meals: foods are searched as one types; what is under way is asked for only while somebody looks.
+// The list of meals: foods are searched while typing; unfinished meals are polled only while the page is visible.
 import "./combobox.js";
 
-const BRISK = 8; // questions in a row that nothing has changed at: half a minute of them
-const LONGEST = 6; // most ticks that are passed over: 28 seconds from one question to the next
-let quiet = 0; // questions since something has changed, or since somebody looked again
-let passed = 0; // ticks since the last one
+const BRISK = 8; // polls in a row without a change before they become rarer: half a minute
+const LONGEST = 6; // maximum number of skipped ticks: 28 seconds between polls
+let quiet = 0; // polls since the last change, or since the page became visible
+let passed = 0; // ticks since the last poll
 
-// htmx ticks every four seconds: photographs that do not come for hours need not be asked for at each tick, and in a
-// tab that nobody sees nothing need be
+// htmx ticks every four seconds: photographs that are missing for hours need no poll at each tick, and a hidden tab
+// needs none
 document.addEventListener(
   "every",
   (event) => {

@@ -1,11 +1,11 @@
-// Draw an outline over a photograph: corners by click, moved by drag or arrow keys; a textarea always has the same.
-// Mouse: click sets a corner, drag moves one. Keys: Tab goes from corner to corner, arrows move it (Shift: by ten),
-// Insert or + sets one behind it, Delete takes it out, Enter ends, Escape gives up.
+// Draws an outline over a photograph: corners are set by click and moved by drag or arrow keys; a textarea shows them.
+// Mouse: click sets a corner, drag moves one. Keys: Tab selects the next corner, arrows move it (Shift: by ten),
+// Insert or + adds one after it, Delete removes it, Enter finishes, Escape cancels.
 
 const SVG = "http://www.w3.org/2000/svg";
-const FIRST_SHARE = 0.2; // a first square around the middle, for who draws by keyboard
+const FIRST_SHARE = 0.2; // size of the first square, for drawing by keyboard
 
-let stop = null; // ends the drawing that is under way
+let stop = null; // ends the current drawing
 
 export function startDrawing(svg, textarea, button) {
   stop?.();
@@ -143,7 +143,7 @@ export function startDrawing(svg, textarea, button) {
     end(true);
   }
 
-  const noLink = (event) => event.preventDefault(); // the outlines beneath are links
+  const noLink = (event) => event.preventDefault(); // the outlines below are links
 
   stop = () => end(true);
   if (points.length === 0) {
@@ -167,7 +167,7 @@ export function startDrawing(svg, textarea, button) {
   tell("Click in the left photograph to set corners, drag to move them. Keys: Tab and arrows, + a new corner, Delete, Enter ends, Escape gives up.");
 }
 
-// Where a new corner goes: behind the corner that begins the nearest side; at the end while there are fewer than three.
+// Returns the index of a new corner: after the start of the nearest side; at the end if there are fewer than three.
 function nearestSide(points, [x, y]) {
   if (points.length < 3) return points.length;
   let best = points.length;

@@ -1,5 +1,5 @@
-// The review queue's page: what a reviewer says of the card that is shown, by keys (review_keys.js) and by buttons. What
-// is shown is in review_cards.js, the logic in review_queue.js, what goes over the wire in review_wire.js.
+// The review queue's page: the reviewer's actions on the shown card, by keys (review_keys.js) and buttons. The cards are
+// in review_cards.js, the logic in review_queue.js, requests in review_wire.js.
 
 import { Cards } from "./review_cards.js";
 import { drawOutline } from "./review_draw.js";
@@ -37,7 +37,7 @@ function start() {
     return value ? `${word.kind.replace("_", " ")} ${value}` : word.kind.replace("_", " ");
   }
 
-  // ---- what is said
+  // ---- decisions
 
   function decide(word, done) {
     const card = cards.shown;
@@ -45,8 +45,8 @@ function start() {
     const stays = ["set_food", "set_mass", "set_volume"].includes(word.kind) && !(isWhole.food && isWhole.mass);
     if (word.kind === "set_food") card.dataset.food = word.food;
     if (word.kind === "set_mass") card.dataset.mass = word.mass_g;
-    card.dataset.stale = "yes"; // if it is looked at again, it is read anew
-    card.dataset.decided = "yes"; // until a card that was read anew takes its place
+    card.dataset.stale = "yes"; // it is read again when it is shown again
+    card.dataset.decided = "yes"; // until a newly read card replaces it
     queue.decide(cards.shownId, word, { stays });
     if (stays) {
       say(`${done} ${isWhole.food ? "How much is it?" : "What is it?"}`);
@@ -63,9 +63,9 @@ function start() {
 
   function chooseFood(key, name) {
     const card = cards.shown;
-    cards.choose(choices().find((one) => one.value === key) ?? null); // it may stay, for its amount
+    cards.choose(choices().find((one) => one.value === key) ?? null); // the card may stay, for its amount
     card.dataset.named = name;
-    const isAsShown = !card.dataset.decided; // else what is confirmed might be another food by now
+    const isAsShown = !card.dataset.decided; // otherwise the food might have changed meanwhile
     if (isAsShown && key === card.dataset.food && hasAmount(card, {})) decide({ kind: "confirm" }, `Confirmed: ${name}.`);
     else decide({ kind: "set_food", food: key }, `It is ${name}.`);
   }
@@ -98,7 +98,7 @@ function start() {
     say(`${next.dataset.name}: Enter takes it.`);
   }
 
-  // From an editor: what was typed.
+  // The value of an editor.
   function taken(kind, value) {
     if (kind === "food") chooseFood(value.key, value.name);
     else if (kind === "mass") decide({ kind: "set_mass", ...value }, `Mass set: ${value.mass_g} g.`);
@@ -121,7 +121,7 @@ function start() {
     }
   }
 
-  // ---- what is drawn
+  // ---- drawing
 
   function startDrawing() {
     const card = cards.shown;
@@ -150,7 +150,7 @@ function start() {
     });
   }
 
-  // The pen and the field.
+  // Drawing and editors.
   function putDown() {
     drawing?.cancel();
     edit.close();

@@ -1,14 +1,14 @@
-// The cards of the review page: which one is shown, its pictures and what is marked on it; those behind it are fetched
-// before they are needed, and one whose meal has changed is read anew.
+// The cards of the review page: which one is shown, its pictures and its marked choice. Later cards are fetched in
+// advance, and a card whose meal has changed is read again.
 
 import { fetchPart } from "./review_wire.js";
 
-const AHEAD = 5; // cards that are there before they are needed
-const PICTURES = 2; // of these, those whose pictures are fetched
+const AHEAD = 5; // cards that are fetched in advance
+const PICTURES = 2; // of these, cards whose pictures are fetched
 const WITHOUT_CARD = ["undo", "previous", "help"]; // actions that need no item
 
-// notices: what did not go as it was meant. say(text): for the live region. work: what a reviewer is about on a card,
-// {leave(): it is given up, isDrawing(), moveTo(card): the field goes along to it, true if there is one}.
+// notices: failed actions. say(text): for the live region. work: the reviewer's unfinished work on a card,
+// {leave(): gives it up, isDrawing(), moveTo(card): moves the open field to it, true if there is one}.
 export class Cards {
   shownId = null;
   shownAt = 0;
@@ -17,7 +17,7 @@ export class Cards {
   #say;
   #work;
   #queue = null;
-  #number = 0; // of the card since the page was opened
+  #number = 0; // number of the card since the page was opened
   #more;
   #isFetching = false;
   #left;
@@ -31,7 +31,7 @@ export class Cards {
     this.#left = { count: Number(root.dataset.waiting), isMore: "isMore" in root.dataset, settled: 0 };
   }
 
-  // queue: a ReviewQueue, which may ask for its cards from now on.
+  // queue: a ReviewQueue, which may request cards from now on.
   begin(queue) {
     this.#queue = queue;
     this.#enter([...this.#find("[data-place]").querySelectorAll("[data-item]")]);
@@ -54,7 +54,7 @@ export class Cards {
     return this.shown !== null || WITHOUT_CARD.includes(action);
   }
 
-  // The queue has moved: show its item, count, and fetch what comes behind.
+  // The queue has moved: show its item and position, and fetch the next cards.
   update() {
     const queue = this.#queue;
     if (queue.currentId !== this.shownId) this.#show(queue.currentId);
@@ -69,7 +69,7 @@ export class Cards {
     this.#fetchMore();
   }
 
-  // The reviewer marks this choice of the card that is shown, for Enter; null: none of them.
+  // Mark this choice of the shown card for Enter; null: none.
   choose(button) {
     if (button) this.shown.dataset.chosen = button.value;
     this.#mark(this.shown, button);
@@ -79,7 +79,7 @@ export class Cards {
     this.shown?.focus({ preventScroll: true });
   }
 
-  // A decision was not saved: what it was, and the card as its item stands.
+  // A decision was not saved: show it, and the item's current card.
   async bringBack(entry, problem, what) {
     const { title, who } = this.of(entry.id).dataset;
     const isNext = this.#queue.currentId !== entry.id;
@@ -88,7 +88,7 @@ export class Cards {
     await this.readAnew(entry);
   }
 
-  // The card as its item stands, behind all that is being said of its meal.
+  // Read the item's current card after all events of its meal were sent.
   async readAnew(entry) {
     const { again, item, seen, title, who } = this.of(entry.id).dataset;
     delete this.of(entry.id).dataset.stale;
@@ -174,7 +174,7 @@ export class Cards {
     for (const image of card.querySelectorAll("image[data-href]:not([href])")) image.setAttribute("href", image.dataset.href);
   }
 
-  // What one key takes, by the server's word: nothing where that would be a guess.
+  // The choice that the server has marked, if any.
   #markFirst(card) {
     delete card.dataset.chosen;
     delete card.dataset.named;
@@ -205,7 +205,7 @@ export class Cards {
         settled: this.#queue.count("decided", "gone"),
       };
       this.#isFetching = false;
-      if (this.shownId === null || this.#queue.currentId === null) this.shownId = undefined; // whatever there is now is shown
+      if (this.shownId === null || this.#queue.currentId === null) this.shownId = undefined; // show the first available item
       this.update();
     } catch (problem) {
       this.#notices.add("The next items could not be fetched.", problem, () => {
@@ -218,7 +218,7 @@ export class Cards {
   #replace(entry, card) {
     const old = this.of(entry.id);
     const isShown = entry.id === this.shownId;
-    if (isShown && this.#work.isDrawing()) return; // one draws on it: its version is known, that is enough
+    if (isShown && this.#work.isDrawing()) return; // the reviewer is drawing on it: only its version is updated
     card.hidden = old.hidden;
     old.before(card);
     const isTyping = isShown && this.#work.moveTo(card);
@@ -229,7 +229,7 @@ export class Cards {
     this.#markFirst(card);
     const chosen = entry.problem ? undefined : [...card.querySelectorAll(".choice")].find((one) => one.value === old.dataset.chosen);
     if (chosen) this.choose(chosen);
-    if (entry.problem) this.shownAt = performance.now(); // it may look otherwise
+    if (entry.problem) this.shownAt = performance.now(); // it may have changed
     this.#loadPictures(card);
     if (!isTyping && hadFocus) this.focus();
   }

@@ -1,11 +1,11 @@
-// An outline drawn over a photograph, by keys or by mouse: arrows move a corner, Tab goes to the next.
+// Drawing an outline over a photograph by keys or mouse: arrows move a corner, Tab selects the next.
 
 const SVG = "http://www.w3.org/2000/svg";
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-const MOST_CORNERS = 24; // to begin with: what a hand can move
-const REACH = 0.035; // of the picture's side: how near a pointer is at a corner
+const MOST_CORNERS = 24; // at the start, so that they can be moved by hand
+const REACH = 0.035; // of the picture's side: distance at which the pointer reaches a corner
 
-// Corners of a ring, no more than `most`, those kept that bend most (Visvalingam: the least triangle goes first).
+// Simplifies a ring to at most `most` corners (Visvalingam: the corner of the smallest triangle is removed first).
 export function fewerCorners(ring, most = MOST_CORNERS) {
   const corners = ring.map(([x, y]) => [x, y]);
   const area = (i) => {
@@ -29,8 +29,8 @@ function octagon([x, y, width, height]) {
   return corners;
 }
 
-// Draw on `svg`, whose view is `near` [x, y, w, h] of a picture of `size` [w, h]. say(text): for the live region.
-// done(corners) gets pixels to one decimal; done(null): given up. Returns {finish, cancel}.
+// Draws on `svg`, whose view is `near` [x, y, w, h] of a picture of `size` [w, h]. say(text): for the live region.
+// done(corners) gets pixels to one decimal; done(null): cancelled. Returns {finish, cancel}.
 export function drawOutline(svg, { ring, near, size, say, done }) {
   let view = around(near, size);
   let corners = ring.length >= 3 ? fewerCorners(ring) : octagon(near);
@@ -55,7 +55,7 @@ export function drawOutline(svg, { ring, near, size, say, done }) {
     return [Math.min(Math.max(x, 0), size[0]), Math.min(Math.max(y, 0), size[1])];
   }
 
-  // a corner that is moved out of sight takes the view along
+  // the view follows a corner that is moved out of it
   function keepInSight([x, y]) {
     const [left, top] = [Math.min(view[0], x), Math.min(view[1], y)];
     view = [left, top, Math.max(view[0] + view[2], x) - left, Math.max(view[1] + view[3], y) - top];
@@ -122,7 +122,7 @@ export function drawOutline(svg, { ring, near, size, say, done }) {
       end(null);
       return;
     } else {
-      event.stopPropagation(); // letters are no decisions while one draws
+      event.stopPropagation(); // letter keys make no decisions while drawing
       return;
     }
     event.preventDefault();
@@ -176,7 +176,7 @@ export function drawOutline(svg, { ring, near, size, say, done }) {
   return { finish: () => end(corners.map(([x, y]) => [Math.round(10 * x) / 10, Math.round(10 * y) / 10])), cancel: () => end(null) };
 }
 
-// A view with half as much again on each side, as far as the picture goes.
+// Enlarges a view by half its size on each side, within the picture.
 function around([x, y, width, height], size) {
   const [left, top] = [Math.max(0, x - width / 2), Math.max(0, y - height / 2)];
   return [left, top, Math.min(size[0], x + 1.5 * width) - left, Math.min(size[1], y + 1.5 * height) - top];

@@ -1,10 +1,10 @@
-// The fields of the review page: one at a time, in the card that is shown; Esc leaves, Enter saves.
+// The editors of the review page: one at a time, in the shown card; Esc leaves, Enter saves.
 
 import { foodSearch } from "./review_food.js";
 
-const MOST = 20_000; // grams or millilitres, as the API has it
+const MOST = 20_000; // grams or millilitres, as in the API
 
-// A number as people type it, "120,5" too; null: none that is meant.
+// Reads a number, also with a comma ("120,5"); null if it is none.
 export function typedNumber(text) {
   const plain = text.trim().replace(/\s/g, "").replace(",", ".");
   if (!/^\d*\.?\d+$|^\d+\.$/.test(plain)) return null;
@@ -25,12 +25,12 @@ export function editors(root, { foods, say }) {
     for (const form of Object.values(forms)) {
       if (form.hidden) continue;
       form.hidden = true;
-      root.append(form); // out of the card, which may be replaced
+      root.append(form); // outside of the card, which may be replaced
     }
     search.close();
   }
 
-  // The card was drawn anew while one typed: the field goes along.
+  // The card was replaced while typing: move the field to the new one.
   function moveTo(card) {
     const form = Object.values(forms).find((one) => !one.hidden);
     if (!form) return false;
@@ -40,7 +40,7 @@ export function editors(root, { foods, say }) {
     return true;
   }
 
-  // onTaken(editor, value): what was said in it.
+  // onTaken(editor, value): called with the entered value.
   function open(name, card, onTaken) {
     close();
     taken = onTaken;
@@ -74,7 +74,7 @@ export function editors(root, { foods, say }) {
       close();
       taken(name, name === "mass" ? { mass_g: String(value), of } : { volume_ml: String(value) });
     });
-    // a form with one field is sent by Enter; with two it wants a button, which there is no room for
+    // Enter sends a form with one field; with two it would need a button, for which there is no room
     forms[name].addEventListener("keydown", (event) => {
       if (event.key !== "Enter" || event.repeat) return;
       event.preventDefault();

@@ -1,11 +1,11 @@
-// A food by its words: options come as one types, arrows choose, Enter takes.
+// A food search: options appear while typing, arrows choose, Enter takes one.
 
 const TYPING_MS = 120;
 
-// input: a combobox; list: its list box. address: of the options (item_actions.py). taken(key, name).
+// input: a combobox; list: its list box. address: of the options (item_actions.py). taken(key, name): callback.
 export function foodSearch(input, list, address, taken) {
   let timer = null;
-  let asked = null; // the request that counts: an older one is broken off
+  let asked = null; // the current request; older ones are aborted
 
   function options() {
     return [...list.querySelectorAll('[role="option"]')];
@@ -61,7 +61,7 @@ export function foodSearch(input, list, address, taken) {
   input.addEventListener("input", () => {
     clearTimeout(timer);
     asked?.abort();
-    choose(null); // what is listed is of other words: Enter does not take it
+    choose(null); // the list is of an earlier text: Enter takes nothing
     timer = setTimeout(ask, TYPING_MS);
   });
   input.addEventListener("keydown", (event) => {

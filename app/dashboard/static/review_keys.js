@@ -1,13 +1,13 @@
-// The review page's keys: which does what, and when a key does nothing, for it was meant for something else.
+// The review page's keys: their actions, and when a key is ignored because it was meant for something else.
 
 const KEYS = {
   Enter: "confirm", ArrowDown: "candidate", ArrowUp: "candidateBefore",
   y: "confirm", n: "candidate", f: "food", "/": "food", m: "mass", v: "volume", d: "draw", x: "reject", s: "skip",
   c: "comment", u: "undo", o: "open", k: "previous", j: "next", "?": "help",
 };
-const REPEATED = new Set(["candidate", "candidateBefore", "previous", "next"]); // a key that is held down may go on with these
-const NO_LETTERS = new Set(["Enter", "ArrowDown", "ArrowUp"]); // keys that stay where letters are switched off
-const SETTLE_MS = 150; // a key that comes sooner after a card was shown was meant for the one before
+const REPEATED = new Set(["candidate", "candidateBefore", "previous", "next"]); // actions that a held key repeats
+const NO_LETTERS = new Set(["Enter", "ArrowDown", "ArrowUp"]); // keys that work while letters are switched off
+const SETTLE_MS = 150; // an earlier key press was meant for the previous card
 
 // cards: Cards. act(action); choose(button): a choice by its number; leave(): Escape.
 export function followKeys(root, { cards, act, choose, leave }) {
@@ -16,10 +16,10 @@ export function followKeys(root, { cards, act, choose, leave }) {
   function isForOthers(event) {
     const { target, key } = event;
     if (target.closest("input, select, textarea, [contenteditable]")) return true;
-    if (key === "Enter") return target.closest("a, button, summary, [role=option]") !== null; // it is pressed, not the card
+    if (key === "Enter") return target.closest("a, button, summary, [role=option]") !== null; // Enter activates it, not the card's action
     if (!key.startsWith("Arrow")) return !isOn.checked;
     const isAtCard = target === document.body || target.closest("[data-item]") !== null;
-    return !isAtCard || !cards.shown?.querySelector(".choice"); // the page is scrolled
+    return !isAtCard || !cards.shown?.querySelector(".choice"); // the key scrolls the page
   }
 
   document.addEventListener("keydown", (event) => {
@@ -43,7 +43,7 @@ export function followKeys(root, { cards, act, choose, leave }) {
     else act(action);
   });
 
-  // single letters can be switched off (WCAG 2.1.4); Enter stays, as on any button, and arrows as in any list
+  // single letters can be switched off (WCAG 2.1.4); Enter still works as on any button, arrows as in any list
   function applyShortcuts() {
     localStorage.setItem("tada-review-letters", isOn.checked ? "on" : "off");
     for (const button of root.querySelectorAll("[data-shortcuts]")) {

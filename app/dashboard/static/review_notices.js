@@ -1,4 +1,4 @@
-// What did not go as it was meant: stays until it is read away. An alert, so that a screen reader tells it at once.
+// Notices of failed actions, which stay until they are dismissed. Alerts, so that screen readers announce them at once.
 
 export class Notices {
   constructor(place, signIn) {
@@ -6,7 +6,7 @@ export class Notices {
     this.signIn = signIn;
   }
 
-  // sentence: what happened. problem: the server's word on it. again(): offered as a button.
+  // sentence: what happened. problem: the server's problem document. again(): offered as a button.
   add(sentence, problem = null, again = null) {
     const box = document.createElement("div");
     box.className = problem ? "refused" : "notice";

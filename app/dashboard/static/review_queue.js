@@ -1,13 +1,13 @@
-// The review queue's logic, without a page: which item is shown, what was decided, and that no decision is lost.
+// The review queue's logic, without a page: the shown item, decisions, and that no decision is lost.
 //
-// A decision moves on at once and is sent behind the reviewer's back; words about one meal go one after the other, each
-// with the meal's version that its item was shown with. What is refused brings its item back. tests/e2e/test_review_logic.py
+// A decision moves on at once and is sent in the background; events of a meal are sent one after the other, each with the
+// meal's version with which its item was shown. A refused decision brings its item back. tests/e2e/test_review_logic.py
 
-export const RETRY_MS = [400, 1500, 4000]; // after a server that did not answer, or asked to be asked again
+export const RETRY_MS = [400, 1500, 4000]; // after no response, or a retryable one
 
 const OPEN = new Set(["waiting"]);
 
-// An id as the API wants it; crypto.randomUUID is missing where the server is reached by plain HTTP.
+// Makes an id for the API; crypto.randomUUID is missing under plain HTTP.
 export function newId() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
   bytes[6] = (bytes[6] & 0x0f) | 0x40;
@@ -18,14 +18,14 @@ export function newId() {
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-// send(entry, word): says a word about an item, resolves to {version}, rejects with {status, code, message, retryable}.
-// Called when something has moved: changed(); a decision was not saved: returned(entry, decision, problem); a decision
-// was taken back, or could not be: undone(entry, problem or null).
+// send(entry, word): sends an event of an item, resolves to {version}, rejects with {status, code, message, retryable}.
+// Callbacks: changed(), when the queue has moved; returned(entry, decision, problem), when a decision was not saved;
+// undone(entry, problem or null), when a decision was undone or could not be.
 export class ReviewQueue {
   #entries = new Map(); // by id
   #order = [];
-  #decisions = []; // of this reviewer, the newest last; those that failed are out
-  #chains = new Map(); // meal -> what is under way, settled or not
+  #decisions = []; // of this reviewer, the newest last, without failed ones
+  #chains = new Map(); // meal -> promise of its last request
   #on;
   #retryMs;
 
@@ -36,8 +36,8 @@ export class ReviewQueue {
     this.pending = 0;
   }
 
-  // Items behind those that are there: {id, meal, version}. Those that are known already are passed over: an item that
-  // moved while the queue was paged comes twice. Returns the ids that are new.
+  // Append items {id, meal, version}, except those that are there already: an item that moved while the queue was paged
+  // comes twice. Returns the new ids.
   add(items) {
     const fresh = items.filter((item) => !this.#entries.has(item.id));
     for (const item of fresh) {
@@ -62,7 +62,7 @@ export class ReviewQueue {
     return found;
   }
 
-  // The items that are shown next, the nearest first.
+  // The next items, the nearest first.
   upcoming(most) {
     const start = this.#order.indexOf(this.currentId);
     return this.#order.slice(start + 1).filter((id) => OPEN.has(this.entry(id).state)).slice(0, most);
@@ -72,7 +72,7 @@ export class ReviewQueue {
     return this.#decisions.length > 0;
   }
 
-  // word: {kind, ...} as the events' form has it. stays: there is more to say of the item.
+  // word: {kind, ...} as in the events' form. stays: the item stays for further events.
   decide(id, word, { stays = false } = {}) {
     const entry = this.entry(id);
     const decision = { entry, word: { id: newId(), ...word }, isFailed: false };
@@ -85,20 +85,20 @@ export class ReviewQueue {
     return decision;
   }
 
-  // A word that decides nothing: a comment. Resolves when it is saved.
+  // An event that decides nothing, such as a comment. Resolves when it is saved.
   remark(id, word) {
     const entry = this.entry(id);
     return this.#inTurn(entry.meal, () => this.#deliver(entry, { id: newId(), ...word }));
   }
 
-  // Passed over for now, without a word: it comes again when the queue is begun anew.
+  // Skip the item without an event: it comes again when the queue starts over.
   skip(id) {
     this.entry(id).state = "skipped";
     this.#goOn(id);
     this.#on.changed();
   }
 
-  // Take the last decision back and show its item: whatever is shown now waits. Returns the item's entry, or null.
+  // Undo the last decision and show its item; the shown item waits. Returns the item's entry, or null.
   undo() {
     const decision = this.#decisions.pop();
     if (!decision) return null;
@@ -107,7 +107,7 @@ export class ReviewQueue {
     entry.problem = null;
     this.currentId = entry.id;
     this.#inTurn(entry.meal, async () => {
-      if (decision.isFailed) return; // it was never written; its item is back already
+      if (decision.isFailed) return; // it was never saved; its item is already back
       try {
         await this.#deliver(entry, { id: newId(), kind: "undo", event: decision.word.id });
         this.#on.undone(entry, null);
@@ -120,7 +120,7 @@ export class ReviewQueue {
     return entry;
   }
 
-  // One item on, or back, whatever was decided of it.
+  // Go to the next or previous item, whether or not it was decided.
   step(direction) {
     const shown = this.#order.filter((id) => this.entry(id).state !== "gone");
     const here = shown.indexOf(this.currentId);
@@ -131,7 +131,7 @@ export class ReviewQueue {
     return true;
   }
 
-  // Somebody else has settled it, or it is no more: it is not shown again.
+  // Somebody else has decided it, or it no longer exists: it is not shown again.
   drop(id) {
     this.entry(id).state = "gone";
     this.entry(id).problem = null;
@@ -139,14 +139,14 @@ export class ReviewQueue {
     this.#on.changed();
   }
 
-  // To the next that waits; at the end, to those that were passed by.
+  // Go to the next waiting item; at the end, to those before it.
   #goOn(from) {
     const at = this.#order.indexOf(from);
     const round = [...this.#order.slice(at + 1), ...this.#order.slice(0, at)];
     this.currentId = round.find((id) => OPEN.has(this.entry(id).state)) ?? null;
   }
 
-  // Read an item anew behind all that is being said of its meal: work() resolves to its version.
+  // Read an item again after all events of its meal were sent: work() resolves to its version.
   read(id, work) {
     const { meal } = this.entry(id);
     return this.#inTurn(meal, async () => (this.entry(id).version = await work()), 0);
@@ -175,7 +175,7 @@ export class ReviewQueue {
     }
   }
 
-  // Behind the item that is shown, so that no key that was meant for that one falls on this one; at once, if none is.
+  // After the shown item, so that no key meant for that one applies to this one; at once, if none is shown.
   #bringBack(entry, problem) {
     entry.state = "waiting";
     entry.problem = problem;
@@ -185,7 +185,7 @@ export class ReviewQueue {
     this.#order.splice(this.#order.indexOf(this.currentId) + 1, 0, entry.id);
   }
 
-  // The same word, with the same id, until there is an answer: said twice, it is one word.
+  // Send the same event with the same id until there is a response: repeated, it is still one event.
   async #deliver(entry, word) {
     const version = entry.version;
     for (let tried = 0; ; tried += 1) {

@@ -1,6 +1,6 @@
-// What the review page sends and reads: a word about an item, and cards as the server draws them.
+// Requests of the review page: events of an item, and cards as the server renders them.
 
-const KEEPALIVE_BYTES = 60_000; // browsers send no more of it after a page was left
+const KEEPALIVE_BYTES = 60_000; // browsers' limit for requests that outlive a page
 
 class Problem extends Error {
   constructor({ status = 0, code = "no_answer", message, retryable = false }) {
@@ -19,7 +19,7 @@ async function ask(address, options) {
   }
 }
 
-// A word of the item that the card shows: resolves to {version} of the meal with it. Rejects with a Problem.
+// Sends an event of the card's item: resolves to the meal's new {version}. Rejects with a Problem.
 export async function sendWord(card, word) {
   const fields = { ...word, seen: card.dataset.seen };
   if (word.kind !== "undo") fields.item = card.dataset.item;
@@ -40,7 +40,7 @@ export async function sendWord(card, word) {
   });
 }
 
-// A part of a page as a document of its own, in which no script runs. Rejects with a Problem.
+// Fetches a part of a page as a document in which no script runs. Rejects with a Problem.
 export async function fetchPart(address) {
   const answer = await ask(address, { headers: { Accept: "text/html", "HX-Request": "true" } });
   if (answer.headers.has("HX-Redirect")) {

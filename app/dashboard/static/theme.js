@@ -1,3 +1,3 @@
-// Before anything is drawn: light or dark as was last chosen here; else as the system says.
+// Before the page is drawn: light or dark as last chosen here, otherwise as the system prefers.
 const chosenTheme = localStorage.getItem("tada-theme");
 if (chosenTheme === "light" || chosenTheme === "dark") document.documentElement.dataset.theme = chosenTheme;
