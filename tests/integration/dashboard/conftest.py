@@ -1,4 +1,4 @@
-"""The dashboard as a browser uses it, without its scripts: cookies, forms, and where a request comes from."""
+"""The dashboard as a browser without scripts uses it: cookies, forms, the origin of requests."""
 
 import re
 from html.parser import HTMLParser

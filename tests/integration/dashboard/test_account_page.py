@@ -1,4 +1,4 @@
-"""One's own account page: the studies that a new token may be of."""
+"""The account page: the studies to which a new token may be limited."""
 
 import re
 
@@ -7,7 +7,7 @@ def studies_offered(browser):
     return re.findall(r"<option >(\w+)</option>", browser.page("/dashboard/account"))
 
 
-def test_new_token_may_be_of_each_study_that_its_maker_may_enter(client, admin, enrol, sign_in_browser):
+def test_new_token_may_be_limited_to_any_study_of_its_owner(client, admin, enrol, sign_in_browser):
     enrol()
     assert client.post("/v1/studies", headers=admin, json={"code": "other", "name": "Other"}).is_success
     boss = sign_in_browser("boss", is_admin=True)

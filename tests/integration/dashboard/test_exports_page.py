@@ -1,4 +1,4 @@
-"""The exports' page: what it offers and shows is the API's, files are the API's bytes, and who may do what."""
+"""The exports page: its options and figures are the API's, its files the API's bytes; permissions."""
 
 import html
 import re
@@ -76,7 +76,7 @@ def test_download_is_the_file_of_the_api_with_the_same_filters(client, admin, vi
         assert here.headers[name] == there.headers[name]
 
 
-def test_page_shows_how_many_rows_and_the_dictionary_of_the_columns(client, admin, viewer):
+def test_page_shows_number_of_rows_and_dictionary_of_columns(client, admin, viewer):
     page = viewer.page(PATH, rows="items", components="all")
     told = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot", headers=admin).json()
     assert figures_of(page)[:2] == [3, len(told["columns"])]
@@ -90,7 +90,7 @@ def test_page_shows_how_many_rows_and_the_dictionary_of_the_columns(client, admi
     assert follow(viewer, address).json()["primaryKey"] == ["id"]
 
 
-def test_dictionary_is_of_the_columns_that_are_chosen(viewer):
+def test_dictionary_has_the_columns_of_the_choice(viewer):
     page = viewer.page(PATH, rows="items", provenance="false")
     (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Table Schema', page)
     header = viewer.get(f"{PATH}/table", rows="items", provenance="false").text.splitlines()[0]
@@ -155,7 +155,7 @@ def test_refused_export_shows_why_and_keeps_the_entered_values(client, admin, vi
     assert client.get(API, headers=admin).json()["items"] == []
 
 
-def test_another_table_keeps_what_it_has_of_the_choice(viewer):
+def test_switching_the_table_keeps_the_options_that_it_offers(viewer):
     page = viewer.page(PATH, rows="meals", status=["failed"], flag="low_texture", **{"from": "2026-11-02"})
     assert 'value="low_texture" checked' in page
     (address,) = re.findall(r'href="([^"]+rows=days[^"]*)"', page)
@@ -164,14 +164,14 @@ def test_another_table_keeps_what_it_has_of_the_choice(viewer):
     assert "flag" not in days[days.index('<form method="get"') : days.index("Download now")]
 
 
-def test_too_many_exports_are_told_on_the_page(viewer, state):
+def test_limit_of_exports_is_shown_on_the_page(viewer, state):
     tables = ["items", "meals", "days", "photographs"]
     answers = [viewer.post(PATH, rows=rows) for rows in tables]
     assert [answer.status_code for answer in answers] == [303] * MOST_OF_PERSON + [429]
     assert "the limit" in text_of(answers[-1].text)
 
 
-def test_stranger_sees_nothing_and_another_study_s_export_is_not_there(client, admin, viewer, enrol, sign_in_browser):
+def test_stranger_sees_nothing_and_another_studys_export_is_not_found(client, admin, viewer, enrol, sign_in_browser):
     assert viewer.post(PATH, rows="items").status_code == 303
     (export,) = client.get(API, headers=admin).json()["items"]
     enrol("X1", study="other")

@@ -1,11 +1,11 @@
-"""The filter of meals by food without scripts: a key is typed, and one that no food has is told."""
+"""The filter of meals by food without scripts: keys are entered, unknown ones are reported."""
 
 from tests.integration.dashboard.conftest import text_of
 
 MEALS = "/dashboard/studies/pilot/meals"
 
 
-def test_key_that_no_food_has_is_told_beside_one_that_there_is(enrol, sign_in_browser):
+def test_unknown_food_key_is_reported_beside_a_known_one(enrol, sign_in_browser):
     enrol()
     browser = sign_in_browser("ann", pilot="viewer")
     for food, is_told in (("apple", False), ("Apple pie <b>", True), ("", False)):

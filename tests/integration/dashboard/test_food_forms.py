@@ -1,4 +1,4 @@
-"""Admins correct foods by forms: previewed, with a reason, as the API would; nobody's change is undone unseen."""
+"""Forms that correct foods: previewed, with a reason, as the API; no change is undone unseen."""
 
 import html
 import re
@@ -55,7 +55,7 @@ def send(browser, path, fields, **changes):
     )
 
 
-def test_form_that_is_sent_back_as_it_came_makes_no_version(boss, food):
+def test_unchanged_form_makes_no_version(boss, food):
     before = food()
     form = Form(boss.page(EDIT))
     preview = send(boss, EDIT, form.fields, do="preview")
@@ -64,7 +64,7 @@ def test_form_that_is_sent_back_as_it_came_makes_no_version(boss, food):
     assert food() == before
 
 
-def test_preview_shows_what_saving_then_does_and_writes_nothing(client, admin, boss, food):
+def test_preview_equals_the_saved_change_and_writes_nothing(client, admin, boss, food):
     before = food()
     form = Form(boss.page(EDIT))
     changes = {"nutrient__401": "9.5", "nutrient__307": "", "aliases": "Apfel\r\n<i>Apple</i>", "add__0": "314"}
@@ -86,7 +86,7 @@ def test_preview_shows_what_saving_then_does_and_writes_nothing(client, admin, b
     assert set(change["differences"]) == {"aliases", "nutrients.401", "nutrients.307", "nutrients.314"}
 
 
-def test_conflict_tells_who_changed_what_and_keeps_both(client, admin, boss, food):
+def test_conflict_shows_the_other_change_and_keeps_both(client, admin, boss, food):
     form = Form(boss.page(EDIT))
     etag = client.get("/v1/foods/apple", headers=admin).headers["etag"]
     other = {"nutrients": {"NA": {"per_100_g": 2, "unit": "mg"}}, "reason": "by another hand <b>"}
@@ -115,7 +115,7 @@ def test_conflict_tells_who_changed_what_and_keeps_both(client, admin, boss, foo
         ({"food__0": "apple-raw", "mass__0": ""}, "recipe-wrong"),
     ],
 )
-def test_refused_field_keeps_what_was_typed_and_says_what_is_wrong(boss, food, changes, field):
+def test_refused_field_keeps_its_text_and_says_what_is_wrong(boss, food, changes, field):
     form = Form(boss.page(EDIT))
     answer = send(boss, EDIT, form.fields, do="save", reason="x", **changes)
     assert answer.status_code == 422
@@ -126,7 +126,7 @@ def test_refused_field_keeps_what_was_typed_and_says_what_is_wrong(boss, food, c
     assert food()["version"] == 1
 
 
-def test_figures_that_cannot_be_are_refused_by_the_food_s_own_rules(boss, food):
+def test_impossible_figures_are_refused_by_the_foods_own_rules(boss, food):
     form = Form(boss.page(EDIT))
     answer = send(boss, EDIT, form.fields, do="save", reason="x", nutrient__203="99")
     assert answer.status_code == 422
@@ -134,7 +134,7 @@ def test_figures_that_cannot_be_are_refused_by_the_food_s_own_rules(boss, food):
     assert food()["version"] == 1
 
 
-def test_a_form_that_says_half_changes_no_other_half(boss, food):
+def test_fields_that_are_not_sent_are_unchanged(boss, food):
     base = Form(boss.page(EDIT)).fields["base"]
     before = food()
     assert boss.post(EDIT, base=base, do="save", reason="short", name="Apple, red").status_code == 303
@@ -145,7 +145,7 @@ def test_a_form_that_says_half_changes_no_other_half(boss, food):
     ]
 
 
-def test_earlier_version_is_put_back_with_a_reason_of_the_version_that_was_read(boss, food):
+def test_earlier_version_is_restored_with_a_reason_if_the_food_is_unchanged(boss, food):
     before = food()
     form = Form(boss.page(EDIT))
     send(boss, EDIT, form.fields, do="save", reason="wrong", name="Pear")
@@ -191,7 +191,7 @@ def test_dish_is_made_from_rows_and_its_recipe_is_changed_by_them(boss, food):
     assert 'id="key-wrong"' in again.text or "already a food" in again.text
 
 
-def test_measured_density_goes_first_and_a_specimen_that_cannot_be_is_refused(boss, food):
+def test_measured_density_has_priority_and_an_impossible_specimen_is_refused(boss, food):
     path = "/dashboard/foods/apple/densities"
     base = re.search(r'name="base" value="(\d+)"', boss.page(path))[1]
     form = {"base": base, "state": "raw", "kind": "solid", "weighs": "as_seen", "method": "scale", "reason": "ours"}
@@ -206,7 +206,7 @@ def test_measured_density_goes_first_and_a_specimen_that_cannot_be_is_refused(bo
 
 
 @pytest.mark.parametrize("place", ["foods/apple/edit", "foods/apple/densities", "foods/apple/restore", "new-food"])
-def test_who_is_no_admin_finds_no_control_and_changes_nothing(sign_in_browser, food, place):
+def test_staff_without_admin_rights_find_no_control_and_change_nothing(sign_in_browser, food, place):
     owner = sign_in_browser("olga")
     page = owner.page("/dashboard/foods/apple")
     assert "Correct it" not in page
@@ -216,7 +216,7 @@ def test_who_is_no_admin_finds_no_control_and_changes_nothing(sign_in_browser, f
     assert food()["version"] == 1
 
 
-def test_food_of_the_api_is_shown_by_the_form_as_it_is(client, admin, boss):
+def test_form_shows_a_food_of_the_api_unchanged(client, admin, boss):
     assert client.post("/v1/foods", headers=admin, json=QUARK).status_code == 201
     path = "/dashboard/foods/quark-low-fat/edit"
     form = Form(boss.page(path))

@@ -1,4 +1,4 @@
-"""The foods' pages: a search with figures, one food with all that is known, where it is used; figures are the API's."""
+"""The foods' pages: search with figures, the page of a food, where it is used; figures are the API's."""
 
 import csv
 import io
@@ -40,7 +40,7 @@ def test_figures_of_the_list_are_those_of_each_food(client, admin, sign_in_brows
     assert figures_of(page) == shown
 
 
-def test_search_as_one_types_is_the_rows_alone_and_the_address_follows(sign_in_browser):
+def test_search_while_typing_returns_rows_only_and_updates_the_address(sign_in_browser):
     answer = sign_in_browser("vera").get("/dashboard/foods", q="Apfel", group="", headers=HTMX)
     assert "<html" not in answer.text
     assert "/dashboard/foods/apple" in answer.text
@@ -54,7 +54,7 @@ def test_group_narrows_the_list_and_an_unknown_one_has_no_foods(sign_in_browser)
     assert "No food of the tables" in browser.page("/dashboard/foods", group="Moon rocks")
 
 
-def test_page_of_a_food_has_each_figure_of_the_api_and_tells_the_unknown_from_zero(client, admin, sign_in_browser):
+def test_page_of_a_food_has_each_figure_of_the_api_and_distinguishes_unknown_from_zero(client, admin, sign_in_browser):
     browser = sign_in_browser("vera")
     food = client.get("/v1/foods/apple", headers=admin).json()
     page = browser.page("/dashboard/foods/apple")
@@ -83,7 +83,7 @@ def test_number_of_a_published_table_leads_to_its_food_and_an_unknown_key_to_non
     assert browser.get("/dashboard/foods/moon-rock").status_code == 404
 
 
-def test_records_are_counted_of_ones_own_studies_alone_as_the_records_are(client, admin, phone, state, sign_in_browser):
+def test_records_are_counted_in_the_callers_studies_only(client, admin, phone, state, sign_in_browser):
     client.post("/v1/studies", headers=admin, json={"code": "other", "name": SCRIPT, "marker": "plain:9x7:11"})
     for day in ("2026-11-01", "2026-11-02"):
         apples = (eaten_item(100.0, "apple"), eaten_item(50.0, "apple", status="rejected"))
@@ -98,7 +98,7 @@ def test_records_are_counted_of_ones_own_studies_alone_as_the_records_are(client
     assert "In none of your studies" in sign_in_browser("sam", other="owner").page("/dashboard/foods/apple")
 
 
-def test_name_and_reason_of_a_food_are_text(client, admin, sign_in_browser):
+def test_name_and_reason_of_a_food_are_escaped(client, admin, sign_in_browser):
     food = {"key": "script-food", "name": SCRIPT, "aliases": [SCRIPT], "group": SCRIPT, "form": "whole"}
     assert client.post("/v1/foods", headers=admin, json=food | {"reason": SCRIPT}).status_code == 201
     browser = sign_in_browser("vera")
@@ -112,7 +112,7 @@ def test_name_and_reason_of_a_food_are_text(client, admin, sign_in_browser):
 
 
 @pytest.mark.parametrize("name", ['foods";x="', "nutrients\r\nX: y"])
-def test_file_names_hold_nothing_that_a_header_reads(name):
+def test_file_names_hold_no_special_characters_of_headers(name):
     from app.dashboard.data_pages.flat_file import csv_file
     from app.dashboard.food_pages.foods import FoodRow
 

@@ -1,4 +1,4 @@
-"""Mean intakes and adequacy leave their pages as the files that the API gives."""
+"""Mean intakes and adequacy as files of their pages: the API's files."""
 
 import html
 import re

@@ -1,4 +1,4 @@
-"""What reviewers say by a page's forms: the same words as over the API, checked and refused as they are there."""
+"""Review events by a page's forms: the same events as over the API, validated and refused as there."""
 
 import uuid
 
@@ -56,7 +56,7 @@ def reviewed(state, phone, sign_in_browser):
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_form_says_what_the_same_call_of_the_api_says(reviewed, said, fields, new):
+def test_form_makes_the_same_event_as_the_api(reviewed, said, fields, new):
     answer = reviewed.send(said, **fields)
     assert answer.status_code == 201, answer.text
     assert answer.json()["version"] == reviewed.meal()["version"]
@@ -85,7 +85,7 @@ def test_form_says_what_the_same_call_of_the_api_says(reviewed, said, fields, ne
     ],
     ids=str,
 )
-def test_value_that_cannot_be_is_refused_in_words_and_changes_nothing(reviewed, said, fields, words):
+def test_impossible_value_is_refused_with_a_sentence_and_changes_nothing(reviewed, said, fields, words):
     before = reviewed.meal()
     answer = reviewed.send(said, **fields)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input"), answer.text
@@ -93,14 +93,14 @@ def test_value_that_cannot_be_is_refused_in_words_and_changes_nothing(reviewed, 
     assert reviewed.meal() == before
 
 
-def test_same_form_sent_twice_says_one_thing(reviewed):
+def test_form_sent_twice_makes_one_event(reviewed):
     once = str(uuid.uuid4())
     assert reviewed.send("confirm", id=once).status_code == 201
     assert reviewed.send("confirm", id=once, version=1).status_code == 200
     assert [event["kind"] for event in reviewed.history()] == ["confirm"]
 
 
-def test_form_about_a_meal_that_has_changed_since_is_refused(reviewed):
+def test_form_of_a_changed_meal_is_refused(reviewed):
     seen = reviewed.meal()["version"]
     assert reviewed.send("comment", text="first").status_code == 201
     answer = reviewed.send("confirm", version=seen)
@@ -108,7 +108,7 @@ def test_form_about_a_meal_that_has_changed_since_is_refused(reviewed):
     assert answer.json()["version"] == reviewed.meal()["version"]
 
 
-def test_meal_of_another_study_is_not_there_even_for_who_reviews_both(state, enrol, sign_in_browser):
+def test_meal_of_another_study_is_not_found_even_by_a_reviewer_of_both(state, enrol, sign_in_browser):
     phones = {study: enrol("P001", study=study) for study in ("pilot", "second")}
     ann = sign_in_browser("ann", pilot="reviewer", second="reviewer")
     other = Reviewed(state, phones["second"], ann, study="second")
@@ -124,7 +124,7 @@ def test_viewer_changes_nothing(state, phone, sign_in_browser):
     assert seen.history() == []
 
 
-def test_foods_are_offered_as_options_with_names_as_text(client, admin, sign_in_browser):
+def test_foods_are_offered_as_options_with_escaped_names(client, admin, sign_in_browser):
     tart = {"key": "odd", "name": "<script>alert(1)</script> tart", "group": "x", "form": "slab", "reason": "test"}
     made = client.post("/v1/foods", headers=admin, json=tart)
     assert made.status_code == 201, made.text

@@ -1,4 +1,4 @@
-"""The page of a study's meals: the rows and figures of the API, by the same filters; what is under way is followed."""
+"""The page of a study's meals: the API's rows and figures by the same filters; polling of unfinished meals."""
 
 import csv
 import html
@@ -112,7 +112,7 @@ def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, v
     assert ("No meals match these filters" in browser.page(PAGE, **params)) is (not rows)
 
 
-def test_filters_that_were_set_stand_in_the_form_and_lead_on(various, sign_in_browser):
+def test_set_filters_are_shown_in_the_form_and_kept_in_links(various, sign_in_browser):
     page = sign_in_browser("ann", pilot="viewer").page(
         PAGE, status=["failed", "queued"], food=["apple", "gone"], flag="low_texture", view="table", order="oldest"
     )
@@ -146,7 +146,7 @@ def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin
         assert len(CARD.findall(browser.page(PAGE, status=each["status"]))) == each["count"]
 
 
-def test_what_is_under_way_is_asked_for_together_and_put_in_its_place(state, meal_of, sign_in_browser):
+def test_unfinished_meals_are_polled_together_and_replaced_in_place(state, meal_of, sign_in_browser):
     waiting, other = meal_of(), meal_of(participant="P002")
     done = meal_of(found_item())
     browser = sign_in_browser("ann", pilot="viewer")
@@ -173,7 +173,7 @@ def test_what_is_under_way_is_asked_for_together_and_put_in_its_place(state, mea
     assert ids(LINE.findall(lines)) == [waiting]
 
 
-def test_meal_that_was_erased_is_taken_away_and_asked_for_no_more(client, admin, meal_of, sign_in_browser):
+def test_erased_meal_is_removed_and_no_longer_polled(client, admin, meal_of, sign_in_browser):
     erased, waiting = meal_of(), meal_of(participant="P002")
     browser = sign_in_browser("ann", pilot="viewer")
     watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', browser.page(PAGE))[1])
@@ -186,7 +186,7 @@ def test_meal_that_was_erased_is_taken_away_and_asked_for_no_more(client, admin,
     assert follow(browser, watch, headers=HTMX).status_code == 204
 
 
-def test_polling_tells_nothing_of_another_participant_or_study(enrol, meal_of, sign_in_browser):
+def test_polling_reveals_nothing_of_another_participant_or_study(enrol, meal_of, sign_in_browser):
     meal_id = meal_of()
     elsewhere = enrol("P001", study="second").post(pair(3)).json()["id"]
     browser = sign_in_browser("ann", pilot="viewer", second="viewer")
@@ -198,7 +198,7 @@ def test_polling_tells_nothing_of_another_participant_or_study(enrol, meal_of, s
     assert sign_in_browser("eve", second="viewer").get(CHANGED, meal=f"P001:{meal_id}:9").status_code == 404
 
 
-def test_names_of_foods_and_what_stands_in_the_address_are_text(client, admin, meal_of, sign_in_browser):
+def test_names_of_foods_and_parameters_are_escaped(client, admin, meal_of, sign_in_browser):
     odd = {"key": "odd", "name": "<script>alert(1)</script>", "group": "x", "form": "slab", "reason": "test"}
     assert client.post("/v1/foods", headers=admin, json=odd).status_code == 201
     speaker = Speaker(client, admin, meal_of(found_item()))
@@ -226,7 +226,7 @@ def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_
     assert all(word in page for word in ("photograph erased", "entered as text", "no photograph yet"))
 
 
-def test_files_have_what_the_filters_leave(various, sign_in_browser):
+def test_files_have_the_rows_of_the_filters(various, sign_in_browser):
     browser = sign_in_browser("ann", pilot="viewer")
     links = re.findall(r'href="([^"]*format=[^"]*)"', browser.page(PAGE, participant="P002"))
     assert len(links) == 11
@@ -244,7 +244,7 @@ def test_files_have_what_the_filters_leave(various, sign_in_browser):
     assert "Items have the filters participant, days and foods" in of_status
 
 
-def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_browser, enrol):
+def test_reversed_days_are_refused_and_the_form_is_kept(sign_in_browser, enrol):
     enrol("P001")
     browser = sign_in_browser("ann", pilot="viewer")
     answer = browser.get(PAGE, **{"from": "2026-11-20", "to": "2026-11-01", "participant": "P001"})

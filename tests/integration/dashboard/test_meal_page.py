@@ -1,4 +1,4 @@
-"""The page of one meal: the API's figures and no others, what people say as text, and controls as the role reaches."""
+"""The page of a meal: the API's figures, escaped text of people, controls by role."""
 
 import re
 import uuid
@@ -65,7 +65,7 @@ def numbers_of(value):
     return [float(value)] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
-def test_every_figure_of_the_api_is_on_the_page_whole(show):
+def test_every_figure_of_the_api_is_on_the_page_unrounded(show):
     seen = show("viewer", identified_item({"pear": 0.62, "apple": 0.3}, none=0.08, hint=0), unmeasured_item(hint=None))
     meal, figures = seen.meal(), set(figures_of(seen.html()))
     expected = numbers_of(meal["items"]) + numbers_of(meal["totals"])
@@ -81,7 +81,7 @@ def test_json_of_the_page_is_the_apis(show):
     assert seen.browser.get(seen.path, format="json").json() == seen.meal()
 
 
-def test_what_people_wrote_is_text(client, admin, show):
+def test_text_of_people_is_escaped(client, admin, show):
     tart = {"key": "odd", "name": "<script>alert(1)</script>", "group": "x", "form": "slab", "reason": "test"}
     assert client.post("/v1/foods", headers=admin, json=tart).status_code == 201
     seen = show("reviewer", found_item())
@@ -95,14 +95,14 @@ def test_what_people_wrote_is_text(client, admin, show):
 
 
 @pytest.mark.parametrize(("role", "forms"), [("viewer", 0), ("reviewer", 1), ("owner", 2)])
-def test_controls_are_as_the_role_reaches(show, role, forms):
+def test_controls_depend_on_the_role(show, role, forms):
     html = show(role, found_item()).html()
     assert ('name="kind" value="confirm"' in html) is (forms >= 1)
     assert ("/erasure" in html) is (forms >= 2)
     assert "/events" in html or forms == 0
 
 
-def test_history_tells_runs_and_words_with_old_and_new_values(show):
+def test_history_shows_runs_and_events_with_old_and_new_values(show):
     seen = show("reviewer", found_item(volume_ml=185.0))
     seen.say("set_volume", volume_ml="120")
     seen.say("question", text="Was it yours?")
@@ -117,7 +117,7 @@ def test_history_tells_runs_and_words_with_old_and_new_values(show):
 
 
 @pytest.mark.parametrize("asks", ["browser", "htmx"])
-def test_conflict_tells_what_changed_and_lets_one_say_it_again(show, sign_in_browser, asks):
+def test_conflict_shows_what_changed_and_lets_the_reviewer_repeat_the_event(show, sign_in_browser, asks):
     ann = show("reviewer", found_item())
     seen = ann.meal()["version"]
     bob = Shown(ann.phone, sign_in_browser("bob", pilot="reviewer"), ann.id)
@@ -135,7 +135,7 @@ def test_conflict_tells_what_changed_and_lets_one_say_it_again(show, sign_in_bro
     assert (item["food"]["key"], item["mass_g"]) == ("pear", 150.0)
 
 
-def test_word_is_answered_with_the_section_as_it_stands_by_then(show):
+def test_event_is_answered_with_the_current_section(show):
     seen = show("reviewer", found_item())
     answer = seen.say("confirm", headers=HTMX)
     assert answer.status_code == 200
@@ -159,7 +159,7 @@ def test_meal_is_found_only_below_its_study_and_its_participant(enrol, sign_in_b
     assert ann.get(f"/dashboard/studies/second/meals/P001/{meal}").status_code == 200
 
 
-def test_meal_is_erased_only_when_its_participants_code_was_typed(show):
+def test_meal_is_erased_only_if_its_participants_code_was_entered(show):
     seen = show("owner", found_item())
     answer = seen.browser.post(f"{seen.path}/erasure", typed="P002")
     assert (answer.status_code, "Nothing was erased" in answer.text) == (422, True)
@@ -169,7 +169,7 @@ def test_meal_is_erased_only_when_its_participants_code_was_typed(show):
     assert seen.browser.get(seen.path).status_code == 404
 
 
-def test_photograph_of_the_page_is_noted_and_not_made_again_for_who_has_it(state, show):
+def test_photograph_is_audited_and_not_sent_again_to_a_browser_that_has_it(state, show):
     seen = show("viewer", found_item())
 
     def readings():
@@ -200,7 +200,7 @@ def test_page_follows_a_meal_until_it_is_estimated_and_keeps_no_session_alive_by
     assert "/state" not in seen.html()
 
 
-def test_failed_meal_says_why_and_what_to_do_and_is_estimated_again_at_a_reviewers_word(show):
+def test_failed_meal_shows_reason_and_advice_and_a_reviewer_can_retry_it(show):
     failure = {"code": "marker_not_found", "message": "The marker was not found.", "advice": "Lay it flat."}
     seen = show("reviewer", failure=failure)
     text = text_of(seen.html())
@@ -213,7 +213,7 @@ def test_failed_meal_says_why_and_what_to_do_and_is_estimated_again_at_a_reviewe
     assert seen.meal()["failure"]["code"] == "cancelled"
 
 
-def test_meal_that_was_told_in_words_and_one_that_is_not_complete_have_pages(client, phone, sign_in_browser):
+def test_text_entry_and_incomplete_meal_have_pages(client, phone, sign_in_browser):
     ann = sign_in_browser("ann", pilot="reviewer")
     told = meal_metadata(items=[{"food": "apple"}])
     assert client.post("/v1/declared-meals", headers=phone.headers, json=told).status_code == 201
@@ -225,7 +225,7 @@ def test_meal_that_was_told_in_words_and_one_that_is_not_complete_have_pages(cli
     assert text_of(page).count("This photograph has not arrived.") == 2
 
 
-def test_every_flag_that_the_docs_know_is_explained():
+def test_every_flag_of_the_docs_is_explained():
     told = {
         flag
         for name in ("flags.md", "after-meal.md", "review.md")

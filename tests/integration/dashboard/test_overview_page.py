@@ -1,4 +1,4 @@
-"""The overview's page: each of its figures is the API's, in JSON and in the files; who may see it; without places."""
+"""The overview page: each figure is the API's, in JSON and in files; permissions; studies without places."""
 
 import csv
 import io
@@ -141,7 +141,7 @@ def test_charts_draw_the_numbers_of_the_api(told, html):
     assert [mark["at"] for mark in charts["nutrient"]["marks"]] == [fat["mean"], fat["median"]]
 
 
-def test_files_of_the_page_have_the_rows_of_the_api_and_are_noted(client, admin, told, html, sign_in_browser):
+def test_files_of_the_page_have_the_rows_of_the_api_and_are_audited(client, admin, told, html, sign_in_browser):
     browser = sign_in_browser("rita", pilot="reviewer")
     links = {link.replace("&amp;", "&") for link in re.findall(r'href="([^"]+format=csv[^"]*)"', html)}
     parts = {re.search(r"part=(\w+)", link)[1]: link for link in links}
@@ -157,7 +157,7 @@ def test_files_of_the_page_have_the_rows_of_the_api_and_are_noted(client, admin,
     assert {event["details"]["part"] for event in log} == set(parts)
 
 
-def test_what_waits_leads_to_its_meals_and_reviewers_to_their_queue(html, sign_in_browser):
+def test_waiting_counts_link_to_their_meals_and_reviewers_to_the_queue(html, sign_in_browser):
     now = html.split('id="window"')[0]
     assert f'href="{PATH}/meals?status=failed&amp;failure=marker_not_found"' in now
     assert f'href="{PATH}/meals?status=needs_review"' in now
@@ -195,7 +195,7 @@ def test_study_that_drops_places_shows_no_map(eaten, state, sign_in_browser):
     assert "48.2" not in page
 
 
-def test_empty_study_says_so(enrol, sign_in_browser):
+def test_empty_study_is_described_as_empty(enrol, sign_in_browser):
     enrol()
     page = sign_in_browser("vera", pilot="viewer").page(PATH)
     assert "there is no meal" in text_of(page)
@@ -210,7 +210,7 @@ def test_stranger_finds_no_overview(enrol, eaten, sign_in_browser):
         assert stranger.get(path).status_code == 404
 
 
-def test_participant_s_code_ends_no_script(eaten, state, sign_in_browser):
+def test_participants_code_cannot_end_a_script(eaten, state, sign_in_browser):
     with state.database.write() as session:
         for number, person in enumerate(session.scalars(sa.select(Participant))):
             person.code = f"</script><script>alert({number})</script>"

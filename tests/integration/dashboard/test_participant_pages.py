@@ -1,4 +1,4 @@
-"""Participants' pages: the list, a diary whose figures are the API's, a day's word, profile, leaving; group tables."""
+"""Participants' pages: list, diary with the API's figures, a day's status, profile, withdrawal, group tables."""
 
 import html
 import re
@@ -35,7 +35,7 @@ def article(page, day):
     return re.search(rf'<article class="day" id="day-{day}".*?</article>', page, re.DOTALL)[0]
 
 
-def test_every_figure_of_the_diary_is_the_export_s(client, admin, eaten, sign_in_browser):
+def test_every_figure_of_the_diary_is_the_exports(client, admin, eaten, sign_in_browser):
     page = sign_in_browser("vera", pilot="viewer").page(PATH)
     rows = client.get("/v1/days", headers=admin, params={"study": "pilot", "participant": "P001"}).json()["items"]
     assert len(rows) == len(DAYS)
@@ -47,7 +47,7 @@ def test_every_figure_of_the_diary_is_the_export_s(client, admin, eaten, sign_in
         assert shown == pytest.approx([*told, *meals, *table, row["median_upload_delay_seconds"]])
 
 
-def test_comparison_is_what_the_participant_would_read(client, admin, eaten, sign_in_browser):
+def test_comparison_equals_the_participants_feedback(client, admin, eaten, sign_in_browser):
     page = sign_in_browser("vera", pilot="viewer").page(PATH)
     told = client.get("/v1/studies/pilot/participants/P001/summary", headers=admin).json()["comparison"]["components"]
     assert told
@@ -65,7 +65,7 @@ def test_intakes_of_the_page_are_those_of_the_api(client, admin, eaten, sign_in_
     assert shown[3:] == [told["components"][column]["mean"] for column in HEADLINE_COLUMNS]
 
 
-def test_adequacy_figures_are_those_of_the_api_and_come_behind_the_page(client, admin, eaten, sign_in_browser):
+def test_adequacy_figures_are_the_apis_and_are_loaded_after_the_page(client, admin, eaten, sign_in_browser):
     viewer = sign_in_browser("vera", pilot="viewer")
     path, asked = "/dashboard/studies/pilot/adequacy", {"component": "VITC", "from": "2026-01-01"}
     page = viewer.page(path, **asked)
@@ -93,14 +93,14 @@ def test_adequacy_figures_are_those_of_the_api_and_come_behind_the_page(client, 
     ],
 )
 @pytest.mark.parametrize("path", ["adequacy", "adequacy/figures"])
-def test_adequacy_of_what_cannot_be_is_refused_by_the_page_itself(eaten, sign_in_browser, path, asked, code):
+def test_adequacy_with_impossible_parameters_is_refused_by_the_page(eaten, sign_in_browser, path, asked, code):
     answer = sign_in_browser("vera", pilot="viewer").get(f"/dashboard/studies/pilot/{path}", **asked)
     assert answer.status_code == 422
     assert code in answer.text
     assert "hx-get" not in answer.text
 
 
-def test_reviewer_closes_a_day_unless_somebody_spoke_meanwhile(client, admin, eaten, sign_in_browser):
+def test_reviewer_closes_a_day_unless_it_changed_meanwhile(client, admin, eaten, sign_in_browser):
     reviewer = sign_in_browser("rita", pilot="reviewer")
     day = DAYS[3]
     form = dict(re.findall(r'name="(\w+)" value="([^"]*)"', article(reviewer.page(PATH), day)))
@@ -117,7 +117,7 @@ def test_reviewer_closes_a_day_unless_somebody_spoke_meanwhile(client, admin, ea
     assert viewer.post(address, **form).status_code == 403
 
 
-def test_owner_adds_many_and_hears_of_those_that_are_there(client, admin, enrol, sign_in_browser):
+def test_owner_adds_many_and_existing_codes_are_listed(client, admin, enrol, sign_in_browser):
     enrol()
     owner = sign_in_browser("olga", pilot="owner")
     answer = owner.post(PARTICIPANTS, codes="P001, P002;P003\r\nP004\tP002,")
@@ -129,7 +129,7 @@ def test_owner_adds_many_and_hears_of_those_that_are_there(client, admin, enrol,
     assert owner.post(PARTICIPANTS, codes="P005").status_code == 303
 
 
-def test_owner_hears_which_codes_are_spent(client, admin, enrol, sign_in_browser):
+def test_codes_of_withdrawn_participants_are_listed(client, admin, enrol, sign_in_browser):
     enrol()
     erase = {"withdrawal_policy": "erase"}
     assert client.patch("/v1/studies/pilot", headers=admin | {"If-Match": "*"}, json=erase).status_code == 200
@@ -163,7 +163,7 @@ def test_owner_hears_which_codes_are_spent(client, admin, enrol, sign_in_browser
     ],
     ids=["name", "blank", "letters", "markup", "long", "none", "many"],
 )
-def test_nobody_is_added_where_one_is_no_code_and_the_text_stays(client, admin, enrol, sign_in_browser, asked, said):
+def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_in_browser, asked, said):
     enrol()
     answer = sign_in_browser("olga", pilot="owner").post(PARTICIPANTS, codes=asked)
     assert answer.status_code == 422
@@ -172,7 +172,7 @@ def test_nobody_is_added_where_one_is_no_code_and_the_text_stays(client, admin, 
     assert codes_of(client, admin) == ["P001"]
 
 
-def test_profile_keeps_what_is_told_and_loses_what_is_emptied(client, admin, eaten, sign_in_browser):
+def test_profile_keeps_filled_fields_and_loses_emptied_ones(client, admin, eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
     assert owner.post(f"{PATH}/profile", sex="male", birth_year="1980", starts_on="2026-10-31").status_code == 303
     told = client.get("/v1/studies/pilot/participants/P001", headers=admin).json()
@@ -183,7 +183,7 @@ def test_profile_keeps_what_is_told_and_loses_what_is_emptied(client, admin, eat
     assert "day 2" in text_of(article(owner.page(PATH), DAYS[0]))
 
 
-def test_participant_leaves_only_when_the_code_is_typed(eaten, sign_in_browser):
+def test_participant_is_withdrawn_only_if_the_code_is_entered(eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
     assert owner.post(f"{PATH}/withdrawal", code="P01").status_code == 422
     assert eaten.get("/v1/me").status_code == 200
@@ -191,7 +191,7 @@ def test_participant_leaves_only_when_the_code_is_typed(eaten, sign_in_browser):
     assert eaten.get("/v1/me").status_code == 410
 
 
-def test_participant_of_another_study_is_not_there(enrol, eaten, sign_in_browser):
+def test_participant_of_another_study_is_not_found(enrol, eaten, sign_in_browser):
     enrol("X9", study="other")
     viewer = sign_in_browser("vera", pilot="viewer")
     assert viewer.get("/dashboard/studies/pilot/participants/X9").status_code == 404

@@ -1,4 +1,4 @@
-"""Members, devices, enrolment cards, staff, account, settings, webhooks, audit log, marker: as people use them."""
+"""Members, devices, enrolment cards, staff, account, settings, webhooks, audit log, marker."""
 
 import html
 import json
@@ -35,7 +35,7 @@ def protocol(**changes):
     return form | changes
 
 
-def test_owner_changes_the_protocol_and_the_api_tells_the_same(client, admin, owner):
+def test_owner_changes_the_protocol_and_the_api_returns_it(client, admin, owner):
     page = owner.page("/dashboard/studies/pilot/settings")
     answer = owner.post(
         "/dashboard/studies/pilot/settings", **protocol(version=version_of(page), gives_feedback="true")
@@ -59,7 +59,7 @@ def test_protocol_that_was_changed_meanwhile_is_not_overwritten(client, admin, o
     assert client.get("/v1/studies/pilot", headers=admin).json()["name"] == "Other"
 
 
-def test_refused_value_stays_in_the_form_with_what_is_wrong_beside_it(owner):
+def test_refused_value_stays_in_the_form_beside_its_error(owner):
     version = version_of(owner.page("/dashboard/studies/pilot/settings"))
     form = protocol(version=version, retention_days="-3", name='A "quoted" <b>name</b>')
     answer = owner.post("/dashboard/studies/pilot/settings", **form)
@@ -125,12 +125,12 @@ def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
     assert code not in devices
 
 
-def test_qr_code_says_server_and_code():
+def test_qr_code_contains_server_and_code():
     text = enrolment_text("https://tada.example", "abc-DEF_123")
     assert json.loads(read_qr(qr_png(text))) == {"tada": 1, "server": "https://tada.example", "code": "abc-DEF_123"}
 
 
-def test_revoked_phone_is_shown_as_such_and_opens_nothing(phone, sign_in_browser):
+def test_revoked_phone_is_shown_as_revoked_and_has_no_access(phone, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
     page = owner.page("/dashboard/studies/pilot/devices")
     address = re.findall(r'action="(/dashboard/studies/pilot/devices/[^"]+/revocation)"', page)[0]
@@ -153,7 +153,7 @@ def test_owner_gives_and_takes_roles(owner, sign_in_browser):
     assert owner.post("/dashboard/studies/pilot/members/removal", name="vera").status_code == 303
 
 
-def test_admin_adds_a_person_who_then_signs_in(client, sign_in_browser):
+def test_admin_adds_a_staff_member_who_then_signs_in(client, sign_in_browser):
     boss = sign_in_browser("boss", is_admin=True)
     assert boss.post("/dashboard/staff", name="newcomer", password="short").status_code == 422
     assert boss.post("/dashboard/staff", name="newcomer", password=PASSWORD).status_code == 303
@@ -235,7 +235,7 @@ def test_marker_is_a_pdf(owner):
     assert owner.get("/dashboard/marker.pdf", marker='"><script>').status_code == 422
 
 
-def test_admin_makes_a_study(client, admin, sign_in_browser):
+def test_admin_creates_a_study(client, admin, sign_in_browser):
     boss = sign_in_browser("boss", is_admin=True)
     assert boss.post("/dashboard/new-study", code="bad code", name="x").status_code == 422
     answer = boss.post("/dashboard/new-study", code="fresh", name="<i>Fresh</i>", marker="plain:9x7:11")

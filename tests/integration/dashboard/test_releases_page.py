@@ -1,4 +1,4 @@
-"""The releases' pages: figures, files and checksums are the API's, pinned versions the file's own; owners freeze."""
+"""The releases' pages: figures, files and checksums are the API's; owners freeze."""
 
 import re
 import uuid
@@ -53,7 +53,7 @@ def ready(owner, run):
     return f"{PATH}/2026-baseline"
 
 
-def test_every_figure_of_a_release_is_the_api_s_and_its_own_file_s(client, admin, owner, ready):
+def test_every_figure_of_a_release_is_the_apis_and_its_files(client, admin, owner, ready):
     page = owner.page(ready)
     told = client.get(f"{API}/2026-baseline", headers=admin).json()
     manifest = client.get(f"{API}/2026-baseline/files/release.json", headers=admin).json()
@@ -85,7 +85,7 @@ def test_page_follows_a_release_until_it_is_ready(owner, run):
     assert "hx-get" not in owner.page(f"{PATH}/one")
 
 
-def test_check_tells_which_file_is_not_what_was_frozen(state, owner, ready):
+def test_check_names_the_damaged_file(state, owner, ready):
     assert "each is as frozen" in owner.page(f"{ready}/check")
     with state.database.read() as session:
         keys = {file.name: file.blob_key for file in session.scalars(sa.select(ReleaseFile))}
@@ -97,7 +97,7 @@ def test_check_tells_which_file_is_not_what_was_frozen(state, owner, ready):
     assert set(states.values()) == {"whole"}
 
 
-def test_erasure_is_told_with_the_checksum_of_before(client, admin, meals, owner, ready, run, phones):
+def test_erasure_is_shown_with_the_former_checksum(client, admin, meals, owner, ready, run, phones):
     before = client.get(f"{API}/2026-baseline", headers=admin).json()["checksum"]
     assert client.delete(f"/v1/meals/{meals}", headers=phones["P001"].headers).status_code == 200
     changing = owner.page(ready)
@@ -113,7 +113,7 @@ def test_erasure_is_told_with_the_checksum_of_before(client, admin, meals, owner
     assert "altered" in text_of(owner.page(PATH))
 
 
-def test_lost_file_is_told_on_the_page_of_a_release_that_must_change(client, state, meals, owner, ready, run, phones):
+def test_lost_file_is_shown_on_the_page_of_a_changing_release(client, state, meals, owner, ready, run, phones):
     with state.database.read() as session:
         keys = {file.name: file.blob_key for file in session.scalars(sa.select(ReleaseFile))}
     state.blobs.delete(keys["meals.parquet"])
@@ -126,7 +126,7 @@ def test_lost_file_is_told_on_the_page_of_a_release_that_must_change(client, sta
     assert owner.get(f"{ready}/files/items.csv").status_code == 503
 
 
-def test_places_in_a_release_are_told(owner, state, run):
+def test_places_in_a_release_are_shown(owner, state, run):
     with state.database.write() as session:
         session.execute(sa.update(Study).values(location_policy="keep"))
     add_meal(state, "P001", "2026-11-03", place={"latitude": 48.1, "longitude": 11.5})
@@ -140,7 +140,7 @@ def test_places_in_a_release_are_told(owner, state, run):
     assert "Meals with a place" not in text_of(owner.page(f"{PATH}/unplaced"))
 
 
-def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(client, admin, owner, ready):
+def test_refused_form_keeps_its_text_and_a_name_is_used_once(client, admin, owner, ready):
     for fields, sentence in (
         ({"name": "Has Blanks"}, "Small letters a-z, digits, dot"),
         ({"name": "2026-baseline"}, "has a release"),

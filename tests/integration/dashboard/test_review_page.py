@@ -1,4 +1,4 @@
-"""The review page: its figures are those of the API's queue, and what it says is said by the API's service."""
+"""The review page: its figures are those of the API's queue, its events go through the API's use case."""
 
 import html
 import re
@@ -77,7 +77,7 @@ def test_cards_are_the_queue_of_the_api_figure_by_figure(client, admin, meal_of,
         ("apple", {"pear": 0.97}, 0.01, None, "The phone and the server disagree"),
     ],
 )
-def test_food_is_marked_beforehand_where_it_is_likelier_than_none_of_these(
+def test_food_is_marked_if_it_is_likelier_than_none_of_these(
     meal_of, sign_in_browser, hint, probabilities, none, marked, why
 ):
     meal_of(identified_item(probabilities, none=none, hint=0 if hint else None), hint=hint)
@@ -105,7 +105,7 @@ def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_
     assert browser.get(PAGE, min_doubt="2").status_code == 422
 
 
-def test_word_of_another_reviewer_is_told_with_the_item_as_it_stands(client, admin, meal_of, sign_in_browser):
+def test_event_of_another_reviewer_is_shown_with_the_current_item(client, admin, meal_of, sign_in_browser):
     meal = meal_of(found_item(), found_item(90.0))
     browser = sign_in_browser("ann", pilot="reviewer")
     first, second = cards_of(browser.page(PAGE))
@@ -124,7 +124,7 @@ def test_word_of_another_reviewer_is_told_with_the_item_as_it_stands(client, adm
     assert browser.get(attribute(first, "again"), **unknown).status_code == 404
 
 
-def test_own_word_settles_nothing_for_who_said_it(meal_of, sign_in_browser):
+def test_own_event_does_not_settle_the_readers_card(meal_of, sign_in_browser):
     meal_of(found_item())
     browser = sign_in_browser("ann", pilot="reviewer")
     (card,) = cards_of(browser.page(PAGE))
@@ -142,7 +142,7 @@ def test_own_word_settles_nothing_for_who_said_it(meal_of, sign_in_browser):
     assert cards_of(browser.get(PAGE).text) == []
 
 
-def test_names_and_notes_with_html_stay_text(client, admin, meal_of, sign_in_browser):
+def test_names_and_notes_are_escaped(client, admin, meal_of, sign_in_browser):
     meal = meal_of(found_item())
     browser = sign_in_browser("ann", pilot="reviewer")
     (card,) = cards_of(browser.page(PAGE))
@@ -154,9 +154,7 @@ def test_names_and_notes_with_html_stay_text(client, admin, meal_of, sign_in_bro
     assert "<img src=x" not in again
 
 
-def test_who_is_no_reviewer_sees_no_queue_and_another_study_has_none_of_its_items(
-    client, admin, meal_of, enrol, sign_in_browser
-):
+def test_viewer_sees_no_queue_and_another_study_has_none_of_its_items(client, admin, meal_of, enrol, sign_in_browser):
     meal_of(found_item())
     enrol("P009", study="other")
     (card,) = cards_of(sign_in_browser("ann", pilot="reviewer", other="reviewer").page(PAGE))

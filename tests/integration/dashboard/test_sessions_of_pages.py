@@ -1,4 +1,4 @@
-"""Sign in and out, sessions that end, requests that other sites make a browser send, headers of every answer."""
+"""Signing in and out, ended sessions, cross-site requests, headers of every response."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -15,7 +15,7 @@ from tests.integration.dashboard.conftest import BROWSER
 from tests.integration.people.people import PASSWORD, make_staff
 
 
-def test_who_is_not_signed_in_is_led_to_the_form_and_then_back(client, admin):
+def test_request_without_session_is_redirected_to_the_form_and_back(client, admin):
     answer = client.get("/dashboard", headers=BROWSER, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/sign-in")
     answer = client.get("/dashboard?cursor=x", headers=BROWSER, follow_redirects=False)
@@ -34,7 +34,7 @@ def test_who_is_not_signed_in_is_led_to_the_form_and_then_back(client, admin):
     assert "samesite=lax" in cookie
 
 
-def test_wrong_password_shows_the_form_again_and_says_so(client, admin):
+def test_wrong_password_shows_the_form_again_with_an_error(client, admin):
     make_staff(client, admin, "ann")
     answer = client.post("/dashboard/sign-in", headers=BROWSER, data={"name": "ann", "password": "wrong"})
     assert answer.status_code == 401
@@ -60,7 +60,7 @@ def test_session_ends_when_it_should(state, sign_in_browser, ended):
     assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/sign-in")
 
 
-def test_token_of_an_api_call_opens_no_page_and_a_cookie_no_api_call(client, admin, sign_in_browser):
+def test_api_token_opens_no_page_and_a_cookie_no_api_route(client, admin, sign_in_browser):
     assert client.get("/dashboard", headers=admin).status_code == 401
     ann = sign_in_browser("ann")
     cookie = {"Cookie": f"tada_session={ann.cookies['tada_session']}"}
@@ -94,7 +94,7 @@ def test_another_sites_form_changes_nothing(client, sign_in_browser, origin):
     assert ann.get("/dashboard").status_code == 200
 
 
-def test_browser_that_tells_only_the_origin_is_let_in(client, sign_in_browser):
+def test_browser_that_sends_only_the_origin_is_accepted(client, sign_in_browser):
     ann = sign_in_browser("ann")
     headers = {"Cookie": f"tada_session={ann.cookies['tada_session']}", "Origin": "http://testserver"}
     assert client.post("/dashboard/sign-out", headers=headers, follow_redirects=False).status_code == 303
@@ -117,7 +117,7 @@ def test_under_https_the_cookie_is_bound_to_host_and_transport(app, client, admi
 @pytest.mark.parametrize(
     "path", ["/dashboard", "/dashboard/sign-in", "/dashboard/no-such-page", "/dashboard/static/app.css"]
 )
-def test_every_answer_has_the_headers_that_keep_a_page_to_itself(client, path):
+def test_every_response_has_the_security_headers(client, path):
     answer = client.get(path, headers=BROWSER, follow_redirects=False)
     policy = answer.headers["content-security-policy"]
     assert "default-src 'none'" in policy
@@ -127,7 +127,7 @@ def test_every_answer_has_the_headers_that_keep_a_page_to_itself(client, path):
     assert "cache-control" in answer.headers
 
 
-def test_file_of_another_version_than_the_page_is_not_kept_for_good(client):
+def test_static_file_of_another_version_is_not_cached_for_good(client):
     """As when a page of a new server asks one that is not upgraded yet."""
     own = client.get(static("vendor/htmx/htmx.min.js"))
     assert own.headers["cache-control"] == "public, max-age=31536000, immutable"
@@ -139,11 +139,11 @@ def test_file_of_another_version_than_the_page_is_not_kept_for_good(client):
     assert client.get("/dashboard/static/vendor").status_code == 404
 
 
-def test_pages_are_not_kept_by_caches(sign_in_browser):
+def test_pages_are_not_cached(sign_in_browser):
     assert sign_in_browser("ann").get("/dashboard").headers["cache-control"] == "private, no-store"
 
 
-def test_error_is_a_page_for_a_browser_a_piece_for_htmx_and_a_problem_for_a_program(client, sign_in_browser):
+def test_error_is_a_page_for_a_browser_a_fragment_for_htmx_and_a_problem_for_a_program(client, sign_in_browser):
     ann = sign_in_browser("ann")
     page = ann.get("/dashboard/studies/nowhere")
     assert page.status_code == 404
@@ -155,7 +155,7 @@ def test_error_is_a_page_for_a_browser_a_piece_for_htmx_and_a_problem_for_a_prog
     assert client.get("/dashboard/studies/nowhere", headers=cookie).json()["code"] == "not_found"
 
 
-def test_ended_session_leads_htmx_to_the_form(client):
+def test_ended_session_redirects_htmx_to_the_form(client):
     answer = client.get("/dashboard", headers=BROWSER | {"HX-Request": "true"})
     assert (answer.status_code, answer.headers["hx-redirect"]) == (204, "/dashboard/sign-in")
 
@@ -173,17 +173,17 @@ def test_ended_session_leads_htmx_to_the_form(client):
         "",
     ],
 )
-def test_sign_in_leads_to_no_other_place(path):
+def test_sign_in_redirects_to_no_other_site(path):
     assert safe_path(path) == "/dashboard"
 
 
-def test_name_in_the_form_is_shown_as_text(client):
+def test_name_in_the_form_is_escaped(client):
     name = '"><script>alert(1)</script>'
     answer = client.post("/dashboard/sign-in", headers=BROWSER, data={"name": name, "password": "x"})
     assert "<script>alert" not in answer.text
 
 
-def test_menus_lead_only_to_pages_that_are_there():
+def test_menus_link_only_to_existing_pages():
     for entry in menus.STUDY:
         assert ("GET", "/".join(["/dashboard/studies/{study}", *entry.path])) in PAGES, entry
     for entry in (*menus.SERVER, *menus.ADMIN):

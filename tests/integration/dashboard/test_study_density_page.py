@@ -1,4 +1,4 @@
-"""A study's own densities by the page: as the API has them, added and withdrawn by owners, text as text."""
+"""The page of a study's own densities: the API's rows, added and withdrawn by owners, escaped text."""
 
 import csv
 import io
@@ -67,7 +67,7 @@ def test_owner_adds_specimens_and_withdraws_with_a_reason(owner, measured):
         ({"g_per_ml": "0.8", "sd_g_per_ml": "0.1", "method": '"><script>', "kind": "gas"}, "kind-wrong"),
     ],
 )
-def test_refused_measurement_keeps_what_was_typed(owner, measured, changes, field):
+def test_refused_measurement_keeps_the_entered_values(owner, measured, changes, field):
     answer = owner.post(PATH, **FORM | changes)
     assert answer.status_code in (404, 422)
     assert field in answer.text
@@ -93,7 +93,7 @@ def test_viewer_sees_and_changes_nothing_and_a_stranger_sees_nothing(owner, sign
     assert measured() == [told]
 
 
-def test_food_leads_to_the_densities_of_ones_studies(owner, sign_in_browser):
+def test_food_links_to_the_densities_of_the_callers_studies(owner, sign_in_browser):
     owner.post(PATH, **FORM, g_per_ml="0.8125", sd_g_per_ml="0.02")
     assert 0.8125 in figures_of(owner.page("/dashboard/foods/apple"))
     assert 0.8125 not in figures_of(sign_in_browser("sam").page("/dashboard/foods/apple"))

@@ -1,4 +1,4 @@
-"""A study's vessel library by its pages: as the API has it, added, measured anew and retired by owners."""
+"""The pages of a study's vessel library: the API's rows, added, remeasured and retired by owners."""
 
 import csv
 import io
@@ -28,7 +28,7 @@ def library(client, admin):
     return read
 
 
-def test_owner_adds_measures_anew_and_retires(owner, library):
+def test_owner_adds_remeasures_and_retires_a_vessel(owner, library):
     answer = owner.post(PATH, **FORM)
     assert answer.status_code == 303, text_of(answer.text)
     (vessel,) = library()
@@ -58,7 +58,7 @@ def test_owner_adds_measures_anew_and_retires(owner, library):
     assert not library()[0]["is_retired"]
 
 
-def test_form_of_an_older_version_changes_nothing_and_shows_what_is_there(owner, library):
+def test_form_of_an_older_version_changes_nothing_and_shows_the_current_one(owner, library):
     owner.post(PATH, **FORM)
     (vessel,) = library()
     path = f"{PATH}/{vessel['id']}"
@@ -85,7 +85,7 @@ def test_form_of_an_older_version_changes_nothing_and_shows_what_is_there(owner,
         ({"inside_profile_mm": "0, 6\n82, 95"}, "refused"),
     ],
 )
-def test_refused_vessel_keeps_what_was_typed(owner, library, changes, field):
+def test_refused_vessel_keeps_the_entered_values(owner, library, changes, field):
     answer = owner.post(PATH, **FORM | changes)
     assert answer.status_code == 422
     assert field in answer.text
@@ -94,7 +94,7 @@ def test_refused_vessel_keeps_what_was_typed(owner, library, changes, field):
     assert library() == []
 
 
-def test_name_that_is_taken_is_marked(owner, library):
+def test_name_in_use_is_marked(owner, library):
     owner.post(PATH, **FORM)
     again = owner.post(PATH, **FORM)
     assert again.status_code == 409

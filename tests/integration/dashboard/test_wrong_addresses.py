@@ -1,4 +1,4 @@
-"""Addresses that no page has, and refusals that lead back to where one was."""
+"""Unknown addresses, and refused pages with a link back."""
 
 import pytest
 
@@ -15,27 +15,27 @@ def viewer(enrol, sign_in_browser):
 
 
 @pytest.mark.parametrize("path", ["mealz", "meals/P001", "releases/one/files/two/three"])
-def test_wrong_address_in_a_study_says_so_and_leads_back(viewer, path):
+def test_unknown_address_in_a_study_is_404_with_a_link_back(viewer, path):
     answer = viewer.get(f"{PILOT}/{path}")
     assert answer.status_code == 404
     assert "There is no such page." in text_of(answer.text)
     assert BACK in answer.text
 
 
-def test_refusal_of_a_page_of_a_study_leads_back(viewer):
+def test_refused_page_of_a_study_has_a_link_back(viewer):
     for path, asked in ((f"{PILOT}/participants/X9", {}), (f"{PILOT}/meals", {"from": "yesterday"})):
         answer = viewer.get(path, **asked)
         assert answer.status_code in (404, 422)
         assert BACK in answer.text
 
 
-def test_slash_at_the_end_is_no_other_page(viewer):
+def test_trailing_slash_is_redirected(viewer):
     for path, led_to in ((f"{PILOT}/", PILOT), (f"{PILOT}/meals/", f"{PILOT}/meals")):
         answer = viewer.get(path, view="table")
         assert (answer.status_code, answer.headers["location"]) == (307, f"{led_to}?view=table")
 
 
-def test_stranger_does_not_learn_of_a_study_by_a_wrong_address(viewer, sign_in_browser):
+def test_unknown_address_does_not_reveal_a_study_to_a_stranger(viewer, sign_in_browser):
     stranger = sign_in_browser("sam")
     for study in ("pilot", "none-such"):
         answer = stranger.get(f"/dashboard/studies/{study}/mealz")
@@ -44,7 +44,7 @@ def test_stranger_does_not_learn_of_a_study_by_a_wrong_address(viewer, sign_in_b
         assert "Back to" not in answer.text
 
 
-def test_wrong_address_outside_of_studies_says_so(viewer, client):
+def test_unknown_address_outside_of_studies_is_404(viewer, client):
     answer = viewer.get("/dashboard/nowhere")
     assert answer.status_code == 404
     assert "There is no such page." in text_of(answer.text)

@@ -1,4 +1,4 @@
-"""A study in which people talked about a meal, as a fixture."""
+"""Fixture: a study with a meal that has review events."""
 
 from tests.integration.records.talking import talked_over
 

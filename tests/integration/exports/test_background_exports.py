@@ -1,4 +1,4 @@
-"""Exports in the background: asked for over HTTP, made by a runner, fetched in parts, gone when they must be."""
+"""Exports in the background: requested over HTTP, made by a runner, downloaded in parts, expired and erased."""
 
 import csv
 import hashlib
@@ -121,13 +121,13 @@ def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
         ({"filters": {"participant": "\0"}}, "invalid_input"),
     ],
 )
-def test_export_that_cannot_be_is_refused_at_once(viewer, body, code):
+def test_impossible_export_is_refused_at_once(viewer, body, code):
     answer = ask(viewer, **body)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
     assert viewer.get(PATH).json()["items"] == []
 
 
-def test_all_components_of_foods_that_nobody_has_named_are_none(client, admin, enrol, state, run):
+def test_all_components_of_unnamed_foods_are_none(client, admin, enrol, state, run):
     enrol("P009", study="unnamed")
     add_meal(state, "P009", "2026-11-01", eaten_item(100.0), study="unnamed")
     viewer = make_staff(client, admin, "vera", unnamed="viewer")
@@ -137,7 +137,7 @@ def test_all_components_of_foods_that_nobody_has_named_are_none(client, admin, e
     assert [row["consumed_g"] for row in rows] == ["100.0"]
 
 
-def test_broken_download_goes_on_where_it_ended(viewer, run):
+def test_interrupted_download_resumes(viewer, run):
     export = made(viewer, run)
     whole = viewer.get(export["file"])
     etag, length = whole.headers["etag"], len(whole.content)
@@ -157,7 +157,7 @@ def test_broken_download_goes_on_where_it_ended(viewer, run):
         assert (part.status_code, part.content) == (206, expected), header
 
 
-def test_range_that_is_none_or_of_another_file_gives_the_whole(viewer, run):
+def test_invalid_range_or_range_of_another_file_returns_the_whole_file(viewer, run):
     export = made(viewer, run)
     whole = viewer.get(export["file"]).content
     for headers in (
@@ -172,7 +172,7 @@ def test_range_that_is_none_or_of_another_file_gives_the_whole(viewer, run):
         assert (answer.status_code, answer.content) == (200, whole), headers
 
 
-def test_range_behind_the_end_is_refused_and_what_is_known_is_not_sent_again(viewer, run):
+def test_range_past_the_end_is_refused_and_a_known_file_is_not_sent_again(viewer, run):
     export = made(viewer, run)
     for header in (f"bytes={export['bytes']}-", "bytes=-0"):
         answer = viewer.get(export["file"], headers={"Range": header})
@@ -182,7 +182,7 @@ def test_range_behind_the_end_is_refused_and_what_is_known_is_not_sent_again(vie
     assert (known.status_code, known.content) == (304, b"")
 
 
-def test_the_same_asked_for_again_is_the_same_export_until_it_is_done(client, admin, viewer, run):
+def test_repeated_request_is_the_same_export_until_it_is_done(client, admin, viewer, run):
     first, again = ask(viewer), ask(viewer)
     assert (first.status_code, again.status_code) == (202, 200)
     assert first.json()["id"] == again.json()["id"]
@@ -192,7 +192,7 @@ def test_the_same_asked_for_again_is_the_same_export_until_it_is_done(client, ad
     assert ask(viewer).status_code == 202
 
 
-def test_too_many_under_way_are_refused(client, admin, viewer, state, settings):
+def test_too_many_unfinished_exports_are_refused(client, admin, viewer, state, settings):
     formats = ("csv", "ndjson", "parquet", "geojson")
     answers = [ask(viewer, format=output) for output in formats]
     assert [answer.status_code for answer in answers] == [202, 202, 202, 429]
@@ -217,7 +217,7 @@ def test_exports_are_listed_newest_first_in_pages(viewer, run):
     assert listed == paths[::-1]
 
 
-def test_who_may_not_see_the_study_hears_of_no_export(client, admin, viewer, run, state):
+def test_export_does_not_exist_without_access_to_the_study(client, admin, viewer, run, state):
     export = made(viewer, run)
     stranger = make_staff(client, admin, "sven")
     for path in (PATH, f"{PATH}/{export['id']}", export["file"]):
@@ -231,7 +231,7 @@ def test_who_may_not_see_the_study_hears_of_no_export(client, admin, viewer, run
     assert client.get(elsewhere + "/file", headers=admin).status_code == 404
 
 
-def test_only_who_asked_or_an_owner_removes_an_export_and_its_file_goes(client, admin, viewer, run, state):
+def test_only_the_requester_or_an_owner_removes_an_export_with_its_file(client, admin, viewer, run, state):
     export = made(viewer, run)
     path = f"{PATH}/{export['id']}"
     other = make_staff(client, admin, "otto", pilot="reviewer")
@@ -245,7 +245,7 @@ def test_only_who_asked_or_an_owner_removes_an_export_and_its_file_goes(client, 
     assert [event.details["was"] for event in events(state, "export.remove")] == ["done"]
 
 
-def test_export_called_off_is_not_made_and_then_forgotten(viewer, run):
+def test_cancelled_export_is_not_made_and_later_deleted(viewer, run):
     path = ask(viewer).headers["location"]
     assert viewer.delete(path).status_code == 204
     assert viewer.get(path).json()["state"] == "cancelled"
@@ -255,7 +255,7 @@ def test_export_called_off_is_not_made_and_then_forgotten(viewer, run):
     assert viewer.get(path).status_code == 404
 
 
-def test_file_goes_when_its_time_is_over_and_its_line_a_month_later(viewer, run, state):
+def test_expired_file_is_deleted_and_its_row_a_month_later(viewer, run, state):
     export = made(viewer, run)
     path = f"{PATH}/{export['id']}"
     assert expire_exports(state.database) == 0
@@ -306,7 +306,7 @@ def test_meal_erased_while_the_file_is_written_is_in_no_file(viewer, run, state,
     assert {row["participant"] for row in rows} == {"P002"}
 
 
-def test_erasure_that_commits_before_the_claim_is_seen_is_met_by_the_last_transaction(
+def test_erasure_that_commits_before_the_claim_is_seen_is_found_by_the_last_transaction(
     viewer, run, state, eaten, during, monkeypatch
 ):
     """Of an export that was still queued when the erasure looked, and whose snapshot is of before its commit."""
@@ -321,7 +321,7 @@ def test_erasure_that_commits_before_the_claim_is_seen_is_met_by_the_last_transa
 
 
 @pytest.mark.parametrize("policy", ["erase", "anonymise"])
-def test_withdrawal_ends_the_files_that_hold_the_person_and_what_names_them(
+def test_withdrawal_expires_files_with_the_participant_and_deletes_exports_that_name_them(
     client, admin, viewer, run, state, eaten, policy
 ):
     tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
@@ -341,7 +341,7 @@ def test_withdrawal_ends_the_files_that_hold_the_person_and_what_names_them(
         assert "P001" not in str([row.spec for row in session.scalars(sa.select(Export))])
 
 
-def test_participant_who_leaves_and_is_kept_stays_in_the_files(client, admin, viewer, run, eaten):
+def test_withdrawn_participant_whose_data_are_kept_stays_in_the_files(client, admin, viewer, run, eaten):
     tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
     body = {"withdrawal_policy": "keep"}
     assert client.patch("/v1/studies/pilot", headers=admin | {"If-Match": tag}, json=body).status_code == 200
@@ -350,7 +350,7 @@ def test_participant_who_leaves_and_is_kept_stays_in_the_files(client, admin, vi
     assert "P001" in viewer.get(export["file"]).text
 
 
-def test_called_off_while_it_is_written_leaves_nothing(viewer, run, state, during):
+def test_export_cancelled_while_it_is_written_leaves_nothing(viewer, run, state, during):
     path = ask(viewer).headers["location"]
     during(lambda: viewer.delete(path))
     assert run().outcome == "lost"
@@ -390,7 +390,7 @@ def test_living_runner_is_not_taken_over(viewer, run, during):
     assert others == [None]
 
 
-def test_heartbeat_of_a_time_to_come_is_no_sign_of_life(viewer, run, state):
+def test_future_heartbeat_does_not_keep_a_claim_alive(viewer, run, state):
     """The database's clock went back: who died before would else be taken for alive until it has caught up."""
     ask(viewer)
     with state.database.write() as session:
@@ -399,7 +399,7 @@ def test_heartbeat_of_a_time_to_come_is_no_sign_of_life(viewer, run, state):
     assert run().outcome == "done"
 
 
-def test_progress_is_told_while_the_file_is_written(viewer, run, state, during, monkeypatch):
+def test_progress_is_shown_while_the_file_is_written(viewer, run, state, during, monkeypatch):
     path = ask(viewer).headers["location"]
     seen = []
 
@@ -415,7 +415,7 @@ def test_progress_is_told_while_the_file_is_written(viewer, run, state, during, 
     assert seen[-1]["rows_estimated"] == 3
 
 
-def test_passing_fault_is_tried_again_later_and_a_lasting_one_ends_it(viewer, run, state, monkeypatch):
+def test_transient_fault_is_retried_and_a_lasting_one_fails_the_export(viewer, run, state, monkeypatch):
     path = ask(viewer).headers["location"]
 
     def broken(*_, **__):
@@ -435,7 +435,7 @@ def test_passing_fault_is_tried_again_later_and_a_lasting_one_ends_it(viewer, ru
     assert run() is None
 
 
-def test_maker_that_dies_again_and_again_ends_the_export(viewer, run, state):
+def test_runner_that_dies_each_time_fails_the_export(viewer, run, state):
     path = ask(viewer).headers["location"]
     for _ in range(file_runner.MOST_ATTEMPTS):
         claim = uuid.uuid4()
@@ -446,14 +446,14 @@ def test_maker_that_dies_again_and_again_ends_the_export(viewer, run, state):
     assert viewer.get(path).json()["failure"] == "export_gave_up"
 
 
-def test_full_disk_ends_the_export_in_words(viewer, run, monkeypatch):
+def test_full_disk_fails_the_export_with_its_code(viewer, run, monkeypatch):
     path = ask(viewer).headers["location"]
     monkeypatch.setattr("app.exports.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
     assert run().outcome == "storage_full"
     assert viewer.get(path).json()["failure"] == "storage_full"
 
 
-def test_erasures_are_counted_but_not_those_that_take_no_row(client, admin, enrol, state, eaten):
+def test_erasures_are_counted_unless_they_remove_no_row(client, admin, enrol, state, eaten):
     with state.database.read() as session:
         study_id = session.scalar(sa.select(Participant.study_id).limit(1))
         before = exports.moment_of(session, study_id)

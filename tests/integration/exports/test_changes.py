@@ -1,4 +1,4 @@
-"""Who pulls a study's changes has, after each pull, what the server has: nothing missed, erased records gone."""
+"""After each pull of a study's changes a client has what the server has: nothing missed, erased records gone."""
 
 import hashlib
 

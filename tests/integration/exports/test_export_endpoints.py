@@ -1,4 +1,4 @@
-"""The tables over HTTP: formats, GeoJSON, the data dictionary, who sees what, what is refused, what is noted."""
+"""The tables over HTTP: formats, GeoJSON, data dictionary, permissions, refusals, audit log."""
 
 import csv
 import io

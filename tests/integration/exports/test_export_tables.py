@@ -1,4 +1,4 @@
-"""Every table that leaves: in each format the same values, in long the wide ones, and the API's own."""
+"""The exported tables: the same values in every format, long as wide, equal to the API's."""
 
 import csv
 import io

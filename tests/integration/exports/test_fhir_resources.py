@@ -1,4 +1,4 @@
-"""Records as FHIR resources: valid by a FHIR library, and the figures are those of the rest of the API."""
+"""Records as FHIR resources: valid by a FHIR library, with the figures of the rest of the API."""
 
 import uuid
 

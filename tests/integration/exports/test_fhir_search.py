@@ -1,4 +1,4 @@
-"""Searching for NutritionIntakes: by whom and when, page by page, what may be seen, what is refused."""
+"""Searching NutritionIntakes: by participant and date, pages, permissions, refusals."""
 
 import itertools
 from datetime import UTC, datetime, timedelta

@@ -1,4 +1,4 @@
-"""Small lists leave as CSV and NDJSON too: the same rows as their pages, safe for a spreadsheet, by the same rights."""
+"""Small lists as CSV and NDJSON: the rows of their pages, safe for spreadsheets, with the same permissions."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""A cursor is not signed: whoever makes one up gets an answer, on every list that the document of the API knows."""
+"""Cursors are not signed: forged ones are handled by every list of the API's document."""
 
 import base64
 import itertools

@@ -1,4 +1,4 @@
-"""Releases are in backups, whole; exports are not; and an erasure of after the backup reaches the restored release."""
+"""Backups contain whole releases but no exports; a later erasure reaches a restored release."""
 
 import csv
 import io
@@ -91,9 +91,7 @@ def test_restored_release_is_whole_and_no_export_is_left_dangling(frozen, source
         assert client.get(f"{PATH}/baseline/check", headers=owner.headers).json()["is_whole"] is True
 
 
-def test_release_that_was_written_anew_while_the_backup_was_written_is_told_to_lack_files(
-    frozen, source, machine, tmp_path
-):
+def test_release_rewritten_during_the_backup_is_reported_to_lack_files(frozen, source, machine, tmp_path):
     _, phone, meal = frozen
 
     def change_behind_the_rows(words):

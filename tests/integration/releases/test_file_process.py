@@ -1,4 +1,4 @@
-"""The process beside a worker that makes files: a real one, that is killed, asked to end, and left behind."""
+"""The worker's side process for exports and releases: a real process that is killed, stopped and left behind."""
 
 import os
 import signal
@@ -61,7 +61,7 @@ def test_process_makes_the_file_and_ends(state, settings, asked):
     assert asked()["rows_written"] == 1
 
 
-def test_killed_process_is_followed_by_another_at_once(state, settings, asked):
+def test_killed_process_is_replaced_at_once(state, settings, asked):
     slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     wait_until(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow.look)
     os.kill(slow.pid, signal.SIGKILL)
@@ -73,7 +73,7 @@ def test_killed_process_is_followed_by_another_at_once(state, settings, asked):
     assert attempts(state) >= 2
 
 
-def test_worker_that_ends_gives_the_work_back_and_no_try_is_counted(state, settings, asked):
+def test_stopped_worker_releases_its_work_without_counting_an_attempt(state, settings, asked):
     slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     chores = ChoreThread([Chore("make_files", 0.1, slow.look, at_end=slow.stop)])
     chores.start()

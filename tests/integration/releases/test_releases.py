@@ -1,4 +1,4 @@
-"""Releases: a study's data frozen under a name; what is frozen stays, but for what is erased."""
+"""Releases: a study's data frozen under a name; only erasures change them."""
 
 import csv
 import hashlib
@@ -143,7 +143,7 @@ def erase(eaten, meal):
     assert answer.status_code == 200, answer.text
 
 
-def test_release_holds_every_table_with_checksums_that_anybody_can_check(owner, run):
+def test_release_has_every_table_with_verifiable_checksums(owner, run):
     release = frozen(owner, run, "baseline", note="for the paper")
     names = {f"{table}.{end}" for table in TABLES for end in ("csv", "parquet")}
     assert {file["name"] for file in release["files"]} == names | {"data-dictionary.csv", "release.json"}
@@ -195,7 +195,7 @@ def test_foods_of_a_release_are_those_of_its_items(owner, run):
     assert {row["food_key"] for row in rows(owner, release, "food_densities")} == {"apple", "banana"}
 
 
-def test_the_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
+def test_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
     first, second = frozen(owner, run, "first"), frozen(owner, run, "second")
     assert first["checksum"] == second["checksum"]
     with state.database.write() as session:
@@ -227,7 +227,7 @@ def test_sums_of_days_do_not_depend_on_the_order_in_which_a_database_adds(owner,
     assert (day["energy_kcal_coverage"], day["median_upload_delay_seconds"]) == (1.0, 61.2345)
 
 
-def test_what_is_edited_and_added_later_does_not_change_a_release(owner, run, state):
+def test_later_edits_do_not_change_a_release(owner, run, state):
     release = frozen(owner, run, "baseline")
     before = fetch(owner, release, "items.csv")
     with state.database.write() as session:
@@ -247,7 +247,7 @@ def test_filters_choose_days_and_statuses_and_days_need_all_statuses(owner, run)
     assert not [file for file in some["files"] if file["name"].startswith("days")]
 
 
-def test_name_is_never_given_twice(owner, run):
+def test_name_is_never_used_twice(owner, run):
     frozen(owner, run, "baseline")
     for _ in range(2):
         answer = owner.post(PATH, json={"name": "baseline"})
@@ -258,7 +258,7 @@ def test_name_is_never_given_twice(owner, run):
     assert answer.json()["code"] == "days_reversed"
 
 
-def test_viewer_fetches_and_cannot_freeze_and_a_stranger_sees_nothing(client, admin, owner, run):
+def test_viewer_downloads_but_cannot_freeze_and_a_stranger_sees_nothing(client, admin, owner, run):
     release = frozen(owner, run, "baseline")
     viewer = make_staff(client, admin, "vera", pilot="viewer")
     assert viewer.post(PATH, json={"name": "mine"}).json()["code"] == "role_too_low"
@@ -272,7 +272,7 @@ def test_viewer_fetches_and_cannot_freeze_and_a_stranger_sees_nothing(client, ad
     assert owner.get(f"{PATH}/other").status_code == 404
 
 
-def test_check_finds_a_file_that_was_altered_or_is_gone(owner, run, state):
+def test_check_finds_a_damaged_or_missing_file(owner, run, state):
     frozen(owner, run, "baseline")
     [key] = [name for name in stored_names(state.blobs) if "/items.csv/" in name]
     state.blobs.delete(key)
@@ -342,7 +342,7 @@ def assert_same_days(found, expected):
 
 
 @pytest.mark.parametrize("meal", ["two a", "two b", "alone", "closed", "late"])
-def test_erased_meal_is_taken_out_and_its_day_is_what_the_study_has_now(owner, run, state, eaten, meal):
+def test_erased_meal_is_removed_and_its_day_equals_the_studys_current_day(owner, run, state, eaten, meal):
     release = frozen(owner, run, "baseline")
     expected = expected_without(owner, release, {str(eaten["meals"][meal])}, None)
     erase(eaten, meal)
@@ -369,7 +369,7 @@ def test_erased_meal_is_taken_out_and_its_day_is_what_the_study_has_now(owner, r
 
 
 @pytest.mark.parametrize("meal", ["two a", "two b", "alone", "closed", "late"])
-def test_release_without_what_was_erased_is_the_one_that_would_be_frozen_now(owner, run, eaten, meal):
+def test_release_without_erased_data_equals_a_new_release(owner, run, eaten, meal):
     frozen(owner, run, "before")
     erase(eaten, meal)
     assert run().outcome == "done"
@@ -381,7 +381,7 @@ def test_release_without_what_was_erased_is_the_one_that_would_be_frozen_now(own
 
 
 @pytest.mark.parametrize("policy", ["erase", "anonymise"])
-def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin, owner, run, state, eaten, policy):
+def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner, run, state, eaten, policy):
     release = frozen(owner, run, "baseline")
     owner.post("/v1/studies/pilot/exports", json={"rows": "items", "filters": {"participant": MARKED}})
     others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
@@ -420,14 +420,14 @@ def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin,
             assert meal.hex.encode() not in in_database, name
 
 
-def test_release_that_holds_nothing_of_what_was_erased_stays_as_it_is(owner, run, eaten):
+def test_release_without_erased_data_is_unchanged(owner, run, eaten):
     release = frozen(owner, run, "late", **{"from": "2026-11-03"})
     erase(eaten, "two a")
     assert run().outcome == "done"
     assert owner.get(f"{PATH}/late").json() == release
 
 
-def test_second_erasure_while_the_release_changes_is_not_forgotten(owner, run, state, eaten, monkeypatch):
+def test_second_erasure_during_a_change_is_applied(owner, run, state, eaten, monkeypatch):
     frozen(owner, run, "baseline")
     erase(eaten, "two a")
     hold, done = file_work.hold, []
@@ -451,7 +451,7 @@ def test_second_erasure_while_the_release_changes_is_not_forgotten(owner, run, s
     assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
 
 
-def test_erasure_while_a_release_is_frozen_begins_it_again(owner, run, state, eaten, monkeypatch):
+def test_erasure_during_freezing_restarts_the_release(owner, run, state, eaten, monkeypatch):
     owner.post(PATH, json={"name": "baseline"})
     done = []
     add = release_runner.ReleaseFiles.add_manifest
@@ -469,7 +469,7 @@ def test_erasure_while_a_release_is_frozen_begins_it_again(owner, run, state, ea
     assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
 
 
-def test_change_that_fails_is_tried_again_and_never_given_up(owner, run, state, eaten, monkeypatch):
+def test_failed_change_is_retried_without_limit(owner, run, state, eaten, monkeypatch):
     frozen(owner, run, "baseline")
     erase(eaten, "two a")
     with monkeypatch.context() as patch:
@@ -508,9 +508,7 @@ def begin_now(state, **values):
 
 
 @pytest.mark.parametrize("how", LOST)
-def test_release_that_must_change_and_whose_file_is_lost_says_so_until_the_file_is_put_back(
-    owner, run, state, eaten, how
-):
+def test_changing_release_with_a_lost_file_reports_it_until_the_file_is_restored(owner, run, state, eaten, how):
     before = frozen(owner, run, "baseline")
     key, content = lose(state, how)
     erase(eaten, "two a")
@@ -531,7 +529,7 @@ def test_release_that_must_change_and_whose_file_is_lost_says_so_until_the_file_
 
 
 @pytest.mark.parametrize("how", LOST)
-def test_release_whose_file_is_not_put_back_for_three_days_fails_and_keeps_nothing(owner, run, state, eaten, how):
+def test_release_with_a_file_lost_for_three_days_fails_and_keeps_no_file(owner, run, state, eaten, how):
     frozen(owner, run, "baseline")
     lose(state, how)
     erase(eaten, "two a")
@@ -587,7 +585,7 @@ def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_
 
 
 @pytest.mark.parametrize("what", ["releases", "exports"])
-def test_file_in_the_making_while_places_are_dropped_is_made_again_without_them(
+def test_unfinished_file_is_made_again_without_places_once_they_are_dropped(
     client, admin, owner, run, state, what, monkeypatch
 ):
     set_policy(client, admin, location_policy="keep")
@@ -610,7 +608,7 @@ def test_file_in_the_making_while_places_are_dropped_is_made_again_without_them(
     assert (made.status_code, "48.1374" in made.text) == (200, False)
 
 
-def test_meal_that_came_last_is_told_by_instants_with_and_without_fractions():
+def test_last_meal_is_found_by_instants_with_and_without_fractions():
     day = {"day_status": "closed", "decided_by": "participant", "meals_after_closing": 1}
     meal = {"status": "confirmed", "origin": "declared", "upload_delay_seconds": 1.0}
     before = meal | {"meal_id": "a", "received_at": "2026-11-01T20:00:00Z"}
@@ -619,7 +617,7 @@ def test_meal_that_came_last_is_told_by_instants_with_and_without_fractions():
     assert day_without(day, [after], [before], [], expects_after_pair=False)["meals_after_closing"] == 1
 
 
-def test_day_worked_out_anew_with_nothing_gone_is_the_frozen_day(owner, run):
+def test_day_recomputed_without_erasure_equals_the_frozen_day(owner, run):
     release = frozen(owner, run, "baseline")
     items, meals, days = (typed(owner, release, table) for table in ("items", "meals", "days"))
     meals = [row | {"received_at": row["received_at"].isoformat()} for row in meals]
@@ -630,7 +628,7 @@ def test_day_worked_out_anew_with_nothing_gone_is_the_frozen_day(owner, run):
         assert day_without(day, of_day[0], [], of_day[1], expects_after_pair=False) == day
 
 
-def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_differ(
+def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_differ(
     owner, run, state, eaten, monkeypatch
 ):
     frozen(owner, run, "baseline")
@@ -655,7 +653,7 @@ def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_d
         assert compare_release(state.database, state.blobs, "pilot", "baseline").tables == found.tables
 
 
-def test_command_tells_that_a_release_is_whole_and_names_a_lost_file_by_its_key(owner, run, state):
+def test_command_reports_a_whole_release_and_names_a_lost_file_by_its_key(owner, run, state):
     def command(*options):
         given = {name: getattr(state.settings, name) for name in state.settings.model_fields_set}
         told = {name: one.get_secret_value() if isinstance(one, SecretStr) else one for name, one in given.items()}
@@ -677,7 +675,7 @@ def test_command_tells_that_a_release_is_whole_and_names_a_lost_file_by_its_key(
     assert "which rows differ is not told without its files" in command().stdout
 
 
-def test_rows_that_are_alike_are_compared_by_how_many_there_are(owner, run, state, eaten):
+def test_equal_rows_are_compared_by_their_number(owner, run, state, eaten):
     """A study may have measured the same twice: the table of densities has no key."""
 
     def measure():

@@ -1,4 +1,4 @@
-"""Which meals a caller may see, as a filter."""
+"""The filter of the meals that a caller may see."""
 
 import uuid
 

@@ -1,4 +1,4 @@
-"""What becomes of a release's rows: of every change, in their order, and at the cost of one digest a name."""
+"""New names of a release's rows: all changes in their order, with one digest per name."""
 
 import uuid
 from datetime import UTC, datetime
@@ -37,14 +37,14 @@ LATER_ERASED = change("erase", participant_digest(BOX, "withdrawn-1"))
 LATER_MEAL = change("meal", meal_digest(BOX, "withdrawn-1", NEW_MEAL))
 
 
-def test_change_of_a_new_name_counts_after_the_renaming_only():
+def test_change_of_a_new_code_applies_only_after_the_rename():
     assert Verdicts(BOX, [ANONYMISED, LATER_ERASED])("P001", MEAL) is None
     assert Verdicts(BOX, [LATER_ERASED, ANONYMISED])("P001", MEAL) == ("withdrawn-1", NEW_MEAL)
     assert Verdicts(BOX, [ANONYMISED, LATER_MEAL])("P001", MEAL) is None
     assert Verdicts(BOX, [ANONYMISED, LATER_MEAL])("P001") == ("withdrawn-1", None)
 
 
-def test_rows_of_nobody_who_is_meant_keep_their_names_and_erased_ones_go_in_any_order():
+def test_rows_of_others_are_unchanged_and_erased_rows_are_gone_in_any_order():
     meal = change("meal", meal_digest(BOX, "P002", MEAL))
     person = change("erase", participant_digest(BOX, "P003"))
     for changes in permutations([meal, person, ANONYMISED]):
@@ -53,7 +53,7 @@ def test_rows_of_nobody_who_is_meant_keep_their_names_and_erased_ones_go_in_any_
         assert (judge("P002"), judge("P004", MEAL)) == (("P002", None), ("P004", MEAL))
 
 
-def test_a_row_costs_as_much_with_a_thousand_changes_as_with_one():
+def test_row_costs_the_same_with_a_thousand_changes_as_with_one():
     changes = [change("meal", meal_digest(BOX, "P002", str(number))) for number in range(1000)]
     judge = Verdicts(BOX, changes)
     BOX.asked = 0
