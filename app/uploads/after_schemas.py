@@ -1,4 +1,4 @@
-"""What a phone tells of the after-meal pair."""
+"""Metadata of an after-meal pair over the wire."""
 
 import uuid
 from typing import Literal

@@ -1,6 +1,6 @@
-"""Windows of after-meal pairs that end: the records of those meals are final as far as nobody sends a pair later.
+"""End the windows of after-meal pairs: the meals' records are then final, unless a pair arrives later.
 
-Run again and again beside the jobs (chores.py). Two at once do no harm: a meal is locked and looked at again.
+A chore of every worker (jobs/chores.py). Concurrent runs do no harm: a meal is locked and checked again.
 """
 
 import uuid
@@ -21,9 +21,9 @@ class AfterWindows:
         self._database = database
 
     def close_due(self) -> int:
-        """End the windows that are over, each in its own transaction. Returns how many; the rest is for the next turn.
+        """End at most BATCH windows that are over, each in its own transaction. Returns their number.
 
-        A pair that is queued or being measured is waited for: it ends the window itself.
+        A pair that is queued or being measured ends its window itself.
         """
         now, closed = datetime.now(UTC), 0
         with self._database.read() as session:

@@ -1,7 +1,7 @@
-"""A meal's estimate is called off before it is made: its jobs end, what waited has failed with the code `cancelled`.
+"""Cancel a meal's estimate before it is made: its jobs end, and waiting pairs fail with the code `cancelled`.
 
-The photographs stay, and a researcher can have the meal estimated after all (retry_meal.py). A worker that has the job
-in hand hears of it within a heartbeat or two and ends the child that computes; what it had found is not written.
+The photographs are kept, and a researcher can have the meal estimated after all (retry_meal.py). A worker that runs the
+job notices within two heartbeats and ends its child; the result is not saved.
 """
 
 import uuid
@@ -23,32 +23,32 @@ from app.records.read_meal import MealView, lock_meal_of, read_meal
 
 log = structlog.get_logger()
 
-OF_PAIRS = frozenset({"meal", "after"})  # purposes; the regions that people drew are not a phone's to call off
+PHONE_PURPOSES = frozenset({"meal", "after"})  # a phone cannot cancel the measuring of redrawn regions
 
 
 def cancel_meal(
     database: Database, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
 ) -> MealView:
-    """Call off what of the meal is not measured yet; done before, it changes nothing.
+    """Cancel the unfinished estimates of the meal; repeated, it changes nothing.
 
-    Raises NotFoundError, NotAllowedError, ConflictError (`nothing_to_cancel`: it has an answer, or is not complete
-    yet), GoneError.
+    Raises NotFoundError, NotAllowedError, ConflictError (`nothing_to_cancel`: it is estimated, or not complete yet),
+    GoneError.
     """
     with database.write() as session:
         meal, _, _ = lock_meal_of(session, caller, client_id, participant_code)
-        called_off = cancel_locked_meal(session, meal, caller)
-    log.info("meal_cancelled", meal_id=str(meal.id), jobs=called_off)
+        cancelled = cancel_locked_meal(session, meal, caller)
+    log.info("meal_cancelled", meal_id=str(meal.id), jobs=cancelled)
     return read_meal(database, caller, client_id, participant_code)
 
 
 def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> int:
-    """Returns how many jobs, or pairs whose job was lost, were called off. Raises ConflictError.
+    """Return the number of cancelled jobs, and of pairs whose job was lost. Raises ConflictError.
 
-    caller None: whoever runs the server.
+    caller None: an operator.
     """
     live = jobs.live_jobs_of(session, jobs.one_meal(meal.id))
     if isinstance(caller, DeviceCaller):
-        live = [job for job in live if job.purpose in OF_PAIRS]
+        live = [job for job in live if job.purpose in PHONE_PURPOSES]
     lost = [] if live else _waiting_pairs(meal)
     if not live and not lost:
         if CANCELLED.code in (meal.failure_code, meal.after_failure_code):
@@ -66,20 +66,20 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
 
 
 def _waiting_pairs(meal: Meal) -> list[str]:
-    """Pairs of a meal without a job to be done that say they wait: a sweep would give them one (jobs/sweep.py)."""
+    """Return the waiting pairs of a meal that has no live job: a sweep would queue one (jobs/sweep.py)."""
     statuses = {"meal": meal.status, "after": meal.after_status}
     return [purpose for purpose, status in statuses.items() if status in WAITING]
 
 
 def _nothing_waits(meal: Meal) -> ConflictError:
     if meal.status == "failed":
-        why, facts = f"it has failed before ({meal.failure_code})", {"failure_code": meal.failure_code}
+        reason, facts = f"it has already failed ({meal.failure_code})", {"failure_code": meal.failure_code}
     elif meal.status == "receiving":
-        why, facts = "its photographs are not all here", {}
+        reason, facts = "not all of its photographs have arrived", {}
     else:
-        why, facts = "it has its answer", {}
+        reason, facts = "it has been estimated", {}
     return ConflictError(
-        f"Nothing of this meal waits for an estimate: {why}.",
+        f"Nothing of this meal waits for an estimate: {reason}.",
         code="nothing_to_cancel",
         meal_status=meal.status,
         **facts,

@@ -1,4 +1,4 @@
-"""A pair judged before it is sent: problems with a sentence each in the participant's language. Nothing is kept."""
+"""Check a pair before it is sent: problems, each with a sentence in the participant's language. Nothing is kept."""
 
 import time
 from collections.abc import Mapping
@@ -20,13 +20,13 @@ from app.people.models import Locale, Study
 from app.photos.inspect import PhotoFacts, inspect_photo
 from app.vision.marker_spec import parse_marker
 
-SECONDS = 10.0  # of one check, at most: many times what a slow machine needs
+SECONDS = 10.0  # limit of one check: many times the need of a slow machine
 SIDES = ("left", "right")
 
 
 @dataclass(frozen=True, slots=True)
 class CheckRequest:
-    """What the phone tells beside the photographs. camera: as a camera file. locale, accept_language: as sent."""
+    """The metadata of a check. camera: as in a camera file. locale, accept_language: as sent."""
 
     marker: str | None = None
     camera: Mapping[str, Any] | None = None
@@ -35,7 +35,7 @@ class CheckRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class ToldProblem:
+class PairProblem:
     """A problem with its sentence. severity: "stop" or "warn"; side: "left", "right" or None, the pair."""
 
     code: str
@@ -46,10 +46,10 @@ class ToldProblem:
 
 @dataclass(frozen=True, slots=True)
 class CheckedPair:
-    """is_ok: nothing stops the pair. measures: numbers by name with unit. seconds: what the judgement took."""
+    """is_ok: no problem with the severity "stop". measures: by name with unit. seconds: duration of the check."""
 
     is_ok: bool
-    problems: tuple[ToldProblem, ...]
+    problems: tuple[PairProblem, ...]
     measures: Mapping[str, float]
     locale: Locale
     seconds: float
@@ -63,7 +63,7 @@ def check_pair(
     request: CheckRequest,
     files: Mapping[str, ReceivedFile],
 ) -> CheckedPair:
-    """Judge a pair. Raises InvalidInputError (`marker_missing`), UnavailableError (`server_busy`), PhotographError."""
+    """Check a pair. Raises InvalidInputError (`marker_missing`), UnavailableError (`server_busy`), PhotographError."""
     started = time.perf_counter()
     sizes = _sizes(files)
     with database.read() as session:
@@ -80,7 +80,7 @@ def check_pair(
         )
     parse_marker(marker)
     locale = choose_locale(request.locale, request.accept_language, study.locale)
-    found = children.run(
+    result = children.run(
         "check",
         {
             "left": str(files["left"].path),
@@ -93,16 +93,16 @@ def check_pair(
         whose=Whose(caller.study_id, caller.device_id),
         is_costly=is_costly([file.path for file in files.values()]),
     )
-    problems = tuple(_told(one["code"], one["severity"], one["side"], locale) for one in found["problems"])
-    return CheckedPair(found["ok"], problems, found["measures"], locale, round(time.perf_counter() - started, 3))
+    problems = tuple(_problem(each["code"], each["severity"], each["side"], locale) for each in result["problems"])
+    return CheckedPair(result["ok"], problems, result["measures"], locale, round(time.perf_counter() - started, 3))
 
 
-def _told(code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale) -> ToldProblem:
-    return ToldProblem(code, severity, side, sentence(code, locale, side) or code)
+def _problem(code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale) -> PairProblem:
+    return PairProblem(code, severity, side, sentence(code, locale, side) or code)
 
 
 def _sizes(files: Mapping[str, ReceivedFile]) -> list[Size]:
-    """The upright sizes of those photographs whose structure can be read; the child tells of the others."""
+    """Return the upright sizes of the photographs whose structure is readable; the child reports the others."""
     sizes = []
     for side in SIDES:
         facts = inspect_photo(files[side].path) if files[side].bytes else None

@@ -1,4 +1,4 @@
-"""What a phone says and hears about a pair before it sends it."""
+"""A check of a pair over the wire."""
 
 from typing import Literal
 
@@ -10,7 +10,7 @@ from app.people.models import Locale
 
 
 class CheckMetadataIn(BaseModel):
-    """Beside the photographs; all of it may be left out."""
+    """The metadata of a check; every field is optional."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"locale": "es"}})
 
@@ -33,7 +33,7 @@ class CheckProblemOut(BaseModel):
 
 
 class CheckOut(BaseModel):
-    """A pair judged. Nothing of it was kept."""
+    """The result of a check. Nothing of the pair was kept."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -56,7 +56,7 @@ class CheckOut(BaseModel):
     )
 
     ok: bool = Field(description="Nothing stops this pair from being measured.")
-    problems: list[CheckProblemOut] = Field(description="What could be done better; empty: nothing.")
-    measures: dict[str, float] = Field(description="Numbers that could be had, each with its unit in the name.")
+    problems: list[CheckProblemOut] = Field(description="Problems of the pair; empty: none.")
+    measures: dict[str, float] = Field(description="Measured numbers, each with its unit in the name.")
     locale: Locale = Field(description="Of the sentences.")
-    seconds: float = Field(description="What the judgement took, without the upload.")
+    seconds: float = Field(description="Duration of the check, without the upload.")

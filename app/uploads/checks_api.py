@@ -1,4 +1,4 @@
-"""/v1/checks: a pair judged while the plate is still there."""
+"""/v1/checks: check a pair while the plate is still there."""
 
 from typing import Annotated, Any
 
@@ -47,9 +47,9 @@ async def post_check(
         str | None, Header(max_length=500, description="Languages of the sentences, where the metadata names none.")
     ] = None,
 ) -> CheckOut:
-    """Judge a pair before it is sent: parts `left`, `right` and, if need be, `metadata`. Nothing is kept.
+    """Check a pair before it is sent: parts `left`, `right` and optionally `metadata`. Nothing is kept.
 
-    A pair without a problem that stops it may still fail later; one with such a problem may be sent all the same.
+    A pair without a problem of severity `stop` may still fail later; one with such a problem may be sent all the same.
     """
     await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
@@ -59,27 +59,24 @@ async def post_check(
             raise MalformedRequestError(
                 f"The request has no part {', '.join(missing)}.", code="part_missing", parts=missing
             )
-        told = validated(CheckMetadataIn, parts.metadata) if parts.metadata is not None else CheckMetadataIn()
-        wanted = CheckRequest(
-            marker=told.marker,
-            camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
-            locale=told.locale,
+        metadata = validated(CheckMetadataIn, parts.metadata) if parts.metadata is not None else CheckMetadataIn()
+        check_request = CheckRequest(
+            marker=metadata.marker,
+            camera=metadata.camera.model_dump(mode="json") if metadata.camera is not None else None,
+            locale=metadata.locale,
             accept_language=accept_language,
         )
 
         def work() -> CheckedPair:
-            return check_pair(state.database, state.part(ApiChildren), state.settings, caller, wanted, parts.files)
-
-        found = await anyio.to_thread.run_sync(work)
-    return CheckOut(
-        ok=found.is_ok,
-        problems=[
-            CheckProblemOut.model_validate(
-                {"code": one.code, "severity": one.severity, "side": one.side, "message": one.message}
+            return check_pair(
+                state.database, state.part(ApiChildren), state.settings, caller, check_request, parts.files
             )
-            for one in found.problems
-        ],
-        measures=dict(found.measures),
-        locale=found.locale,
-        seconds=found.seconds,
+
+        checked = await anyio.to_thread.run_sync(work)
+    return CheckOut(
+        ok=checked.is_ok,
+        problems=[CheckProblemOut.model_validate(problem, from_attributes=True) for problem in checked.problems],
+        measures=dict(checked.measures),
+        locale=checked.locale,
+        seconds=checked.seconds,
     )

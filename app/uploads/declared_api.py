@@ -1,4 +1,4 @@
-"""/v1/declared-meals: a participant tells of an occasion without photographs."""
+"""/v1/declared-meals: a participant enters a meal without photographs."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -26,15 +26,15 @@ DECLARE_RESPONSES: dict[int | str, dict[str, Any]] = {
 
 @router.post("", status_code=201, response_model=MealOut, responses=DECLARE_RESPONSES)
 def post_declared_meal(body: DeclaredMealIn, state: State, caller: CurrentDevice) -> JSONResponse:
-    """Tell of a meal without photographs: foods and amounts. It is a meal like all others from then on."""
-    told = DeclaredMeal(
+    """Enter a meal without photographs: foods and amounts. From then on it is a meal like all others."""
+    declared = DeclaredMeal(
         client_id=body.id,
         time=meal_time(body.captured_at, body.time_zone, datetime.now(UTC)),
         items=tuple(body.items),
         location=body.location.model_dump(exclude_none=True) if body.location else None,
         app_version=body.app_version,
     )
-    is_new = state.part(DeclareMeal).declare(caller, told)
+    is_new = state.part(DeclareMeal).declare(caller, declared)
     answer = tagged_meal(read_meal(state.database, caller, body.id), 201 if is_new else 200)
     answer.headers["Location"] = f"/v1/meals/{body.id}"
     return answer

@@ -1,4 +1,4 @@
-"""A meal that is told without photographs, over the wire."""
+"""A meal that is entered without photographs, over the wire."""
 
 import uuid
 

@@ -1,4 +1,4 @@
-"""SQL of the lists that people read who look after jobs: what is to be done, and what has failed."""
+"""SQL of the lists for operators of jobs: live jobs, and failed pairs."""
 
 import uuid
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ _PAIRS = (("meal", Meal.status, Meal.failure_code), ("after", Meal.after_status,
 
 @dataclass(frozen=True, slots=True)
 class JobRow:
-    """A job to be done, or a pair that failed, as `tada jobs list` tells it. meal: the id that its phone made.
+    """A live job or a failed pair, as `tada jobs list` prints it. meal: the id that its phone made.
 
-    code: of the failure. since: queued, or for a failure, ended. worker, attempts: of the pair's last job.
+    code: the failure's. since: when it was queued, or for a failure, ended. worker, attempts: of the pair's last job.
     """
 
     study: str
@@ -34,7 +34,7 @@ class JobRow:
 
 @dataclass(frozen=True, slots=True)
 class FailedFilter:
-    """Which failed pairs: None leaves a filter out. since: their last job ended then or later."""
+    """Filters of failed pairs; None: not filtered. since: their last job ended then or later."""
 
     study_code: str | None = None
     code: str | None = None
@@ -42,7 +42,7 @@ class FailedFilter:
 
 
 def list_live_jobs(session: Session, study_code: str | None, limit: int) -> list[JobRow]:
-    """Jobs to be done, those that are worked on first, the others in the order of their turns."""
+    """Return live jobs: first those in progress, then the others in the order of their turns."""
     query = (
         sa.select(Study.code, Participant.code, Meal.client_id, Job)
         .join(Meal, Meal.id == Job.meal_id)
@@ -60,8 +60,8 @@ def list_live_jobs(session: Session, study_code: str | None, limit: int) -> list
     ]
 
 
-def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobRow]:
-    """Pairs that failed, the last one first; those of which nobody knows when, as they have no job, behind all."""
+def list_failed(session: Session, failures: FailedFilter, limit: int) -> list[JobRow]:
+    """Return failed pairs, the latest first; pairs without a job, whose time is unknown, come last."""
     rows: list[JobRow] = []
     for purpose, _, code in _PAIRS:
         last = _last_job(purpose)
@@ -70,7 +70,7 @@ def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobR
             .join(Study, Study.id == Meal.study_id)
             .join(Participant, Participant.id == Meal.participant_id)
             .outerjoin(Job, Job.id == last)
-            .where(_has_failed(purpose, wanted))
+            .where(_has_failed(purpose, failures))
             .order_by(Job.finished_at.desc().nulls_last(), Meal.client_id, Meal.id)
             .limit(limit)
         )
@@ -82,14 +82,14 @@ def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobR
 
 
 def _last_first(row: JobRow) -> tuple[bool, float, uuid.UUID]:
-    """The order of the queries, which on each database must be the same one."""
+    """Sort key in the order of the queries, the same for every database."""
     return row.since is None, -row.since.timestamp() if row.since is not None else 0.0, row.meal
 
 
-def failed_meals(session: Session, wanted: FailedFilter, after: uuid.UUID | None, limit: int) -> list[uuid.UUID]:
-    """Meals of which a pair failed, by id, behind `after`."""
-    is_wanted = sa.or_(*(_has_failed(purpose, wanted) for purpose, _, _ in _PAIRS))
-    query = sa.select(Meal.id).where(is_wanted).order_by(Meal.id).limit(limit)
+def failed_meals(session: Session, failures: FailedFilter, after: uuid.UUID | None, limit: int) -> list[uuid.UUID]:
+    """Return meals with a failed pair, ordered by id, after the id `after`."""
+    has_failed = sa.or_(*(_has_failed(purpose, failures) for purpose, _, _ in _PAIRS))
+    query = sa.select(Meal.id).where(has_failed).order_by(Meal.id).limit(limit)
     if after is not None:
         query = query.where(Meal.id > after)
     return list(session.scalars(query))
@@ -106,14 +106,14 @@ def _last_job(purpose: str) -> sa.ScalarSelect[uuid.UUID]:
     )
 
 
-def _has_failed(purpose: str, wanted: FailedFilter) -> sa.ColumnElement[bool]:
+def _has_failed(purpose: str, failures: FailedFilter) -> sa.ColumnElement[bool]:
     status, code = next((status, code) for name, status, code in _PAIRS if name == purpose)
     conditions = [status == "failed"]
-    if wanted.code is not None:
-        conditions.append(code == wanted.code)
-    if wanted.study_code is not None:
-        conditions.append(Meal.study_id.in_(sa.select(Study.id).where(Study.code == wanted.study_code)))
-    if wanted.since is not None:
-        ended = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= wanted.since)
+    if failures.code is not None:
+        conditions.append(code == failures.code)
+    if failures.study_code is not None:
+        conditions.append(Meal.study_id.in_(sa.select(Study.id).where(Study.code == failures.study_code)))
+    if failures.since is not None:
+        ended = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= failures.since)
         conditions.append(ended)
     return sa.and_(*conditions)

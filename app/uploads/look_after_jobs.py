@@ -1,7 +1,7 @@
-"""What `tada jobs` does for the people who run the server: see what waits and what failed, retry it, call it off.
+"""The use cases of `tada jobs` for operators: list live jobs and failed pairs, retry them, cancel them.
 
-The rules are those of the calls (cancel_meal.py, retry_meal.py); here is how meals are named and taken one by one, each
-in its own transaction, so that thousands hold nobody up.
+The rules are those of the calls (cancel_meal.py, retry_meal.py). Here meals are selected and handled one by one, each
+in its own transaction, so that thousands of them block nobody.
 """
 
 import uuid
@@ -28,28 +28,28 @@ BATCH = 100  # ids read at once; each meal has its own transaction
 
 @dataclass(slots=True)
 class Retried:
-    """How many meals were queued; left: code -> those that could not be (photographs erased, somebody was quicker)."""
+    """queued: number of meals. left: code -> number of meals that could not be queued (erased, or already retried)."""
 
     queued: int = 0
     left: Counter[str] = field(default_factory=Counter)
 
 
 def waiting_jobs(database: Database, *, study_code: str | None, limit: int) -> list[JobRow]:
-    """What is to be done, in the order in which it will be. Raises NotFoundError for an unknown study."""
+    """Return live jobs in their order. Raises NotFoundError for an unknown study."""
     with database.read() as session:
         _require_study(session, study_code)
         return job_lists.list_live_jobs(session, study_code, limit)
 
 
 def failed_pairs(database: Database, failures: FailedFilter, *, limit: int) -> list[JobRow]:
-    """What failed, the last one first. Raises NotFoundError for an unknown study."""
+    """Return failed pairs, the latest first. Raises NotFoundError for an unknown study."""
     with database.read() as session:
         _require_study(session, failures.study_code)
         return job_lists.list_failed(session, failures, limit)
 
 
 def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, participant_code: str | None) -> bool:
-    """Whether a job was queued; False: the meal waits already.
+    """Retry one meal. Returns False if it waits already.
 
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_retry`), GoneError.
     """
@@ -58,7 +58,7 @@ def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, parti
 
 
 def retry_failed(database: Database, queue: JobQueue, failures: FailedFilter) -> Retried:
-    """All that failed so, and nothing else of those meals: what somebody called off stays so.
+    """Retry all pairs that the filters select, but no other pair of those meals.
 
     Raises NotFoundError for an unknown study.
     """
@@ -72,12 +72,12 @@ def retry_failed(database: Database, queue: JobQueue, failures: FailedFilter) ->
         except (ConflictError, GoneError) as error:
             done.left[error.code] += 1
 
-    _each(database, failures, retry)
+    _for_each_failed_meal(database, failures, retry)
     return done
 
 
 def cancel_named(database: Database, client_id: uuid.UUID, participant_code: str | None) -> bool:
-    """Whether something was called off; False: it was before.
+    """Cancel one meal's estimates. Returns False if they were cancelled before.
 
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_cancel`).
     """
@@ -85,41 +85,43 @@ def cancel_named(database: Database, client_id: uuid.UUID, participant_code: str
         return bool(cancel_locked_meal(session, _locked(session, client_id, participant_code), None))
 
 
-def _each(database: Database, wanted: FailedFilter, do: Callable[[Session, Meal], None]) -> None:
+def _for_each_failed_meal(database: Database, failures: FailedFilter, do: Callable[[Session, Meal], None]) -> None:
     after = None
     while True:
         with database.read() as session:
-            batch = job_lists.failed_meals(session, wanted, after, BATCH)
+            batch = job_lists.failed_meals(session, failures, after, BATCH)
         for meal_id in batch:
-            _one(database, meal_id, do)
+            _in_own_transaction(database, meal_id, do)
         if len(batch) < BATCH:
             return
         after = batch[-1]
 
 
-def _one(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]) -> None:
-    """In its own transaction: again, where PostgreSQL ended it since it and another waited for each other.
+def _in_own_transaction(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]) -> None:
+    """Retry the transaction if PostgreSQL ended it by a deadlock.
 
-    People come before their meals here, but to save an estimate locks its meal first.
+    Here a participant is locked before the meal, but saving an estimate locks the meal first.
     """
 
     def transaction() -> None:
         with database.write() as session:
             meal = session.get(Meal, meal_id)
             locked = lock_with_person(session, meal) if meal is not None else None
-            if locked is not None:  # else erased meanwhile
+            if locked is not None:  # otherwise erased meanwhile
                 do(session, locked)
 
     despite_deadlocks(transaction)
 
 
 def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None) -> Meal:
-    found = meals.find_meals(session, client_id, participant_id=None, participant_code=participant_code, study_ids=None)
-    if len(found) > 1:
+    matches = meals.find_meals(
+        session, client_id, participant_id=None, participant_code=participant_code, study_ids=None
+    )
+    if len(matches) > 1:
         raise ConflictError(
             "More than one participant has a meal of this id: add --participant CODE.", code="meal_id_ambiguous"
         )
-    meal = lock_with_person(session, found[0][0]) if found else None
+    meal = lock_with_person(session, matches[0][0]) if matches else None
     if meal is None:
         raise NotFoundError(f"There is no meal {client_id}.")
     return meal

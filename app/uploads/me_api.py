@@ -1,4 +1,4 @@
-"""/v1/me: who a phone is, and what of its study's protocol concerns it."""
+"""/v1/me: the phone's participant and the parts of the study's protocol that concern it."""
 
 from fastapi import APIRouter, Response
 
@@ -25,6 +25,6 @@ def get_me(state: State, caller: CurrentDevice) -> MeOut:
 
 @router.delete("/device", status_code=204, responses=problem_responses(401, 403, 410))
 def delete_my_device(state: State, caller: CurrentDevice) -> Response:
-    """Sign the phone out: its token opens nothing any more. What it sent stays."""
+    """Sign the phone out: its token is no longer valid. What it sent is kept."""
     devices.sign_out_phone(state.database, caller)
     return Response(status_code=204)

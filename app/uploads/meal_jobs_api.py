@@ -1,4 +1,4 @@
-"""/v1/meals/{meal_id}/cancel and /retry: an estimate is called off, or made after all."""
+"""/v1/meals/{meal_id}/cancel and /retry: cancel an estimate, or have a failed meal estimated again."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
 PROBLEMS = problem_responses(401, 403, 404, 409, 410, 422)
 RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"model": MealOut, "description": "It waits for its estimate already: nothing was changed."},
+    200: {"model": MealOut, "description": "It waits for its estimate already: nothing changed."},
     202: {"model": MealOut, "description": "Queued again; Location names the meal."},
     **PROBLEMS,
 }
@@ -28,9 +28,9 @@ RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
 def post_cancel(
     meal_id: MealId, state: State, caller: CurrentCaller, participant: OfWhichParticipant = None
 ) -> JSONResponse:
-    """Call off the estimate of a meal, or of its after-meal pair, that is not made yet.
+    """Cancel the estimate of a meal, or of its after-meal pair, that is not made yet.
 
-    It is `failed` then, with the code `cancelled`; its photographs are kept. The same again gives the same answer.
+    Its status becomes `failed` with the code `cancelled`; its photographs are kept. Repeated, it gives the same answer.
     """
     return meal_response(cancel_meal(state.database, caller, meal_id, participant), 200)
 

@@ -1,6 +1,6 @@
-"""/v1/server: what this server can do, for an app that may be newer or older than it.
+"""/v1/server: what this server can do, for an app that may be newer or older.
 
-Open, since an app asks before it has a token.
+Without authentication, because an app calls it before it has a token.
 """
 
 from datetime import UTC, datetime
@@ -16,7 +16,7 @@ from app.uploads.server_schemas import ServerLimitsOut, ServerOut
 
 router = APIRouter(prefix="/v1/server", tags=["health"])
 
-FEATURES = (  # docs/apps.md tells what each says
+FEATURES = (  # docs/apps.md describes each
     "after_meal_pairs",
     "calibrations",
     "checks",

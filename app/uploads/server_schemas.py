@@ -16,7 +16,7 @@ class ServerLimitsOut(BaseModel):
 
 
 class ServerOut(BaseModel):
-    """A server's version and what it can do: an app asks once a start, before it relies on something new."""
+    """A server's version and abilities: an app reads them at its start, before it relies on something new."""
 
     version: str = Field(description="The program's, such as 0.4.0.")
     api_versions: list[str] = Field(description="Of the addresses that it answers: `v1` is /v1.")
@@ -26,5 +26,5 @@ class ServerOut(BaseModel):
         description="Those of a meal's metadata that it knows; others come back as ignored."
     )
     hint_fields: list[str] = Field(description="Those of a hint that it knows.")
-    features: list[str] = Field(description="What it can do, each by a word that never changes its meaning.")
+    features: list[str] = Field(description="What it can do, each by a name that never changes its meaning.")
     limits: ServerLimitsOut = Field(description="How large and how much it takes at most.")

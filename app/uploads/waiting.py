@@ -1,6 +1,6 @@
-"""`?wait=`: one poller a process asks the database once for all meals that anybody waits for.
+"""`?wait=`: one poller per process queries the database for all meals that requests wait for.
 
-A waiter holds neither a thread nor a connection, only a future.
+A waiting request holds a future, but neither a thread nor a connection.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ POLL_SECONDS = 0.25
 
 
 class MealWaiter:
-    """Wakes waiters when their meal's version is another one than they know."""
+    """Wakes requests when their meal's version is no longer the one that they know."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -30,7 +30,7 @@ class MealWaiter:
         self._is_closed = False
 
     async def wait(self, meal_id: uuid.UUID, known_version: int, seconds: float) -> None:
-        """Return when the meal has another version than the known one, or after `seconds`."""
+        """Return when the meal's version differs from the known one, or after `seconds`."""
         if self._is_closed:
             return
         future = asyncio.get_running_loop().create_future()
@@ -47,7 +47,7 @@ class MealWaiter:
                 self._waiting.pop(meal_id, None)
 
     async def close(self) -> None:
-        """Wake everybody and let nobody wait any more: at shutdown each gets the state as it is."""
+        """Wake all requests and let none wait any more: at shutdown each gets the current state."""
         self._is_closed = True
         for waiters in list(self._waiting.values()):
             for future in waiters:
@@ -62,7 +62,7 @@ class MealWaiter:
         while self._waiting:
             try:
                 versions = await anyio.to_thread.run_sync(self._versions, list(self._waiting))
-            except sqlalchemy.exc.SQLAlchemyError:  # the database is away: the waiters go on waiting, to their end
+            except sqlalchemy.exc.SQLAlchemyError:  # without a database, requests wait until their time is over
                 log.warning("wait_poll_failed", exc_info=True)
             else:
                 self._wake(versions)
@@ -74,6 +74,6 @@ class MealWaiter:
 
     def _wake(self, versions: dict[uuid.UUID, int]) -> None:
         for meal_id, waiters in self._waiting.items():
-            for future, known in waiters.items():
-                if versions.get(meal_id) != known and not future.done():
+            for future, known_version in waiters.items():
+                if versions.get(meal_id) != known_version and not future.done():
                     future.set_result(None)

@@ -1,4 +1,4 @@
-"""An estimate is called off, or made after all: by the calls and by `tada jobs`."""
+"""Cancel and retry estimates, by the calls and by `tada jobs`."""
 
 import json
 import threading
@@ -106,7 +106,7 @@ def test_meal_that_failed_has_nothing_to_cancel_and_the_answer_tells_its_failure
     answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
     told = answer.json()
     assert (answer.status_code, told["code"], told["failure_code"]) == (409, "nothing_to_cancel", "job_gave_up")
-    assert "has failed before (job_gave_up)" in told["detail"]
+    assert "has already failed (job_gave_up)" in told["detail"]
     assert phone.get(f"/v1/meals/{meal}").json()["failure"]["code"] == "job_gave_up"
 
 

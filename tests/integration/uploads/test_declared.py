@@ -1,4 +1,4 @@
-"""Meals that are told without photographs."""
+"""Meals that are entered without photographs."""
 
 import uuid
 
