@@ -1,4 +1,4 @@
-"""Which food an item may be: the learned index, ranked candidates, what a study has confirmed.
+"""Rank the foods that an item may be: the learned index, candidates, a study's confirmed items.
 
-The mathematics, which knows no database, is in identification.
+The mathematics, without a database, is in identification.
 """

@@ -1,8 +1,8 @@
-"""Which food each item of a run's answer may be, by the index, what the study has confirmed, and who eats what when.
+"""Rank the foods of each item in a run's answer, by the index, the study's confirmed items and the eater's habits.
 
-Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving it is the
-same whenever it is done. It never fails a meal: where it cannot be done, the items have no candidates. While the
-database is away it is tried again, as all of the job is.
+Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving the answer
+is reproducible. A failure never fails the meal: the items then have no candidates. If the database is unavailable, the
+job is retried.
 """
 
 import math
@@ -26,13 +26,13 @@ from app.meals.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnsw
 
 log = structlog.get_logger()
 
-MOST_SEALED = 20  # of an item; fewer are kept (save_candidates.py), since a table may lack some
-MOST_EATEN = 300  # of a participant's items: some weeks
+MOST_SEALED = 20  # per item; fewer are saved (save_candidates.py), since a table may lack some
+MOST_EATEN = 300  # a participant's items of some weeks
 DECIMALS = 6
 
 
 class IdentifyFoods:
-    """The use case; one a worker process. index: read when it is first needed."""
+    """The use case; one per worker process. index: read when it is first needed."""
 
     def __init__(self, database: Database, index: Callable[[], FoodIndex] = shipped_index) -> None:
         self._database = database
@@ -40,7 +40,7 @@ class IdentifyFoods:
         self._learned = LearnedIndex(database)
 
     def add_candidates(self, meal: Meal, answer: RunAnswer) -> None:
-        """Give each described item of the answer `candidates`, `none_probability` and `index_version`.
+        """Set for each described item of the answer `candidates`, `none_probability` and `index_version`.
 
         Raises SQLAlchemyError for a passing fault of the database (app/children/faults.py).
         """
@@ -49,9 +49,9 @@ class IdentifyFoods:
             return
         try:
             identified = self._identify(meal, described)
-        except Exception as error:  # whatever it is: the volumes are there, and a person can name the foods
+        except Exception as error:  # any bug: the volumes are computed, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
-                raise  # the database is away for a while, and a run's candidates are written only once
+                raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
             return
         for (item, _), identification in zip(described, identified, strict=True):
@@ -64,9 +64,9 @@ class IdentifyFoods:
                 item.index_version = identification.index_version
 
     def _identify(self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]]) -> list[Identification | None]:
-        """None for an item that was described by another version than the index's."""
+        """Identify each item; None if it was described by another version than the index's."""
         identifier = self._learned.identifier_for(meal, self._index())
-        own = self._eaten(meal)
+        own = self._confirmed_foods(meal)
         day_minute = local_minute(meal.captured_at, meal.time_zone)
         identified: list[Identification | None] = []
         for item, vcm in described:
@@ -83,8 +83,8 @@ class IdentifyFoods:
             identified.append(identifier.identify(numbers_of(vcm.vector), circumstances, MOST_SEALED))
         return identified
 
-    def _eaten(self, meal: Meal) -> list[Eaten]:
-        """What the participant has confirmed before; a food that only the server has named shows no habit."""
+    def _confirmed_foods(self, meal: Meal) -> list[Eaten]:
+        """Return the foods that the participant has confirmed; one that only the server identified shows no habit."""
         with self._database.read() as session:
             rows = index_entries.eaten_before(session, meal.participant_id, without_meal=meal.id, most=MOST_EATEN)
         return [

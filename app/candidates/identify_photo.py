@@ -1,4 +1,4 @@
-"""One photograph, perhaps a box -> what food it is, by the index that ships with the program; no server needed."""
+"""Identify the food in one photograph, or in a box of it, by the shipped index; needs no server."""
 
 import math
 import time
@@ -24,12 +24,12 @@ from app.vision.looks.vcm_region import Box, region_of_box
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Photo
 
-UNPOINTED_NONE_PRIOR = 0.5  # of a box that nobody has pointed at: it may as well hold the plate
+UNPOINTED_NONE_PRIOR = 0.5  # of a proposed box: it may as well contain the plate
 
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedPhoto:
-    """What was found, in which box, px; seconds: from decoded pixels on."""
+    """box: px. seconds: duration without decoding."""
 
     identification: Identification
     box: Box
@@ -37,45 +37,49 @@ class IdentifiedPhoto:
 
 
 def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = None) -> IdentifiedPhoto:
-    """The food in the box, or in the likeliest place. marker: lies in the photograph, to correct its colours by.
+    """Identify the food in the box, or in the likeliest place. marker: in the photograph, to correct its colours.
 
-    Raises InvalidInputError: `box_outside`, or the marker's own code where it is not to be found.
+    Raises InvalidInputError: `box_outside`, or the marker's failure code if it is not found.
     """
     started = time.perf_counter()
     pixels = photo.pixels_bgr
     if marker is not None:
-        seen = find_marker(photo, marker)
-        if isinstance(seen, Failure):
-            raise InvalidInputError(f"{seen.message} {seen.advice}".strip(), code=seen.code)
-        pixels = apply_colour(pixels, measure_colour(photo, seen))
+        board = find_marker(photo, marker)
+        if isinstance(board, Failure):
+            raise InvalidInputError(f"{board.message} {board.advice}".strip(), code=board.code)
+        pixels = apply_colour(pixels, measure_colour(photo, board))
     if box is not None:
-        found = _identify(pixels, [box], NONE_PRIOR)
-        if not found:
+        identified = _identify(pixels, [box], NONE_PRIOR)
+        if not identified:
             height, width = pixels.shape[:2]
             raise InvalidInputError(
                 f"The box has less than a pixel in the photograph, which is {width} x {height} px (upright).",
                 code="box_outside",
             )
-        return IdentifiedPhoto(*found[0], time.perf_counter() - started)
+        return IdentifiedPhoto(*identified[0], time.perf_counter() - started)
     boxes = propose_boxes(pixels)
-    surest, where = max(
+    surest, surest_box = max(
         _identify(pixels, boxes, UNPOINTED_NONE_PRIOR), key=lambda each: each[0].candidates[0].probability
     )
-    return IdentifiedPhoto(surest, where, time.perf_counter() - started)
+    return IdentifiedPhoto(surest, surest_box, time.perf_counter() - started)
 
 
 def identify_items(items: Iterable[dict[str, Any]]) -> None:
-    """Put candidates into the items of an estimate's answer, and what they were found by out of it."""
+    """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates."""
     identifier = _identifier(None)
     for item in items:
-        described = item.pop("vcm")
-        if described is None:
+        vcm = item.pop("vcm")
+        if vcm is None:
             item.update(candidates=[], none_of_these=None)
             continue
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
         circumstances = Circumstances(item["volume_ml"], relative_sd)
-        found = identifier.identify(numbers_of(VcmAnswer.model_validate(described).vector), circumstances, _all_foods())
-        item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
+        vector = numbers_of(VcmAnswer.model_validate(vcm).vector)
+        identification = identifier.identify(vector, circumstances, _all_foods())
+        item.update(
+            candidates=candidates_to_json(identification),
+            none_of_these=round(identification.none_probability, 4),
+        )
 
 
 def parse_box(text: str) -> Box:
@@ -89,32 +93,32 @@ def parse_box(text: str) -> Box:
     return x, y, width, height
 
 
-def identified_to_json(found: IdentifiedPhoto) -> dict[str, Any]:
+def identified_to_json(identified: IdentifiedPhoto) -> dict[str, Any]:
     """What `tada identify --json` prints."""
     return {
-        "candidates": candidates_to_json(found.identification),
-        "none_of_these": round(found.identification.none_probability, 4),
-        "box": [round(each, 1) for each in found.box],
-        "index_version": found.identification.index_version,
-        "seconds": round(found.seconds, 4),
+        "candidates": candidates_to_json(identified.identification),
+        "none_of_these": round(identified.identification.none_probability, 4),
+        "box": [round(each, 1) for each in identified.box],
+        "index_version": identified.identification.index_version,
+        "seconds": round(identified.seconds, 4),
     }
 
 
 def candidates_to_json(identification: Identification) -> list[dict[str, object]]:
-    """Candidates by their names in the starter table, best first."""
+    """Return candidates with their names in the starter table, best first."""
     return [
         {
-            "food": food_name(one.food_key, one.name),
-            "food_key": one.food_key,
-            "label": one.label,
-            "probability": round(one.probability, 4),
+            "food": food_name(each.food_key, each.name),
+            "food_key": each.food_key,
+            "label": each.label,
+            "probability": round(each.probability, 4),
         }
-        for one in identification.candidates
+        for each in identification.candidates
     ]
 
 
 def food_name(food_key: str, name: str | None) -> str:
-    """A candidate's food by its name in the starter table; its name in the index, or its key, where that lacks it."""
+    """Return the food's name in the starter table, or else its name in the index, or else its key."""
     return _starter_names().get(food_key) or name or food_key
 
 
@@ -129,7 +133,7 @@ def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> li
 
 
 def _all_foods() -> int:
-    """How many candidates to list: all, so that their probabilities and that of none of them add up to 1."""
+    """Return how many candidates to list: all, so that their probabilities and that of none of them sum to 1."""
     return len(shipped_index().foods)
 
 

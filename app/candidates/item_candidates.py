@@ -1,7 +1,7 @@
-"""What an item may be: the phone's hint, and the index's candidates for its region as it stands.
+"""The foods that an item may be: the phone's hint, and the index's candidates for its current region.
 
-A region that was drawn and measured anew was identified anew: its candidates hold, and those of the region before hold
-again once the drawing is undone.
+A region that was redrawn and measured again was also identified again, and its candidates count; if the redrawing is
+undone, those of the previous region count again.
 """
 
 import uuid
@@ -28,14 +28,14 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class ItemCandidates:
-    """candidates: the hint's at the head, then the index's, best first. identified: None, no run has looked."""
+    """candidates: the hint's first, then the index's, best first. identified: None if no run identified the item."""
 
     candidates: tuple[Candidate, ...]
     identified: Identified | None
 
     @property
     def none_probability(self) -> float | None:
-        """Probability that it is none of those by the index; None: no run has looked."""
+        """Probability that it is none of the index's candidates; None if no run identified the item."""
         return self.identified.none_probability if self.identified is not None else None
 
 
@@ -46,7 +46,7 @@ def current_candidates(
     seen_by: uuid.UUID | None,
     found_by: uuid.UUID | None,
 ) -> tuple[list[ItemCandidate], Identified | None]:
-    """The rows that hold for an item: of the run that saw its region as it stands, else of the run that found it."""
+    """Return an item's current candidates: of the run that saw its current region, or else of the run that found it."""
     by_run = {each.run_id: each for each in identified if each.index_version is not None}
     run_id = seen_by if seen_by in by_run else found_by
     hints = [row for row in rows if row.source == FROM_HINT]
@@ -55,15 +55,15 @@ def current_candidates(
 
 
 def candidates_of_records(
-    session: Session, of: Sequence[tuple[EffectiveRecord, Item]]
+    session: Session, rows_of_items: Sequence[tuple[EffectiveRecord, Item]]
 ) -> dict[uuid.UUID, ItemCandidates]:
-    """Item -> its candidates."""
-    rows, identified = meal_parts.candidates_of_items(session, [item.id for _, item in of])
+    """Return item -> its candidates."""
+    rows, identified = meal_parts.candidates_of_items(session, [item.id for _, item in rows_of_items])
     current = {
         item.id: current_candidates(
             rows.get(item.id, ()), identified.get(item.id, ()), seen_by=record.run_id, found_by=item.run_id
         )
-        for record, item in of
+        for record, item in rows_of_items
     }
     named = {row.food_id for chosen, _ in current.values() for row in chosen}
     by_id = {food.id: food for food in foods.foods_by_id(session, named)} if named else {}

@@ -1,7 +1,7 @@
-"""The index with what each study has learned: fitted once for a set of entries, and again when that set is another.
+"""The index extended by each study's confirmed items: fitted once for a set of entries, and again when the set changes.
 
-Whatever was confirmed, taken back, rejected or erased since counts at the next meal: the entries are read each time,
-and only the vectors that are new, and the fit, which takes a second at most, are saved by remembering.
+Whatever is confirmed, undone, rejected or erased counts from the next meal on: the entries are read each time. Only
+vectors and the fit, which takes up to a second, are cached.
 """
 
 import threading
@@ -23,14 +23,14 @@ from app.meals.models import Meal
 
 log = structlog.get_logger()
 
-MOST_STUDIES = 8  # that are remembered, some 30 MB each when full
+MOST_STUDIES = 8  # in the cache, up to some 30 MB each
 
-Key = tuple[uuid.UUID, uuid.UUID]  # item, and the run that saw it
+Key = tuple[uuid.UUID, uuid.UUID]  # item, run that saw it
 
 
 @dataclass(frozen=True, slots=True)
 class _Learned:
-    """An identifier, the entries that it was made of, the newest last, and their vectors."""
+    """An identifier, the entries that it was fitted to, the newest last, and their vectors."""
 
     entries: tuple[Entry, ...]
     vectors: Mapping[Key, Vectors]
@@ -38,15 +38,15 @@ class _Learned:
 
 
 class LearnedIndex:
-    """Identifiers by study; one a worker process, for all of its threads."""
+    """A cache of identifiers by study; one per worker process, shared by its threads."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._learned: dict[uuid.UUID, _Learned] = {}  # the one that was used last at the end
+        self._learned: dict[uuid.UUID, _Learned] = {}  # the most recently used at the end
         self._lock = threading.Lock()
 
     def identifier_for(self, meal: Meal, index: FoodIndex) -> Identifier:
-        """The index with the confirmed items of the meal's study and of those that share theirs; none of this meal."""
+        """Return the index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
         with self._lock:
             held = self._learned.pop(meal.study_id, None)
             entries, vectors = self._read(meal, index, held.vectors if held is not None else {})
@@ -58,7 +58,7 @@ class LearnedIndex:
             return held.identifier
 
     def _read(
-        self, meal: Meal, index: FoodIndex, known: Mapping[Key, Vectors]
+        self, meal: Meal, index: FoodIndex, cached: Mapping[Key, Vectors]
     ) -> tuple[tuple[Entry, ...], dict[Key, Vectors]]:
         with self._database.read() as session:
             entries = index_entries.entries_for(
@@ -69,9 +69,9 @@ class LearnedIndex:
                 most=MOST_EXAMPLES,
                 most_recent=MOST_EATEN,
             )
-            new = [entry for entry in entries if _key(entry) not in known]
+            new = [entry for entry in entries if _key(entry) not in cached]
             read = index_entries.vectors_of(session, new, index.vcm_version)
-        vectors = dict(known) | {key: numbers_of(vector) for key, vector in read.items()}
+        vectors = dict(cached) | {key: numbers_of(vector) for key, vector in read.items()}
         return tuple(entries), {key: vectors[key] for entry in entries if (key := _key(entry)) in vectors}
 
 
@@ -82,7 +82,7 @@ def _key(entry: Entry) -> Key:
 def _examples(
     meal: Meal, index: FoodIndex, entries: tuple[Entry, ...], vectors: Mapping[Key, Vectors]
 ) -> list[Example]:
-    """The entries with their vectors. One that is spoilt is left out: it would spoil all answers of the study."""
+    """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study."""
     shape = index.vectors.shape[1:]
     usable = {key for key, vector in vectors.items() if vector.shape == shape and np.isfinite(vector).all()}
     if len(usable) < len(entries):

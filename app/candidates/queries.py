@@ -1,4 +1,4 @@
-"""SQL of what the index has learned: entries with their vectors, and what a participant has eaten before."""
+"""SQL of the learned index: entries with their vectors, and foods that a participant has confirmed."""
 
 import uuid
 from collections.abc import Collection
@@ -17,7 +17,7 @@ from app.people.models import Study
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A confirmed item. is_own: of the study that asks, not of one that shares its index. day_minute: local."""
+    """A confirmed item. is_own: of the meal's study, not of one that shares its index. day_minute: local."""
 
     item_id: uuid.UUID
     run_id: uuid.UUID
@@ -42,11 +42,11 @@ class EatenRow:
 def entries_for(
     session: Session, study_id: uuid.UUID, vcm_version: str, *, without_meal: uuid.UUID, most: int, most_recent: int
 ) -> list[Entry]:
-    """The entries that a study learns from, the newest last: its own, and those of studies that share.
+    """Return the entries that a study learns from, the newest last: its own, and those of studies that share.
 
-    At most `most` of all, of which each food gives as many as any other food has: its own study's first, its eaters by
-    turns, so that nobody makes up a food alone, of each the newest. Where there are more, the newest `most_recent` of
-    its own besides, which show how often a food is eaten.
+    At most `most`, divided evenly among the foods. Within a food the study's own entries come first, and eaters take
+    turns, each with the newest entry first, so that no single eater represents a food. If that limit is reached, the
+    newest `most_recent` entries of the study are added, which show how often a food is eaten.
     """
     is_own = IndexEntry.study_id == study_id
     newest = (IndexEntry.captured_at.desc(), IndexEntry.item_id)
@@ -72,29 +72,29 @@ def entries_for(
     ranked = sa.select(turns, place).subquery()
     order = (ranked.c.place, ranked.c.is_own.desc(), ranked.c.captured_at.desc(), ranked.c.item_id)
     columns = [column for column in ranked.c if column.name not in {"turn", "place"}]
-    found = {Entry(**row) for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()}
-    if len(found) == most:
+    entries = {Entry(**row) for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()}
+    if len(entries) == most:
         recent = chosen.where(is_own).order_by(*newest).limit(most_recent)
-        found |= {Entry(**row) for row in session.execute(recent).mappings()}
-    return sorted(found, key=lambda entry: (entry.captured_at, entry.item_id))
+        entries |= {Entry(**row) for row in session.execute(recent).mappings()}
+    return sorted(entries, key=lambda entry: (entry.captured_at, entry.item_id))
 
 
 def vectors_of(
     session: Session, entries: Collection[Entry], vcm_version: str
 ) -> dict[tuple[uuid.UUID, uuid.UUID], bytes]:
-    """(item, run) -> vector, little-endian float16, of these entries."""
+    """Return (item, run) -> vector, little-endian float16, of these entries."""
     if not entries:
         return {}
-    wanted = {(entry.item_id, entry.run_id) for entry in entries}
+    keys = {(entry.item_id, entry.run_id) for entry in entries}
     seen = ItemIdentification
     query = sa.select(seen.item_id, seen.run_id, seen.vector).where(
-        seen.item_id.in_([item_id for item_id, _ in wanted]), seen.vcm_version == vcm_version
+        seen.item_id.in_([item_id for item_id, _ in keys]), seen.vcm_version == vcm_version
     )
-    return {(row.item_id, row.run_id): row.vector for row in session.execute(query) if (row[0], row[1]) in wanted}
+    return {(row.item_id, row.run_id): row.vector for row in session.execute(query) if (row[0], row[1]) in keys}
 
 
 def eaten_before(session: Session, participant_id: uuid.UUID, *, without_meal: uuid.UUID, most: int) -> list[EatenRow]:
-    """The participant's newest confirmed foods, those of one meal left out; declared ones are among them."""
+    """Return the participant's newest confirmed foods, also declared ones, except those of one meal."""
     record = EffectiveRecord
     query = (
         sa.select(Food.key, record.captured_at, Meal.time_zone, record.flags)
@@ -112,6 +112,6 @@ def eaten_before(session: Session, participant_id: uuid.UUID, *, without_meal: u
 
 
 def entries_of_meal(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, IndexEntry]:
-    """Item -> its entry, of one meal."""
+    """Return item -> its entry, of one meal."""
     query = sa.select(IndexEntry).join(Item, Item.id == IndexEntry.item_id).where(Item.meal_id == meal_id)
     return {entry.item_id: entry for entry in session.scalars(query)}

@@ -1,7 +1,7 @@
-"""What the index said of a run's items, into the database: looks, candidates, and foods that items are taken for.
+"""Save the identification of a run's items: feature vectors and candidates.
 
-The answer says which; whether a food table knows a food is decided here. One that none in force knows is no candidate:
-it cannot be chosen, so its probability goes to "none of these".
+A candidate that no food table in force has is dropped: it cannot be chosen, so its probability is added to "none of
+these".
 """
 
 import uuid
@@ -18,23 +18,23 @@ from app.meals.meal_parts import FROM_INDEX
 from app.meals.record_models import Item, ItemCandidate
 from app.meals.run_answer import ItemAnswer
 
-TAKEN_FROM = 0.8  # of the first candidate: right or wrong, it is one tap, and a wrong guess must not slip into sums
+ASSIGNED_FROM = 0.8  # probability of the first candidate; a wrong food must not enter sums unnoticed
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 
-Seen = tuple[Item, ItemAnswer]  # an item, and what the run's answer says of it
+Seen = tuple[Item, ItemAnswer]  # an item and its part of the run's answer
 
 
 def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -> list[Food | None]:
-    """Write what the items look like and what they may be. Returns the food that each is likely enough, or None."""
+    """Save vectors and candidates. Returns the food of each item whose first candidate is likely enough, or None."""
     session.flush()
-    known = _foods_named(session, seen)
+    foods_by_key = _named_foods(session, seen)
     places = _next_places(session, [item.id for item, _ in seen])
     now = datetime.now(UTC)
     likely: list[Food | None] = []
-    for item, found in seen:
-        candidates, none_probability = _candidates(found, known)
-        vcm = found.vcm
+    for item, answer in seen:
+        candidates, none_probability = _candidates(answer, foods_by_key)
+        vcm = answer.vcm
         if vcm is not None:
             session.add(
                 ItemIdentification(
@@ -42,7 +42,7 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                     run_id=run_id,
                     vcm_version=vcm.version,
                     vector=vcm.vector,
-                    index_version=found.index_version,
+                    index_version=answer.index_version,
                     none_probability=none_probability,
                     created_at=now,
                 )
@@ -58,19 +58,19 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
             )
             for position, (food, probability) in enumerate(candidates, start=places.get(item.id, 0))
         )
-        likely.append(candidates[0][0] if candidates and candidates[0][1] >= TAKEN_FROM else None)
+        likely.append(candidates[0][0] if candidates and candidates[0][1] >= ASSIGNED_FROM else None)
     session.flush()
     return likely
 
 
-def _foods_named(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
-    """Key -> food in force, of all candidates of all items."""
-    keys = {one.food for _, found in seen if found.index_version is not None for one in found.candidates}
+def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
+    """Return key -> food in force, of all candidates of all items."""
+    keys = {each.food for _, answer in seen if answer.index_version is not None for each in answer.candidates}
     return foods.foods_by_key(session, keys) if keys else {}
 
 
 def _next_places(session: Session, items: Collection[uuid.UUID]) -> dict[uuid.UUID, int]:
-    """Item -> the position behind its candidates so far."""
+    """Return item -> the next free position of its candidates."""
     query = (
         sa.select(ItemCandidate.item_id, sa.func.max(ItemCandidate.position) + 1)
         .where(ItemCandidate.item_id.in_(items))
@@ -79,11 +79,11 @@ def _next_places(session: Session, items: Collection[uuid.UUID]) -> dict[uuid.UU
     return {row[0]: row[1] for row in session.execute(query)}
 
 
-def _candidates(found: ItemAnswer, known: Mapping[str, Food]) -> tuple[list[tuple[Food, float]], float | None]:
-    """The candidates that are kept, best first, and the probability of none of them; None: not identified."""
-    if found.index_version is None or found.none_probability is None:
+def _candidates(answer: ItemAnswer, foods_by_key: Mapping[str, Food]) -> tuple[list[tuple[Food, float]], float | None]:
+    """Return the saved candidates, best first, and the probability of none of them; None: not identified."""
+    if answer.index_version is None or answer.none_probability is None:
         return [], None
-    named = [(known.get(one.food), one.probability) for one in found.candidates]
+    named = [(foods_by_key.get(each.food), each.probability) for each in answer.candidates]
     unknown = sum(probability for food, probability in named if food is None)
     kept = [(food, p) for food, p in named if food is not None and p >= LEAST_PROBABILITY]
-    return kept[:MOST_CANDIDATES], min(found.none_probability + unknown, 1.0)
+    return kept[:MOST_CANDIDATES], min(answer.none_probability + unknown, 1.0)

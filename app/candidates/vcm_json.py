@@ -1,4 +1,4 @@
-"""The VCM of an item as the pipeline's answer carries it: version and base64 of little-endian float16."""
+"""An item's VCM in the pipeline's answer: version and base64 of little-endian float16."""
 
 import base64
 
@@ -13,10 +13,10 @@ FLOAT = np.dtype("<f2")
 
 
 def vcm_answer(vector: Float32Array) -> VcmAnswer:
-    """(d,) of the pipeline's VCM_VERSION; float16 is as fine as its measures are, and what the index is made of."""
+    """Encode a vector (d,) of the pipeline's VCM_VERSION in float16, the precision of the index."""
     return VcmAnswer(version=VCM_VERSION, vector=base64.b64encode(vector.astype(FLOAT).tobytes()))
 
 
 def numbers_of(vector: bytes) -> Vectors:
-    """(d,) float64 of a kept vector."""
+    """Decode a stored vector: (d,) float64."""
     return np.frombuffer(vector, FLOAT).astype(np.float64)

@@ -1,4 +1,4 @@
-"""SQL of regions that a run saw: which have no vector of a version, and whether their photograph is there."""
+"""SQL of regions that a run saw: those without a vector of a version, and their photographs."""
 
 import uuid
 from collections.abc import Sequence
@@ -9,26 +9,27 @@ from sqlalchemy.orm import Session
 
 from app.meals.identification_models import ItemIdentification
 from app.meals.models import Meal, MealImage
-from app.meals.record_models import EffectiveRecord, Item, ItemMeasure, Run
+from app.meals.outline_json import Ring
+from app.meals.record_models import ColourDetails, EffectiveRecord, Item, ItemMeasure, Run
 
 DESCRIBED_SLOT = "left"  # outlines are in this photograph's pixels
 
 
 @dataclass(frozen=True, slots=True)
 class SeenRegion:
-    """An item's outline (rings, px) as a run saw it. colour: its photographs' corrections, None: it kept none."""
+    """An item's outline (rings, px) as a run saw it. colour: by side, the run's colour corrections, if it kept any."""
 
     item_id: uuid.UUID
     run_id: uuid.UUID
-    rings: Sequence[object]
-    colour: dict[str, object] | None
+    rings: list[Ring]
+    colour: dict[str, ColourDetails] | None
     marker: str
 
 
 def meals_to_describe(
     session: Session, vcm_version: str, *, after: uuid.UUID | None, limit: int, study_id: uuid.UUID | None
 ) -> list[uuid.UUID]:
-    """Meals by id, those behind `after`, of which a run saw a region that has no vector of this version."""
+    """Return meals with a region that lacks a vector of this version, ordered by id, after the id `after`."""
     is_found = sa.exists().where(Item.meal_id == Meal.id, _is_bare_item(vcm_version))
     is_measured = sa.exists().where(
         Item.meal_id == Meal.id, ItemMeasure.item_id == Item.id, _is_bare_measure(vcm_version)
@@ -42,7 +43,7 @@ def meals_to_describe(
 
 
 def regions_to_describe(session: Session, meal_id: uuid.UUID, vcm_version: str) -> list[SeenRegion]:
-    """The regions of a meal that a run measured and that have no vector of this version, in the order of items."""
+    """Return the meal's measured regions that lack a vector of this version, in the order of items."""
     found = (
         sa.select(Item.id, Run.id.label("run_id"), Item.rings, Run.colour, Run.marker, Item.position)
         .join(Run, Run.id == Item.run_id)
@@ -59,7 +60,7 @@ def regions_to_describe(session: Session, meal_id: uuid.UUID, vcm_version: str) 
 
 
 def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None) -> int:
-    """How many regions have a vector of this version."""
+    """Return the number of regions with a vector of this version."""
     query = sa.select(sa.func.count()).select_from(ItemIdentification)
     query = query.where(ItemIdentification.vcm_version == vcm_version)
     if study_id is not None:
@@ -69,7 +70,7 @@ def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None)
 
 
 def photograph_of(session: Session, meal_id: uuid.UUID) -> MealImage | None:
-    """The photograph that outlines are drawn in, while it is there."""
+    """Return the photograph that outlines are drawn in; None if it is erased or missing."""
     query = sa.select(MealImage).where(
         MealImage.meal_id == meal_id, MealImage.slot == DESCRIBED_SLOT, MealImage.erased_at.is_(None)
     )
@@ -77,7 +78,7 @@ def photograph_of(session: Session, meal_id: uuid.UUID) -> MealImage | None:
 
 
 def confirmed_without_vector(session: Session, vcm_version: str) -> int:
-    """How many confirmed items could teach the index, had they a vector of this version: their photograph is there."""
+    """Return the number of confirmed items that have a photograph, but no vector of this version yet."""
     has_photograph = sa.exists().where(
         MealImage.meal_id == EffectiveRecord.meal_id,
         MealImage.slot == DESCRIBED_SLOT,
@@ -101,7 +102,7 @@ def confirmed_without_vector(session: Session, vcm_version: str) -> int:
 
 
 def _is_bare_item(vcm_version: str) -> sa.ColumnElement[bool]:
-    """Of an item that a run found in the meal's own pair: that run's region has no vector."""
+    """Whether an item of the meal's own pair lacks a vector of its run's region."""
     has_vector = sa.exists().where(
         ItemIdentification.item_id == Item.id,
         ItemIdentification.run_id == Item.run_id,
@@ -111,7 +112,7 @@ def _is_bare_item(vcm_version: str) -> sa.ColumnElement[bool]:
 
 
 def _is_bare_measure(vcm_version: str) -> sa.ColumnElement[bool]:
-    """Of a region that was drawn and measured again: it has no vector. Leftovers are not described."""
+    """Whether a redrawn region lacks a vector. Leftovers are not described."""
     has_vector = sa.exists().where(
         ItemIdentification.item_id == ItemMeasure.item_id,
         ItemIdentification.run_id == ItemMeasure.run_id,
@@ -121,5 +122,5 @@ def _is_bare_measure(vcm_version: str) -> sa.ColumnElement[bool]:
 
 
 def _is_outline(rings: Sequence[Sequence[object]] | None) -> bool:
-    """Whether there is a region at all: what could not be measured may have none."""
+    """Whether there is a region: an item that could not be measured may have none."""
     return all(len(ring) >= 3 for ring in rings) if rings else False
