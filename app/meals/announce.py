@@ -1,7 +1,7 @@
-"""Tell a study's webhooks that a meal has come to a status.
+"""Announce a meal's new status to the study's webhooks.
 
-A payload holds ids, a status, a version, a day, codes; never a photograph, food, figure, place or free text: the
-receiver asks the API for the rest, under its own role and noted in the audit log.
+A payload holds ids, a status, a version, a day and codes; never a photograph, food, amount, place or free text. The
+receiver gets those from the API, with its own role and an entry in the audit log.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ EVENT_OF_STATUS: Mapping[MealStatus, Event] = {
 
 
 def announce_meal(session: Session, meal: Meal) -> None:
-    """Tell that a meal has just come to its status; a status that no event tells of is passed over."""
+    """Announce the meal's status, if it has an event."""
     event = EVENT_OF_STATUS.get(meal.status)
     if event is None or not enabled_webhooks(session, meal.study_id):
         return

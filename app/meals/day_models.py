@@ -17,9 +17,9 @@ DAY_EVENT_KINDS: tuple[DayEventKind, ...] = get_args(DayEventKind)
 
 
 class DayEvent(Base):
-    """Somebody's word about a local day; append-only, the newest of the highest layer counts.
+    """A statement about a local day; append-only, the newest of the highest layer counts.
 
-    closed: all that was eaten is told. ate_nothing: closed, and nothing was eaten. reopened: not so.
+    closed: everything that was eaten is recorded. ate_nothing: closed, and nothing was eaten. reopened: open again.
     """
 
     __tablename__ = "day_event"
@@ -41,9 +41,9 @@ class DayEvent(Base):
 
 
 class DiaryDay(Base):
-    """How a local day stands: a projection of its events. A day without a row is open.
+    """The state of a local day, a projection of its events. A day without a row is open.
 
-    id: its name for those who pull changes: says nothing, and may be named after the day is erased.
+    id: identifies the day in lists of changes; it reveals nothing, and may be listed after the day is erased.
     """
 
     __tablename__ = "diary_day"

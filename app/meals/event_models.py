@@ -1,7 +1,8 @@
-"""What people say about a meal and its items, append-only: who, when, the old value and the new one.
+"""People's events about a meal and its items, append-only: who, when, the old value and the new one.
 
-Three layers stay apart: what the pipeline found ("automatic"), the participant's word, the reviewer's word over it.
-What holds now is a projection (meals/item_state.py); an event is never changed, an `undo` names the one it undoes.
+There are three layers: the pipeline's results ("automatic"), the participant's events, and the reviewer's, which take
+precedence. The current state is a projection (meals/item_state.py). An event never changes; an `undo` names the event
+that it undoes.
 """
 
 import uuid
@@ -13,7 +14,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
 
-Layer = Literal["automatic", "participant", "reviewer"]  # each goes before the one before it
+Layer = Literal["automatic", "participant", "reviewer"]  # in the order of their precedence, the lowest first
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 EventKind = Literal[
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",
@@ -23,11 +24,11 @@ EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
 
 class MealEvent(Base):
-    """One event of a meal; sequence: its number in the meal, from 1.
+    """One event of a meal; sequence: its number within the meal, from 1.
 
-    item_id: the item that it is about; no foreign key, since items name the events that made them. old, new: the values
-    before and after, in the words of the API; new of an undo names the event. request_sha256: of the request that made
-    it, so that the same sent again is known.
+    item_id: the item that it is about; no foreign key, since items refer to the events that made them. old, new: the
+    values before and after, as in the API; new of an undo names the undone event. request_sha256: of the request, so
+    that a repetition is recognised.
     """
 
     __tablename__ = "meal_event"

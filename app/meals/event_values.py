@@ -1,4 +1,4 @@
-"""What an event says, as `meal_event.new` keeps it: one type per kind. Unknown fields are left out of consideration."""
+"""The value of an event, as stored in `meal_event.new`: one type per kind. Unknown fields are ignored."""
 
 import uuid
 from typing import Annotated, Literal
@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from app.meals.event_models import MealEvent
-
-Ring = list[list[float]]  # corners [x, y], upright pixels of the left photograph
-Polygon = Ring | list[Ring]
+from app.meals.outline_json import Polygon
 
 
 class _Value(BaseModel):
@@ -16,7 +14,7 @@ class _Value(BaseModel):
 
 
 class Region(_Value):
-    """Where a food is, as a hint has it: one of the three."""
+    """Where a food is in the left photograph, px upright: one of the three."""
 
     point: list[float] | None = None
     box: list[float] | None = None
@@ -24,9 +22,9 @@ class Region(_Value):
 
 
 class AmountValue(_Value):
-    """Grams or millilitres; neither where no amount was given.
+    """Grams or millilitres; neither if no amount was stated.
 
-    portion_of: key of the food whose household measure was given: the grams count while the item is this food.
+    portion_of: key of the food whose household measure was stated: the grams count while the item has this food.
     """
 
     mass_g: float | None = None
@@ -57,7 +55,7 @@ class Redraw(_Value):
 
 
 class Add(AmountValue):
-    """A food that was missed; without an amount it is measured in its region."""
+    """A food that the pipeline missed; without an amount it is measured in its region."""
 
     kind: Literal["add"]
     lies_as: str | None = None
@@ -66,7 +64,7 @@ class Add(AmountValue):
 
 
 class Declare(AmountValue):
-    """The answer to a probe; share None: that of the item that the food came with."""
+    """The answer to a probe; share None: that of the parent item."""
 
     kind: Literal["declare"]
     probe: str
@@ -82,7 +80,7 @@ class Part(AmountValue):
 
 
 class Split(_Value):
-    """The items that take the place of one."""
+    """The items that replace one."""
 
     kind: Literal["split"]
     parts: list[Part]
@@ -90,7 +88,7 @@ class Split(_Value):
 
 
 class Merge(AmountValue):
-    """The items that one takes the place of."""
+    """The items that one replaces."""
 
     kind: Literal["merge"]
     items: list[uuid.UUID]
@@ -105,7 +103,7 @@ class ConfirmMeal(_Value):
 
 
 class Undo(_Value):
-    """The event that is taken back."""
+    """The event that is undone."""
 
     kind: Literal["undo"]
     event: uuid.UUID
@@ -119,7 +117,7 @@ class Answer(_Value):
 
 
 class Other(_Value):
-    """Kinds of which the kind says all that the records follow from."""
+    """Kinds without a value that the records depend on."""
 
     kind: Literal["confirm", "reject", "set_food", "set_leftover", "nothing_left", "comment", "question"]
 
@@ -129,5 +127,5 @@ _ADAPTER: TypeAdapter[EventValue] = TypeAdapter(Annotated[EventValue, Field(disc
 
 
 def value_of(event: MealEvent) -> EventValue:
-    """Read what an event says."""
+    """Parse an event's value."""
     return _ADAPTER.validate_python({**event.new, "kind": event.kind})

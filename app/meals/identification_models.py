@@ -1,4 +1,4 @@
-"""Which food is it: what an item looks like, what the index says of it, the confirmed items that the index learns."""
+"""Identification of items: feature vectors, the index's results, and the confirmed items that the index learns."""
 
 import uuid
 from datetime import datetime
@@ -8,7 +8,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal
 
-OF_ITS_ITEM = "CASCADE"  # a process of the version before these tables, in a rolling upgrade, erases meals too
+OF_ITS_ITEM = "CASCADE"  # during a rolling upgrade, a process that does not know these tables may erase meals
 
 
 class ItemIdentification(Base):

@@ -1,4 +1,4 @@
-"""All that the records of some meals follow from, read in a handful of queries: items, events, foods, leftovers."""
+"""Read everything that the records of some meals follow from, in a few queries: items, events, foods, leftovers."""
 
 import uuid
 from collections.abc import Collection, Mapping, Sequence
@@ -16,7 +16,7 @@ from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
 
-FROM_HINT, FROM_INDEX = "hint", "index"  # who says that an item may be a food
+FROM_HINT, FROM_INDEX = "hint", "index"  # sources of candidates
 
 Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 
@@ -35,11 +35,11 @@ class Identified:
 
 @dataclass(slots=True)
 class MealParts:
-    """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
+    """The parts of one meal. items: of its newest run, of its newest after-meal run, and those that people made.
 
-    foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: of all in foods, by id; a key
-    stays from version to version. failed_remeasures: events whose regions no run will measure. waits_for_run: the
-    meal's pair is to be measured, for the first time or again; the runs that there are say nothing of that one.
+    foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: by id of all rows in foods; a
+    key is the same in all versions of a food. failed_remeasures: events whose regions no run will measure.
+    waits_for_run: the meal's pair will be measured, for the first time or again.
     """
 
     meal: Meal
@@ -58,7 +58,7 @@ class MealParts:
 
 
 def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
-    """The parts of each meal, in the order given."""
+    """Return the parts of each meal, in the order of `meals`."""
     parts = {meal.id: MealParts(meal) for meal in meals}
     ids = list(parts)
     for run in session.scalars(sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)):
@@ -66,18 +66,18 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
             parts[run.meal_id].run = run
         elif run.purpose == "after":
             parts[run.meal_id].after_run = run
-    _add_what_jobs_say(session, parts)
+    _add_job_states(session, parts)
     by_item = _add_items(session, parts)
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
     for event in session.scalars(events):
         parts[event.meal_id].events.append(event)
-    if by_item:  # a meal that waits for its estimate, which phones ask for most, has none
-        _add_what_is_said_of_items(session, by_item)
+    if by_item:  # a meal that waits for its estimate, the one that phones poll most, has none
+        _add_item_rows(session, by_item)
     return list(parts.values())
 
 
 def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, EffectiveRecord]:
-    """Item -> effective record, of one meal."""
+    """Return item -> effective record, of one meal."""
     query = sa.select(EffectiveRecord).where(EffectiveRecord.meal_id == meal_id)
     return {record.item_id: record for record in session.scalars(query)}
 
@@ -85,7 +85,7 @@ def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, Effectiv
 def candidates_of_items(
     session: Session, item_ids: Collection[uuid.UUID]
 ) -> tuple[dict[uuid.UUID, list[ItemCandidate]], dict[uuid.UUID, list[Identified]]]:
-    """Item -> its candidates of all runs; item -> what the index was asked of it, the newest last."""
+    """Return item -> its candidates of all runs, and item -> its identifications, the newest last."""
     candidates: dict[uuid.UUID, list[ItemCandidate]] = {}
     for row in _of_items(session, ItemCandidate, item_ids):
         candidates.setdefault(row.item_id, []).append(row)
@@ -106,7 +106,7 @@ def candidates_of_items(
 def meals_after(
     session: Session, after: uuid.UUID | None, limit: int, *, lock: bool, study_id: uuid.UUID | None = None
 ) -> list[Meal]:
-    """Meals by id, behind `after`. lock: for who writes what follows from them; nobody speaks of them meanwhile."""
+    """Return meals ordered by id, after the id `after`. lock: lock them against new events and runs."""
     query = sa.select(Meal).order_by(Meal.id).limit(limit)
     if lock:
         query = query.with_for_update()
@@ -117,9 +117,9 @@ def meals_after(
     return list(session.scalars(query))
 
 
-def _add_what_jobs_say(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
+def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
     has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
-    has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not done yet
+    has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not yet done
     is_to_come = sa.and_(Job.purpose == "meal", Job.state.in_(LIVE_STATES), has_no_run)
     for job in session.scalars(sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))):
         if job.purpose == "meal":
@@ -129,18 +129,19 @@ def _add_what_jobs_say(session: Session, parts: Mapping[uuid.UUID, MealParts]) -
 
 
 def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:
-    """Give each meal its items; those of older runs do not count. Returns item -> the parts that it is of."""
+    """Add items to each meal, except those of older runs. Returns item -> its meal's parts."""
     by_item = {}
     query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
     for item in session.scalars(query):
-        its = parts[item.meal_id]
-        if item.run_id is None or item.run_id in {run.id for run in (its.run, its.after_run) if run is not None}:
-            its.items.append(item)
-            by_item[item.id] = its
+        meal_parts = parts[item.meal_id]
+        runs = {run.id for run in (meal_parts.run, meal_parts.after_run) if run is not None}
+        if item.run_id is None or item.run_id in runs:
+            meal_parts.items.append(item)
+            by_item[item.id] = meal_parts
     return by_item
 
 
-def _add_what_is_said_of_items(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> None:
+def _add_item_rows(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> None:
     assignments = _of_items(session, ItemFood, by_item)
     keys = _keys_of(session, {row.food_id for row in assignments})
     for row in assignments:
@@ -165,6 +166,6 @@ def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:
 
 
 def _of_items(session: Session, table: type[Row], items: Collection[uuid.UUID]) -> list[Row]:
-    """An item's rows of one of its tables, in the order of their keys."""
+    """Return the items' rows of a table, in the order of their keys."""
     order = list(sa.inspect(table).primary_key)
     return list(session.scalars(sa.select(table).where(table.item_id.in_(list(items))).order_by(*order)))

@@ -1,8 +1,8 @@
-"""When a meal was: the instant and the zone that the phone tells, checked, and the local day that follows from them.
+"""A meal's time: check the phone's instant and time zone, and derive the local day.
 
 The day is the study's: it begins at the study's day start, so that a snack at half past one belongs to the evening
-before. It goes by the wall clock, as people do: the same time on the same clock face is on the same day, whether the
-hour is the first or the repeated one of a change from daylight-saving time.
+before. It follows the wall clock: the same clock time falls on the same day, whether the hour is the first or the
+repeated one of a change from daylight-saving time.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,16 @@ from app.core.errors import ClockDiffersError, InvalidInputError
 log = structlog.get_logger()
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
-LATEST = datetime(2100, 1, 1, tzinfo=UTC)  # no clock that is merely wrong; milliseconds taken for seconds lie beyond
-CLOCK_AHEAD = timedelta(hours=24)  # a phone's clock may be ahead by that much and the meal is still taken
+LATEST = datetime(
+    2100, 1, 1, tzinfo=UTC
+)  # beyond it lie milliseconds read as seconds, not clocks that are merely wrong
+CLOCK_AHEAD = timedelta(hours=24)  # a meal is accepted from a phone whose clock is ahead by that much
 CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
 NOON = time(12)
 CLOCK_DOUBTFUL = "clock_doubtful"
-LONGEST_OFFLINE = timedelta(days=60)  # phones come back from a summer without a network; a clock is off by years
-MOST_AHEAD = timedelta(minutes=15)  # of the server's clock, when the meal had come
+LONGEST_OFFLINE = timedelta(days=60)  # phones may be offline for a summer; a wrong clock is off by years
+MOST_AHEAD = timedelta(minutes=15)  # of the server's clock when the meal arrived
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +38,15 @@ class MealTime:
     time_zone: str
 
     def local_date(self, day_starts_minutes: int) -> date:
-        """The study's day that the meal belongs to."""
+        """Return the study's day that the meal belongs to."""
         return local_day(self.captured_at, self.time_zone, day_starts_minutes)
 
 
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
     """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
 
-    One that is more than a day ahead of the server raises ClockDiffersError: it may well be the server's clock that is
-    wrong, and a meal that is refused for good would be lost by it.
+    An instant more than a day ahead of the server raises ClockDiffersError, so that the phone tries again: the server's
+    clock may be the wrong one, and a meal that is refused for good would be lost.
     """
     if captured_at.tzinfo is None:
         raise InvalidInputError(
@@ -80,11 +82,10 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
 
 
 def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> date:
-    """The day of an aware instant in a zone, where days begin so many minutes (0 to 1439) after midnight.
+    """Return the day of an aware instant in a zone, where days begin so many minutes (0 to 1439) after midnight.
 
-    Before that time of the wall clock it is the day before: the last one that there was, since a zone that moves over
-    the date line has none (Apia went from 29 to 31 December 2011). Raises ValueError for a day start that is no time
-    of day.
+    Before that wall-clock time it is the previous day that existed: a zone that crosses the date line skips one (Apia
+    went from 29 to 31 December 2011). Raises ValueError for a day start outside 0 to 1439.
     """
     if not 0 <= day_starts_minutes < 24 * 60:
         raise ValueError(f"a day starts 0 to 1439 minutes after midnight, not {day_starts_minutes}")
@@ -99,34 +100,34 @@ def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> dat
 
 
 def local_minute(instant: datetime, time_zone: str) -> int:
-    """Minutes after midnight by the zone's wall clock, 0 to 1439."""
+    """Return minutes after midnight by the zone's wall clock, 0 to 1439."""
     local = instant.astimezone(ZoneInfo(time_zone))
     return local.hour * 60 + local.minute
 
 
 def time_flags(origin: str, captured_at: datetime, received_at: datetime) -> list[str]:
-    """The flag of a meal that came long after its time of capture, or before it: the phone's clock may be wrong.
+    """Flag a meal that arrived long after its time of capture, or before it: the phone's clock may be wrong.
 
-    origin: the meal's; what a person declares has no flag.
+    origin: the meal's; declared meals have no flag.
     """
     is_odd = origin == "photographed" and not -MOST_AHEAD <= received_at - captured_at <= LONGEST_OFFLINE
     return [CLOCK_DOUBTFUL] if is_odd else []
 
 
 def latest_day(now: datetime) -> date:
-    """The latest date that anybody's calendar shows."""
+    """Return the latest date of any time zone."""
     return (now.astimezone(UTC) + EASTERNMOST).date()
 
 
 def _is_in_calendar(day: date, zone: ZoneInfo) -> bool:
-    """Whether the zone had the day: its noon, taken to UTC and back, is still on it."""
+    """Whether the day existed in the zone: its noon, converted to UTC and back, has the same date."""
     noon = datetime.combine(day, NOON, zone)
     return noon.astimezone(UTC).astimezone(zone).date() == day
 
 
 @cache
 def _zones() -> frozenset[str]:
-    """IANA names; what a machine calls its own time is none."""
+    """Return IANA names, without a machine's names for its own time."""
     return frozenset(available_timezones() - {"localtime", "Factory", "posixrules"})
 
 
@@ -138,5 +139,5 @@ def _impossible(captured_at: datetime) -> InvalidInputError:
 
 
 def number_of(local_date: date, first_day: date | None) -> int | None:
-    """The day's number in the study, 1 on the first day; None where no first day is known."""
+    """Return the day's number in the study, 1 on the first day; None if the first day is unknown."""
     return None if first_day is None else (local_date - first_day).days + 1

@@ -1,6 +1,6 @@
-"""What a run of the pipeline answers: the child's JSON, sealed in the store as result.json.
+"""The answer of a run of the pipeline: the child's JSON, sealed in the blob store as result.json.
 
-Fields that are not set are not written, so that an item which no index has seen has no `index_version`.
+Fields that are not set are not written, so that an item which was not identified has no `index_version`.
 """
 
 import uuid
@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, JsonValue
 
 from app.core.errors import Failure
-from app.meals.event_values import Polygon
+from app.meals.outline_json import Polygon
 
 Json = dict[str, JsonValue]
 
@@ -18,28 +18,28 @@ class _Answer(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     def as_json(self) -> Json:
-        """As it is kept and printed."""
+        """Return the answer as stored and printed."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
 class VcmAnswer(_Answer):
-    """What an item looks like. vector: little-endian float16, base64 in JSON."""
+    """An item's feature vector: little-endian float16, base64 in JSON."""
 
     version: str
     vector: Base64Bytes
 
 
 class CandidateAnswer(_Answer):
-    """A food by its key, and how probable the index thinks it."""
+    """A food by its key, with its probability by the index."""
 
     food: str
     probability: float
 
 
 class ItemAnswer(_Answer):
-    """One food. polygon: a ring, or several. hint: place of the hint that it answers.
+    """One food. polygon: a ring, or several. hint: position of the hint that it answers.
 
-    candidates, none_probability, index_version: by the index; version None: it was not asked.
+    candidates, none_probability, index_version: by the index; index_version None: not identified.
     """
 
     polygon: Polygon
@@ -56,13 +56,13 @@ class ItemAnswer(_Answer):
 
     @property
     def interval_ml(self) -> tuple[float | None, float | None]:
-        """Both ends of the volume's 90 % interval."""
+        """Both bounds of the volume's 90 % interval."""
         low_ml, high_ml = self.volume_interval_ml or (None, None)
         return low_ml, high_ml
 
 
 class ArtefactAnswer(_Answer):
-    """A picture or a point cloud of one step; blob_key: once it is sealed."""
+    """A picture or point cloud of one step; blob_key: empty until it is sealed."""
 
     name: str
     media_type: str
@@ -90,9 +90,9 @@ class RunAnswer(_Answer):
 
     @classmethod
     def read(cls, content: bytes | str) -> Self:
-        """The sealed answer."""
+        """Parse a sealed answer."""
         return cls.model_validate_json(content)
 
     def write(self) -> bytes:
-        """As it is sealed."""
+        """Return the bytes to seal."""
         return self.model_dump_json(exclude_unset=True).encode()

@@ -1,13 +1,13 @@
-"""Small pictures of a pair's photographs that a run leaves beside its others: what a gallery shows without decoding.
+"""Small pictures of a pair's photographs among a run's artefacts, so that a gallery need not decode photographs.
 
-Upright, corrected by the marker's colours, without metadata, as records/serve_photo.py would make them at this width;
-artefacts like others: served with a note in the audit log, erased with the photographs, in backups.
+They are upright, colour-corrected by the marker and without metadata, like those of records/serve_photo.py at this
+width. Like other artefacts they are served with an entry in the audit log, erased with the photographs, and backed up.
 """
 
-THUMBNAIL_PX = 320  # wide
+THUMBNAIL_PX = 320  # width
 SIDES = ("left", "right")
 
 
 def thumbnail_name(slot: str) -> str:
-    """The artefact of a run on the slot's pair."""
+    """Return the artefact's name in a run on the slot's pair."""
     return f"thumbnail_{slot.removeprefix('after_')}.jpg"
