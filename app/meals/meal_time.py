@@ -17,9 +17,7 @@ from app.core.errors import ClockDiffersError, InvalidInputError
 log = structlog.get_logger()
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
-LATEST = datetime(
-    2100, 1, 1, tzinfo=UTC
-)  # beyond it lie milliseconds read as seconds, not clocks that are merely wrong
+LATEST = datetime(2100, 1, 1, tzinfo=UTC)  # milliseconds read as seconds lie beyond it; merely wrong clocks do not
 CLOCK_AHEAD = timedelta(hours=24)  # a meal is accepted from a phone whose clock is ahead by that much
 CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
