@@ -165,8 +165,7 @@ def resident_mb_over(count: int, scenes: Sequence[Scene], options: argparse.Name
         if options.method:
             told["method"] = options.method
         run_estimate(
-            scene.folder / "left.jpg",
-            scene.folder / "right.jpg",
+            {side: scene.folder / f"{side}.jpg" for side in ("left", "right")},
             options_from_json(told),
             max_pixels=10**8,
             on_stage=lambda _: None,

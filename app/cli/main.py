@@ -126,8 +126,9 @@ def demo(
 
 @cli.command()
 def estimate(
-    left: Annotated[Path, typer.Argument(help="Photograph from the left.")],
-    right: Annotated[Path, typer.Argument(help="Photograph from the right.")],
+    photographs: Annotated[
+        list[Path], typer.Argument(help="Photographs from the left, from the right, then up to six others.")
+    ],
     marker: Annotated[
         str | None, typer.Option(metavar="M", help=f"KIND:COLSxROWS:MM; {DEFAULT_MARKER} where nothing is given.")
     ] = None,
@@ -142,7 +143,7 @@ def estimate(
     debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate the volumes of the foods in a stereo pair, without a server."""
+    """Estimate the volumes of the foods in two or more photographs of a meal, without a server."""
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(
@@ -156,7 +157,7 @@ def estimate(
     )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
     answer = estimate_files(
-        left, right, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce
+        photographs, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce
     )
     if as_json:
         print(json.dumps(answer))

@@ -91,8 +91,7 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
     """
     request = _EstimateRequest.model_validate(arguments)
     answer, estimate = run_estimate(
-        request.left,
-        request.right,
+        {"left": request.left, "right": request.right},
         options_from_json(request.options),
         max_pixels=request.max_pixels,
         on_stage=on_stage,
@@ -113,22 +112,21 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
 
 
 def run_estimate(
-    left: Path,
-    right: Path,
+    photographs: Mapping[str, Path],
     options: EstimateOptions,
     *,
     max_pixels: int,
     on_stage: StageListener,
     want_artefacts: bool,
 ) -> tuple[RunAnswer, MealEstimate | None]:
-    """Read both photographs and run the pipeline: the answer, and the estimate unless reading failed.
+    """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
-    Raises OSError if a file cannot be read.
+    photographs: by name, left, right, then others. Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
     on_stage("read")
     photos = []
-    for side, path in (("left", left), ("right", right)):
+    for side, path in photographs.items():
         photo = read_photo(path.read_bytes(), max_pixels=max_pixels)
         if isinstance(photo, Failure):
             failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
@@ -136,12 +134,14 @@ def run_estimate(
             return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
         photos.append(photo)
     read_seconds = time.perf_counter() - started
-    estimate = estimate_meal(PhotoPair(*photos), options, on_stage=on_stage, want_artefacts=want_artefacts)
+    left, right, *others = photos
+    pair = PhotoPair(left, right, tuple(others))
+    estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     answer = answer_of(estimate, options)
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:
-        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos, estimate)])
+        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails((left, right), estimate)])
     return answer, estimate
 
 

@@ -1,4 +1,4 @@
-"""`tada estimate`: two files in, the answer as JSON out, foods of hints resolved in the starter table."""
+"""`tada estimate`: two or more files in, the answer as JSON out, foods of hints resolved in the starter table."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -14,6 +14,7 @@ from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.vision.model import EstimateOptions, Method
 
 DEFAULT_MARKER = "plain:9x7:11"
+MAX_VIEWS = 8
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
@@ -45,15 +46,17 @@ def read_options(
 
 
 def estimate_files(
-    left: Path,
-    right: Path,
+    photographs: Sequence[Path],
     options: EstimateOptions,
     *,
     max_pixels: int,
     debug: Path | None,
     on_stage: Callable[[str], None] | None,
 ) -> dict[str, Any]:
-    """Run the pipeline on two files; with `debug`, write its pictures there."""
+    """Run the pipeline on two to eight files; with `debug`, write its pictures there."""
+    if not 2 <= len(photographs) <= MAX_VIEWS:
+        raise InvalidInputError(f"{len(photographs)} photographs were given; 2 to {MAX_VIEWS} of one meal are needed.")
+    names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
@@ -61,8 +64,7 @@ def estimate_files(
     options = with_forms(options, table)
     try:
         found, estimate = run_estimate(
-            left,
-            right,
+            dict(zip(names, photographs, strict=True)),
             options,
             max_pixels=max_pixels,
             on_stage=on_stage or (lambda _: None),

@@ -42,10 +42,11 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PhotoPair:
-    """The left and the right photograph, as the phone named them."""
+    """The left and the right photograph, as the phone named them, and others of the same scene."""
 
     left: Photo
     right: Photo
+    others: tuple[Photo, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,8 @@ from app.vision.stereo.epipolar import compare_fundamentals
 from app.vision.stereo.features import NO_MATCHES, match_features, shows_sheet
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
 from app.vision.stereo.marker_thickness import find_thickness, on_plaque
+from app.vision.stereo.other_views import choose_partner, place_other_views
+from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
 from app.vision.stereo.rectification import is_swapped, rectify_by_poses
@@ -73,6 +75,9 @@ def estimate_meal(
 def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
+    if pair.others and options.marker is not None:
+        with stage("marker"):
+            pair = choose_partner(pair, options.marker)
     refined = _find_views(pair, options, stage, trace)
     if isinstance(refined, Failure):
         return refined
@@ -86,6 +91,9 @@ def _run(
             trace.keep_views(refined)
             scene = _reconstruct(refined, stage)
     trace.scene = scene
+    if pair.others and marker is not None:
+        with stage("match"):
+            trace.others = place_other_views(pair.others, refined, options)
     moved = judge_table(marker.spec, scene.plane_mm, scene.points_table) if marker is not None else None
     if moved is not None:
         return moved
@@ -220,7 +228,8 @@ def _measure(
         )
     else:
         trace.table = foods.table
-        measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints)
+        others = [undistorted_view(view, pair.focal_px) for view in trace.others]
+        measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints, others=others)
     if isinstance(measured, Failure) or doubt.focal_sd <= FLAG_SD:
         return measured
     return [replace(item, flags=(*item.flags, "focal_unknown")) for item in measured]

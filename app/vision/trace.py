@@ -41,8 +41,8 @@ class Trace:
 
     views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
-    count from it (the default method); None: they count from that plane. items: measured foods. colours: corrections
-    of the (left, right) photograph.
+    count from it (the default method); None: they count from that plane. items: measured foods. others: further views
+    that could be placed. colours: corrections of the (left, right) photograph.
     """
 
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
@@ -56,6 +56,7 @@ class Trace:
     scene: Reconstruction | None = None
     table: TableTrend | None = None
     items: list[MeasuredItem] = field(default_factory=list)
+    others: list[View] = field(default_factory=list)
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
@@ -84,6 +85,8 @@ class Trace:
                 out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
             if self.focal is not None:
                 out["focal_log_sd"] = round(self.focal.log_sd, 3)
+            if self.others:
+                out["views"] = 2 + len(self.others)
             out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)
         if self.matches is not None and self.epipolar is not None:
             out |= {

@@ -1,4 +1,4 @@
-"""A form fitted to what both views show of one food: outlines, parallax, the support; maximum a posteriori.
+"""A form fitted to what the views show of one food: outlines, parallax, the support; maximum a posteriori.
 
 Evidence (Seen) + a family with its start (forms.py) -> unknowns, their covariance, the volume. Gauss-Newton with
 Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow taken for food or a highlight bends little.
@@ -28,23 +28,33 @@ from app.vision.shape.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import STEP_PX, Outline
+from app.vision.stereo.pinhole_view import PinholeView
 from app.vision.stereo.sight import Sight
+
+PAIR = 2  # views; those beyond are the others
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
     """What the views show of a food. mask: (H, W). inward_px: (H, W) distance to the mask's outline.
 
-    outlines: in the first and the second view. dense: from the whole pair, where no surface is known yet. surface:
-    measured along a form that is near the food's.
+    outlines: in the first and the second view, then in the others. dense: from the whole pair, where no surface is
+    known yet. surface: measured along a form that is near the food's.
     """
 
     sight: Sight
     mask: MaskArray
     inward_px: Float32Array
-    outlines: tuple[Outline | None, Outline | None]
+    outlines: tuple[Outline | None, ...]
     dense: DisparityMap
     surface: SurfaceParallax | None = None
+    others: tuple[PinholeView, ...] = ()
+
+    def pixel_gradient(self, points_table: Float64Array, view: int) -> Float64Array:
+        """(n, 2, 3) derivative of the pixel in a view, numbered as outlines, by the point, px/mm."""
+        if view < PAIR:
+            return self.sight.pixel_gradient(points_table, view)
+        return self.others[view - PAIR].pixel_gradient(points_table)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,31 +202,33 @@ def _linearised(form: Form, misfit: _Misfit, cells: int) -> _Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A form's mesh where the unknowns place it, as both views see it.
+    """A form's mesh where the unknowns place it, as the views see it.
 
-    normals: (m, 3) see face_normals. pixels: (n, 2) of either view. parallax_px: (n,). is_facing: (m,) towards either.
+    normals: (m, 3) see face_normals. pixels: (n, 2) in each view. parallax_px: (n,). is_facing: (m,) towards each.
     """
 
     mesh: Topology
     vertices: Float64Array
     normals: Float64Array
-    pixels: tuple[Float64Array, Float64Array]
+    pixels: tuple[Float64Array, ...]
     parallax_px: Float64Array
-    is_facing: tuple[MaskArray, MaskArray]
+    is_facing: tuple[MaskArray, ...]
 
 
-def _placed(form: Form, unknowns: Float64Array, cells: int, sight: Sight) -> _Placed:
+def _placed(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Placed:
     mesh, vertices = form.topology(cells), form.vertices(unknowns, cells)
     normals, corners = face_normals(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
-    first, second = (normals_towards(normals, corners, camera) for camera in sight.cameras_mm)
-    pixels, parallax = sight.project(vertices)
-    return _Placed(mesh, vertices, normals, (pixels, sight.in_view(pixels, parallax, 1)), parallax, (first, second))
+    cameras = *seen.sight.cameras_mm, *(view.centre_mm for view in seen.others)
+    is_facing = tuple(normals_towards(normals, corners, camera) for camera in cameras)
+    first, parallax = seen.sight.project(vertices)
+    pixels = first, seen.sight.in_view(first, parallax, 1), *(view.project(vertices) for view in seen.others)
+    return _Placed(mesh, vertices, normals, pixels, parallax, is_facing)
 
 
 def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Terms | None:
-    placed = _placed(form, unknowns, cells, seen.sight)
+    placed = _placed(form, unknowns, cells, seen)
     parts = [_parallax_terms(placed, seen)]
-    for view in (0, 1):
+    for view in range(len(seen.outlines)):
         index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
         if len(index) < TUNING.min_outline:
             continue
@@ -254,7 +266,7 @@ def _outline_terms(
     _, nearest = line.tree.query(pixels)
     towards = line.normals[nearest]
     residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
-    by_point = np.einsum("na,nab->nb", towards, seen.sight.pixel_gradient(placed.vertices[index], view))
+    by_point = np.einsum("na,nab->nb", towards, seen.pixel_gradient(placed.vertices[index], view))
     length = cv2.arcLength(cv2.convexHull(pixels.astype(np.float32)), closed=True)
     weight = line.weights[nearest] * share * length / TUNING.outline_run_px
     if is_folded:

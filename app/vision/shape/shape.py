@@ -38,22 +38,24 @@ from app.vision.stereo.outline_snap import (
     rings_of_mask,
     snap,
 )
+from app.vision.stereo.pinhole_view import PinholeView
 from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight, sight_of
 
 Flags = tuple[str, ...]  # stable codes
+HIDDEN_PX = 5  # around where another food's measured points are seen, which have gaps
 
 
 @dataclass(frozen=True, slots=True)
 class _Food:
-    """What fitting needs of one region. hidden_by: (H, W) foods in front of it, in the first and second view."""
+    """What fitting needs of one region. lab, hidden_by: of each view; (H, W) foods in front of it."""
 
     sight: Sight
     seen: Seen
     grey: tuple[Float32Array, Float32Array]
-    lab: tuple[Float32Array, Float32Array]
-    hidden_by: tuple[MaskArray, MaskArray]
+    lab: tuple[Float32Array, ...]
+    hidden_by: tuple[MaskArray, ...]
     points: Float64Array
     support_mm: float
     support_sd_mm: float
@@ -67,13 +69,14 @@ def measure_shapes(
     *,
     pose_sd: float,
     hints: Sequence[Hint] = (),
+    others: Sequence[PinholeView] = (),
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
-    indices are of; what they say of a food's form counts as form_prior.py tells.
+    indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
     """
-    scene = _scene_of(foods, pair, disparity, points_table)
+    scene = _scene_of(foods, pair, disparity, points_table, others)
     found: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
@@ -97,7 +100,8 @@ class _Scene:
     points_table: Float32Array
     plane_xy_mm: Float32Array
     grey: tuple[Float32Array, Float32Array]
-    lab: tuple[Float32Array, Float32Array]
+    lab: tuple[Float32Array, ...]
+    others: tuple[PinholeView, ...]
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
@@ -105,8 +109,8 @@ class _Scene:
         rings = rings_of_mask(mask)
         if not rings:
             return None
-        hidden_by = self._in_front(number)
-        line = _without(snap(self.lab[0], rings, TUNING.snap_px), hidden_by[0])
+        in_pair = self._in_front(number)
+        line = _without(snap(self.lab[0], rings, TUNING.snap_px), in_pair[0])
         inward = inward_px(mask)
         measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
         if len(measured) == 0:
@@ -114,7 +118,8 @@ class _Scene:
         parallax = self.disparity.parallax_px[measured[:, 0], measured[:, 1]].astype(np.float64)
         points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
         support_mm, support_sd_mm = self._support(number, points)
-        seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity)
+        seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity, others=self.others)
+        hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
         return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)
 
     def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
@@ -143,7 +148,23 @@ class _Scene:
         moved = np.rint(columns - self.disparity.parallax_px[rows, columns]).astype(np.int64)
         inside = (moved >= 0) & (moved < mask.shape[1])
         second[rows[inside], moved[inside]] = True
-        return first, dilated(second, 5)
+        return first, dilated(second, HIDDEN_PX)
+
+    def _in_front_of(self, number: int, points: Float64Array, view: PinholeView) -> MaskArray:
+        """(H, W) of another view: foods that lie nearer to its camera than this one's points."""
+        height, width = view.picture_bgr.shape[:2]
+        picture = np.zeros((height, width), np.bool_)
+        own_mm = np.median(np.linalg.norm(points - view.centre_mm, axis=1))
+        for other, region in enumerate(self.foods.regions):
+            theirs = self.points_table[region.mask].astype(np.float64)
+            theirs = theirs[np.isfinite(theirs[:, 2])]
+            if other == number or len(theirs) == 0:
+                continue
+            if np.median(np.linalg.norm(theirs - view.centre_mm, axis=1)) < own_mm:
+                column, row = np.rint(view.project(theirs)).astype(np.int64).T
+                inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+                picture[row[inside], column[inside]] = True
+        return dilated(picture, HIDDEN_PX)
 
     def _distance_mm(self, where: MaskArray) -> float:
         points = self.points_table[where]
@@ -153,12 +174,17 @@ class _Scene:
         return float(np.median(np.linalg.norm(points - self.pair.first_centre_mm, axis=1)))
 
 
-def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points_table: Float32Array) -> _Scene:
-    images = (pair.first_bgr, pair.second_bgr)
-    grey = [grey_of(image).astype(np.float32) for image in images]
-    lab = [lab_of(image) for image in images]
+def _scene_of(
+    foods: Foods,
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    others: Sequence[PinholeView],
+) -> _Scene:
+    grey = [grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr)]
+    lab = tuple(lab_of(image) for image in (pair.first_bgr, pair.second_bgr, *(view.picture_bgr for view in others)))
     plane_xy_mm = plane_points(pair)[..., :2]
-    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, (grey[0], grey[1]), (lab[0], lab[1]))
+    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, (grey[0], grey[1]), lab, tuple(others))
 
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
@@ -232,24 +258,29 @@ def _refit(food: _Food, seen: Seen | None, before: FormFit) -> FormFit | None:
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:
-    """The food with its parallax along a form near it, and its outline in the second view around that form's."""
+    """The food with its parallax along a form near it, and its outline in the other views around that form's."""
     vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
-    covered = _covered_in_second(food, vertices, mesh)
-    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered), vertices, mesh)
-    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], _second_outline(food, covered)))
+    covered = _covered(food, vertices, mesh)
+    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered[0]), vertices, mesh)
+    found = (_outline_in(food, view, mask) for view, mask in enumerate(covered, start=1))
+    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], *found))
 
 
-def _covered_in_second(food: _Food, vertices: Float64Array, mesh: Topology) -> MaskArray:
-    """(H, W) what the form covers in the second view."""
-    pixels = food.sight.in_view(*food.sight.project(vertices), 1)
-    faces = mesh.faces[faces_towards(vertices, mesh.faces, food.sight.cameras_mm[1])]
-    return draw_mask(pixels, faces, food.seen.mask.shape)
+def _covered(food: _Food, vertices: Float64Array, mesh: Topology) -> list[MaskArray]:
+    """(H, W) what the form covers in the second view and in each of the others."""
+    sight = food.sight
+    seen_by = [(sight.in_view(*sight.project(vertices), 1), sight.cameras_mm[1])]
+    seen_by += [(view.project(vertices), view.centre_mm) for view in food.seen.others]
+    return [
+        draw_mask(pixels, mesh.faces[faces_towards(vertices, mesh.faces, camera)], lab.shape[:2])
+        for (pixels, camera), lab in zip(seen_by, food.lab[1:], strict=True)
+    ]
 
 
-def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
-    """The food's outline in the second view, sought around the form's, by the colours beside the first view's.
+def _outline_in(food: _Food, view: int, covered: MaskArray) -> Outline | None:
+    """The food's outline in a view, sought around the form's, by the colours beside the first view's.
 
-    covered: (H, W) by the form.
+    view: from 1, the second. covered: (H, W) by the form.
     """
     first = food.seen.outlines[0]
     rings = rings_of_mask(covered)
@@ -262,7 +293,7 @@ def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
         _, nearest = first.tree.query(points + shift)
         return inside[nearest], outside[nearest]
 
-    line = _without(snap(food.lab[1], rings, TUNING.snap_second_px, reference), food.hidden_by[1])
+    line = _without(snap(food.lab[view], rings, TUNING.snap_second_px, reference), food.hidden_by[view])
     return replace(line, weights=TUNING.second_weight * line.weights)
 
 

@@ -54,13 +54,13 @@ def encoded(image, kind="JPEG", orientation=None):
 
 
 def estimate(folder, left, right, *, marker=MARKER, point=None, **options):
-    paths = folder / "left", folder / "right"
-    for path, content in zip(paths, (left, right), strict=True):
+    paths = {"left": folder / "left", "right": folder / "right"}
+    for path, content in zip(paths.values(), (left, right), strict=True):
         path.write_bytes(content)
     hints = [{"point": list(point), "food": "apple"}] if point else []
     value = {"marker": marker, "camera": None, "hints": hints} | options
     answer, _ = run_estimate(
-        *paths, options_from_json(value), max_pixels=60_000_000, on_stage=lambda _: None, want_artefacts=False
+        paths, options_from_json(value), max_pixels=60_000_000, on_stage=lambda _: None, want_artefacts=False
     )
     return answer.as_json()
 

@@ -1,0 +1,98 @@
+"""More than two photographs: which one is the first one's stereo partner, and where the others were taken.
+
+Photographs -> the pair that depth is measured on; photographs and the refined pair -> views in the pair's table frame,
+each placed by the marker and its matches with the pair's first.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.board.camera import camera_from_exif, estimate_views
+from app.vision.board.marker import agree_on_corners, find_marker
+from app.vision.board.pose import solve_pose
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
+from app.vision.stereo.epipolar import surely_on_epipolar_lines
+from app.vision.stereo.features import match_features
+from app.vision.stereo.relative_pose import RefinedViews, refine_views
+from app.vision.stereo.stillness import judge_heights, judge_matches
+
+LEAST_ANGLE_DEG = 0.1  # the same photograph twice has none
+BEST_ANGLE_DEG = 12.0  # between the lines of sight of a pair: wide enough for depth, near enough for windows to match
+
+
+def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
+    """The left photograph with the one whose line of sight to the marker is about BEST_ANGLE_DEG from its own.
+
+    The same pair where there is no choice, or where the marker is not found in the left photograph.
+    """
+    if not pair.others:
+        return pair
+    left = find_marker(pair.left, marker)
+    if isinstance(left, Failure):
+        return pair
+    photos = [pair.right, *pair.others]
+    angles = {index: _angle_deg(pair.left, left, photo) for index, photo in enumerate(photos)}
+    misfits = {index: abs(np.log(angle / BEST_ANGLE_DEG)) for index, angle in angles.items() if angle is not None}
+    if not misfits:
+        return pair
+    best = min(misfits, key=lambda index: misfits[index])
+    return PhotoPair(pair.left, photos[best], (*photos[:best], *photos[best + 1 :]))
+
+
+def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> float | None:
+    """Angle between both lines of sight to the marker, by cameras of about this focal length; None if it is not seen."""
+    observation = find_marker(photo, left.spec)
+    if isinstance(observation, Failure):
+        return None
+    observations = agree_on_corners(PhotoPair(left_photo, photo), left, observation)
+    poses = [
+        solve_pose(camera_from_exif(each), observed)
+        for each, observed in zip((left_photo, photo), observations, strict=True)
+    ]
+    sights = [-pose[0].T @ pose[1] for pose in poses if pose is not None]
+    if len(sights) < 2:
+        return None
+    cosine = float(sights[0] @ sights[1] / (np.linalg.norm(sights[0]) * np.linalg.norm(sights[1])))
+    return max(float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))), LEAST_ANGLE_DEG)
+
+
+def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: EstimateOptions) -> list[View]:
+    """Views of the photographs in which the marker is seen and in which nothing moved against the pair's first.
+
+    A photograph that cannot be placed adds nothing and costs nothing: the pair alone measures the meal.
+    """
+    placed = (_placed(photo, pair.first, options) for photo in photos)
+    return [view for view in placed if view is not None]
+
+
+def _placed(photo: Photo, first: View, options: EstimateOptions) -> View | None:
+    marker = first.required_marker
+    observation = find_marker(photo, marker.spec)
+    if isinstance(observation, Failure):
+        return None
+    both = PhotoPair(first.photo, photo)
+    views = estimate_views(both, agree_on_corners(both, marker, observation), options)
+    if isinstance(views, Failure):
+        return None
+    matches = match_features(*views)
+    if isinstance(matches, Failure):
+        return None
+    refined = refine_views(*views, matches)
+    is_good = surely_on_epipolar_lines(refined.first, refined.second, matches) | matches.is_board
+    judged = judge_heights(refined, matches), judge_matches(matches, is_good, placed_by="marker")
+    return _by_first(refined, first) if judged == (None, None) else None
+
+
+def _by_first(refined: RefinedViews, first: View) -> View:
+    """The second of two refined views in the frame of another fit of the first one."""
+    rotation = refined.second.rotation @ refined.first.rotation.T
+    shift = refined.second.translation_mm - rotation @ refined.first.translation_mm
+    return replace(
+        refined.second,
+        rotation=np.asarray(rotation @ first.rotation, np.float64),
+        translation_mm=rotation @ first.translation_mm + shift,
+    )
