@@ -44,7 +44,7 @@ def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
 
 
 def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> float | None:
-    """Angle between both lines of sight to the marker, by cameras of about this focal length; None if it is not seen."""
+    """Angle between the lines of sight to the marker, by cameras of about this focal length; None if it is not seen."""
     observation = find_marker(photo, left.spec)
     if isinstance(observation, Failure):
         return None

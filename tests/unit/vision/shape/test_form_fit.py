@@ -34,14 +34,16 @@ from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import Ring as Line
 from app.vision.stereo.outline_snap import outline, rings_of_mask
+from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.sight import Sight
-from tests.unit.vision.stereo_scene import blank_views
+from tests.unit.vision.stereo_scene import blank_views, look_at, view_of
 
 SIGHT = Sight(rectify_by_poses(*blank_views()))
 SHAPE = SIGHT.pair.shape
 SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
 MIDDLE_MM = np.array([60.0, 5.0])
+MIDDLE = (*MIDDLE_MM, 20.0)
 UPRIGHT = (X, Y, SUPPORT, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER)
 FLAT_RING = (X, Y, SUPPORT, A, B, C, E1, TURN_X, TURN_Y, TURN_Z)
 ROUNDS = 30
@@ -65,10 +67,14 @@ def torus(middle_mm=32.0, tube_mm=13.0):
 
 def lines_of(vertices, mesh, view):
     """The outline in a view, from a mask drawn FINER times as large: to a tenth of a pixel."""
-    pixels = SIGHT.in_view(*SIGHT.project(vertices), view)
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, SIGHT.cameras_mm[view])]
+    return line_of_pixels(SIGHT.in_view(*SIGHT.project(vertices), view), faces)
+
+
+def line_of_pixels(pixels, faces):
+    """The outline of what triangles with corners at these pixels cover."""
     low = np.floor(pixels.min(axis=0)) - 4
     width, height = (np.ceil(np.ptp(pixels, axis=0)).astype(int) + 8) * FINER
-    faces = mesh.faces[faces_towards(vertices, mesh.faces, SIGHT.cameras_mm[view])]
     mask = draw_mask((pixels - low + 0.5) * FINER - 0.5, faces, (height, width))
     rings = [
         Line((each.points_px[::FINER] + 0.5) / FINER - 0.5 + low, each.normals[::FINER]) for each in rings_of_mask(mask)
@@ -189,6 +195,18 @@ def test_less_evidence_leaves_more_doubt():
     one = fit_form(ball(has_displacement=False), replace(seen, outlines=(seen.outlines[0], None)), COARSE, ROUNDS)
     assert one.volume_sd_ml > both.volume_sd_ml
     assert one.observations < both.observations
+
+
+def test_outline_from_another_side_takes_doubt_away():
+    seen = replace(seen_of((38.0, 27.0, 22.0), 0.3), outlines=(*seen_of((38.0, 27.0, 22.0), 0.3).outlines[:1], None))
+    vertices, mesh = ellipsoid((38.0, 27.0, 22.0), 0.3)
+    view = undistorted_view(view_of(np.zeros((900, 1200, 3), np.uint8), look_at((260.0, -60.0, 300.0), MIDDLE)), 1100.0)
+    line = line_of_pixels(view.project(vertices), mesh.faces[faces_towards(vertices, mesh.faces, view.centre_mm)])
+    with_other = replace(seen, outlines=(*seen.outlines, line), others=(view,))
+    without, fit = (fit_form(ball(has_displacement=False), each, FINE, ROUNDS) for each in (seen, with_other))
+    assert fit.volume_sd_ml < without.volume_sd_ml
+    assert fit.observations > without.observations
+    assert np.isclose(fit.volume_ml, volume_ml((38.0, 27.0, 22.0)), rtol=0.02)
 
 
 def test_form_that_shows_nothing_of_the_food_is_no_fit():

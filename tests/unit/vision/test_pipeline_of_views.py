@@ -1,0 +1,71 @@
+"""More than two photographs of one scene: the best partner is chosen, others join or add nothing, order does not matter."""
+
+import numpy as np
+import pytest
+
+from app.vision.model import EstimateOptions, Photo, PhotoPair
+from app.vision.pipeline import estimate_meal
+from app.vision.stereo.other_views import choose_partner
+from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, look_at, render
+
+BALL = Ball((115.0, 15.0), 33.0)
+OPTIONS = EstimateOptions(SPEC, CAMERA)
+CENTRES_MM = ((30.0, -260.0, 330.0), (90.0, -260.0, 330.0), (260.0, -200.0, 330.0), (-120.0, -200.0, 330.0))
+
+
+@pytest.fixture(scope="module")
+def photographs():
+    """At 0, 8, 33 and 21 degrees from the first."""
+    out = []
+    for seed, centre_mm in enumerate(CENTRES_MM):
+        pixels = render(look_at(centre_mm, (60.0, 0.0, 10.0)), BALL, 0)
+        noisy = pixels + np.random.default_rng(seed).normal(0.0, 1.0, pixels.shape)
+        out.append(Photo(np.clip(noisy + 0.5, 0, 255).astype(np.uint8)))
+    return out
+
+
+def measured(photos):
+    left, right, *others = photos
+    return estimate_meal(PhotoPair(left, right, tuple(others)), OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def pair(photographs):
+    return measured(photographs[:2])
+
+
+@pytest.fixture(scope="module")
+def four(photographs):
+    return measured(photographs)
+
+
+def test_four_photographs_measure_the_ball_with_less_doubt(pair, four):
+    assert four.parameters["views"] == 4
+    item = four.items[0]
+    assert item.volume_interval_ml[0] < BALL.volume_ml < item.volume_interval_ml[1]
+    assert abs(item.volume_ml / BALL.volume_ml - 1) < abs(pair.items[0].volume_ml / BALL.volume_ml - 1) + 0.01
+    assert item.relative_sd["item"] < pair.items[0].relative_sd["item"]
+
+
+def test_nearest_partner_is_chosen_wherever_it_stands(photographs):
+    left, near, far, other = photographs
+    assert choose_partner(PhotoPair(left, far, (other, near)), SPEC) == PhotoPair(left, near, (far, other))
+
+
+def test_order_of_the_others_does_not_change_the_volume(photographs, four):
+    left, near, far, other = photographs
+    again = measured([left, other, near, far])
+    assert again.items[0].volume_ml == pytest.approx(four.items[0].volume_ml, rel=1e-6)
+
+
+def test_photograph_without_a_marker_adds_nothing(photographs, pair):
+    blank = Photo(np.full_like(photographs[0].pixels_bgr, 128))
+    third = measured([*photographs[:2], blank])
+    assert "views" not in third.parameters
+    assert third.items[0].volume_ml == pair.items[0].volume_ml
+
+
+def test_photograph_of_another_scene_adds_nothing(photographs, pair):
+    moved = render(look_at(CENTRES_MM[3], (60.0, 0.0, 10.0)), None, 7)  # another cloth, no ball
+    third = measured([*photographs[:2], Photo(np.clip(moved, 0, 255).astype(np.uint8))])
+    assert third.items[0].volume_ml == pair.items[0].volume_ml
