@@ -1,4 +1,4 @@
-"""More than two photographs of one scene: the best partner is chosen, others join or add nothing, order does not matter."""
+"""More than two photographs of one scene: the best partner is chosen; others join in any order, or add nothing."""
 
 import numpy as np
 import pytest

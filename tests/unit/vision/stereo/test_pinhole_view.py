@@ -35,12 +35,10 @@ def test_point_is_drawn_where_it_projects():
         pixels[round(row) - 1 : round(row) + 2, round(column) - 1 : round(column) + 2] = 255
     drawn = undistorted_view(replace(view, photo=Photo(pixels)), 700.0).picture_bgr[..., 0]
     for column, row in pinhole.project(POINTS):
-        window = drawn[int(row) - 6 : int(row) + 7, int(column) - 6 : int(column) + 7].astype(float)
+        left, top = int(column) - 6, int(row) - 6
+        window = drawn[top : top + 13, left : left + 13].astype(float)
         rows, columns = np.indices(window.shape)
-        middle = np.array([(columns * window).sum(), (rows * window).sum()]) / window.sum() + [
-            int(column) - 6,
-            int(row) - 6,
-        ]
+        middle = np.array([(columns * window).sum(), (rows * window).sum()]) / window.sum() + [left, top]
         assert np.abs(middle - [column, row]).max() < 0.8  # the dot was drawn on whole pixels of the larger photograph
 
 
