@@ -4,7 +4,7 @@ Two photographs and their rig -> two Views over the table that was found; then t
 scene's own matches within what a calibration leaves open, with its doubts.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,16 +15,13 @@ from app.vision.geometry.projective import cross_matrix
 from app.vision.model import Float64Array, PhotoPair, View
 from app.vision.rig import StereoRig, adapt_rig
 from app.vision.stereo.epipolar import surely_on_epipolar_lines
-from app.vision.stereo.features import MIN_MATCHES, Matches, triangulate, undistort_to_rays
+from app.vision.stereo.features import MIN_MATCHES, Matches, undistort_to_rays
 from app.vision.stereo.relative_pose import MATCH_SD_PX_AT_12MP, MAX_MATCHES, RefinedViews, sampson_distance
 from app.vision.stereo.robust_fit import minimise
 from app.vision.stereo.table_plane import RigPose, find_table_plane, table_from_plane
 
 TURN_SD_RAD = 3e-4  # prior, each axis: half a pixel of a phone's 2000 px focal length, as calibrations by hand reach
 SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
-FLAT_MM = 4.0  # from the table's plane: what a table departs from flat, and what matching leaves
-MIN_ON_TABLE = 15
-ROUNDS = 3
 
 
 def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> tuple[View, View] | Failure:
@@ -51,7 +48,7 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
 
 
 def refine_rig(first: View, second: View, matches: Matches) -> RefinedViews:
-    """The second view adjusted to the matches near their epipolar lines, maximum a posteriori, and the table to them.
+    """The second view adjusted to the matches near their epipolar lines, maximum a posteriori.
 
     What matches cannot tell, such as a turn that only shifts all disparities, stays as calibrated and remains a doubt.
     """
@@ -78,51 +75,8 @@ def refine_rig(first: View, second: View, matches: Matches) -> RefinedViews:
     def with_change(values: Float64Array) -> tuple[View, View]:
         return first, _placed(second, first, _changed(calibrated, values * spread))
 
-    views = with_change(change)
-    doubts = [with_change(change + axis) for axis in axes]
-    table = _table_of_matches(*views, first_px, second_px)
-    if table is not None:
-        views, *doubts = (_on_table(pair, table) for pair in (views, *doubts))
-    return RefinedViews(*views, np.zeros(3), len(chosen), tuple(doubts))
-
-
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """A plane z = height + slopes . (x, y) in a table frame: the frame on it, x_old = rotation @ x_new + shift_mm."""
-
-    rotation: Float64Array
-    shift_mm: Float64Array
-
-
-def _table_of_matches(first: View, second: View, first_px: Float64Array, second_px: Float64Array) -> _Table | None:
-    """The plane near z = 0 through the matches on it; None where too few lie there."""
-    points = triangulate(first, second, first_px, second_px)
-    points = points[np.isfinite(points).all(axis=1)]
-    plane = np.zeros(3)  # slopes in x and y, height
-    for _ in range(ROUNDS):
-        is_on = np.abs(points[:, 2] - points[:, :2] @ plane[:2] - plane[2]) < FLAT_MM
-        if np.count_nonzero(is_on) < MIN_ON_TABLE:
-            return None
-        design = np.column_stack([points[is_on, :2], np.ones(np.count_nonzero(is_on))])
-        plane = np.linalg.lstsq(design, points[is_on, 2], rcond=None)[0]
-    normal = np.array([-plane[0], -plane[1], 1.0])
-    normal /= np.linalg.norm(normal)
-    x_axis = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
-    x_axis /= np.linalg.norm(x_axis)
-    return _Table(np.column_stack([x_axis, np.cross(normal, x_axis), normal]), np.array([0.0, 0.0, plane[2]]))
-
-
-def _on_table(views: tuple[View, View], table: _Table) -> tuple[View, View]:
-    """The views in the frame of the table."""
-    first, second = (
-        replace(
-            view,
-            rotation=view.rotation @ table.rotation,
-            translation_mm=view.rotation @ table.shift_mm + view.translation_mm,
-        )
-        for view in views
-    )
-    return first, second
+    doubts = tuple(with_change(change + axis) for axis in axes)
+    return RefinedViews(*with_change(change), np.zeros(3), len(chosen), doubts)
 
 
 def _relative_pose(first: View, second: View) -> RigPose:

@@ -47,15 +47,6 @@ def test_second_camera_that_turned_about_the_baseline_is_turned_back():
     assert np.abs(seen[:, 2] - points[:, 2]).mean() < np.abs(before[:, 2] - points[:, 2]).mean()
 
 
-def test_table_frame_is_moved_onto_the_matches_on_the_table():
-    first, second = map(without_marker, blank_views())
-    _, matches = table_matches(first, second)
-    raised = [replace(view, translation_mm=view.translation_mm - view.rotation[:, 2] * 2.0) for view in (first, second)]
-    refined = refine_rig(*raised, matches)
-    seen = triangulate(refined.first, refined.second, matches.first_px, matches.second_px)
-    assert np.abs(seen[~matches.is_food, 2]).max() < 0.05
-
-
 def test_without_matches_the_calibration_stands_with_its_doubt():
     first, second = map(without_marker, blank_views())
     refined = refine_rig(first, second, NO_MATCHES)
