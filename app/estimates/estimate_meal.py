@@ -159,7 +159,7 @@ class EstimateMeal:
             if any(image.erased_at is None for image in meals.images_of(session, meal_id)):
                 return
         with self._database.write() as session:
-            privacy.want_deleted(session, sealed, datetime.now(UTC))
+            privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
     def _options(

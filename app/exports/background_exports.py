@@ -140,7 +140,7 @@ def remove_export(database: Database, caller: StaffCaller, study_code: str, expo
             export.state, export.claim, export.finished_at = "cancelled", None, now
         else:
             if export.blob_key is not None:
-                privacy.want_deleted(session, [export.blob_key], now)
+                privacy.schedule_deletion(session, [export.blob_key], now)
             session.delete(export)
         audit.note(session, caller, "export.remove", study_id=export.study_id, subject=str(export.id), was=was)
 

@@ -131,7 +131,7 @@ def expire(session: Session, exports: Iterable[Export], now: datetime) -> int:
     count = 0
     for export in exports:
         if export.blob_key is not None:
-            privacy.want_deleted(session, [export.blob_key], now)
+            privacy.schedule_deletion(session, [export.blob_key], now)
         export.state, export.blob_key, export.sha256 = "expired", None, None
         export.finished_at = export.finished_at or now
         count += 1

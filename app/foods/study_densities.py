@@ -14,9 +14,8 @@ from app.foods.models import StudyDensity
 from app.nutrition.foods import Density
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 from app.nutrition.specimens import Specimen, median_density
-from app.people import queries as people
 from app.people.access.audit import note
-from app.people.studies import known_study
+from app.people.studies import load_study
 
 
 def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -> tuple[float, float]:
@@ -61,7 +60,7 @@ def add_study_density(database: Database, study_code: str, measurement: Measurem
     with database.write() as session:
         row = StudyDensity(
             id=uuid.uuid4(),
-            study_id=known_study(people.find_study(session, study_code)).id,
+            study_id=load_study(session, study_code).id,
             food_key=require_food(session, measurement.food).key,
             **{name: getattr(density, name) for name in DENSITY_COLUMNS},
             specimens=[[specimen.volume_ml, specimen.mass_g] for specimen in measurement.specimens] or None,
@@ -78,14 +77,14 @@ def add_study_density(database: Database, study_code: str, measurement: Measurem
 def list_study_densities(database: Database, study_code: str, food: str | None = None) -> list[StudyDensity]:
     """Return a study's measurements, withdrawn ones too, the newest entry first. Raises NotFoundError."""
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         return food_changes.all_study_densities(session, study.id, food)
 
 
 def withdraw_study_density(database: Database, study_code: str, density_id: uuid.UUID, editor: Editor) -> StudyDensity:
     """Withdraw a measurement. Raises NotFoundError; ConflictError if it is withdrawn already."""
     with database.write() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         now = datetime.now(UTC)
         is_withdrawn = food_changes.withdraw(session, study.id, density_id, editor.author, editor.reason, now)
         row = session.get(StudyDensity, density_id)

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.outline_json import Polygon
+from app.people.calibration_models import CameraDetails
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
@@ -52,18 +53,6 @@ HintDetails = TypedDict(
     },
     total=False,
 )
-
-
-class CameraDetails(TypedDict):
-    """Intrinsics of a camera for upright pixels, px. distortion: k1, k2, p1, p2, k3."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: list[float]
 
 
 class AsideDetails(TypedDict, total=False):

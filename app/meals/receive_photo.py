@@ -115,7 +115,7 @@ class PhotoIntake:
                 return write()
         except GoneError:  # erased while the photographs were sealed: the deleter spares blobs that a row still names
             with self._database.write() as session:
-                privacy.want_deleted(session, list(keys.values()), datetime.now(UTC))
+                privacy.schedule_deletion(session, list(keys.values()), datetime.now(UTC))
             raise
 
 

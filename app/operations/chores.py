@@ -57,10 +57,10 @@ def worker_chores(
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
-        Chore("delete_blobs", 5.0, deleter.delete_wanted),
+        Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),
         Chore("erase_old_pictures", HOUR, keep_to_retention),
-        Chore("delete_orphans", 30.0, orphans.go_on),
+        Chore("delete_orphans", 30.0, orphans.run_slice),
         Chore("tidy", HOUR, deleter.tidy),
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),

@@ -1,59 +1,83 @@
-"""A phone's camera measured from photographs of the board: kept with its error, used for the phone's later meals.
+"""Measure a phone's camera from photographs of the board, for the phone's later meals; list and withdraw calibrations.
 
 The photographs are not kept. A bad calibration would spoil every later meal, so a doubtful one is refused.
 """
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import cast
+
+from pydantic import BaseModel, TypeAdapter
 
 from app.children.api_children import ApiChildren, Whose
 from app.children.decoding_cost import is_costly
-from app.core.errors import ConflictError, Failure, GoneError, InvalidInputError, NotFoundError
+from app.core.errors import ConflictError, Failure, InvalidInputError, NotFoundError
 from app.core.settings import Settings
 from app.db.session import Database
 from app.http.upload import ReceivedFile
 from app.people import calibration_queries as calibrations
-from app.people import privacy_queries as privacy
-from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, require_study
-from app.people.calibration_models import CameraCalibration
+from app.people.calibration_models import CameraCalibration, CameraDetails
+from app.people.calibration_schemas import CameraIn
 from app.people.models import Device, Study
+from app.people.participants import require_in_study
+from app.people.studies import load_study
 from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
 from app.vision.marker_spec import parse_marker
 
 MIN_PHOTOGRAPHS, MAX_PHOTOGRAPHS = 3, 30
-SECONDS = 90.0  # thirty photographs of 12 megapixels take some twenty
-MAX_RMS_PX_AT_12MP = 1.0  # twice what phones and printed boards leave (vision/board/calibration.py); beyond, it bends
+SECONDS = 90.0  # thirty photographs of 12 megapixels take about twenty
+MAX_RMS_PX_AT_12MP = 1.0  # twice the error of phones and flat boards (vision/board/calibration.py); more: a bent board
 LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
-MAX_OF_DEVICE = 100
-BY_PHONE = "device"  # no alias: only the audit log and its participant hold that
-LISTED = 1000
-GET_ANOTHER = (
-    "Photograph the whole board ten times or so: from different sides, tilted by 30 to 45 degrees, near the middle and "
+MAX_PER_DEVICE = 100
+AUTHOR_PHONE = "device"  # not the participant's alias, which only the audit log and the participant's row hold
+MAX_LISTED = 1000
+PHOTOGRAPH_AGAIN = (
+    "Photograph the whole board about ten times: from different sides, tilted by 30 to 45 degrees, near the middle and "
     "near the corners of the picture."
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """A photograph that could not be used; number: from 1, as sent."""
+class RejectedPhotograph(BaseModel):
+    """A photograph that was not used. photo: its index."""
 
-    number: int
+    photo: int
     code: str
     message: str
 
 
+class CalibrationFailure(BaseModel):
+    """The child's result if there is no calibration. photo: index of the photograph that caused it."""
+
+    failure: Failure
+    photo: int | None
+
+
+class CalibrationFit(BaseModel):
+    """The child's result. reach: how far from the middle corners were seen, in half diagonals of the picture."""
+
+    failure: None
+    camera: CameraIn
+    rms_px: float
+    reach: float
+    model: str | None
+    used: list[int]
+    left_out: list[RejectedPhotograph]
+
+
+CALIBRATION_RESULT: TypeAdapter[CalibrationFailure | CalibrationFit] = TypeAdapter(CalibrationFailure | CalibrationFit)
+
+
 @dataclass(frozen=True, slots=True)
 class NewCalibration:
-    """What was kept, and what was not used."""
+    """A stored calibration and the photographs that were not used."""
 
     calibration: CameraCalibration
-    left_out: tuple[LeftOut, ...]
+    rejected: Sequence[RejectedPhotograph]
 
 
 def calibrate_device(
@@ -64,10 +88,10 @@ def calibrate_device(
     marker: str | None,
     files: Sequence[ReceivedFile],
 ) -> NewCalibration:
-    """Measure and keep. marker: None: the study's.
+    """Measure the camera and store the calibration. marker: None for the study's.
 
-    Raises InvalidInputError (what is wrong with the photographs, by its code), ConflictError (`calibrations_too_many`),
-    GoneError (left the study meanwhile), UnavailableError (`server_busy`), PhotographError.
+    Raises InvalidInputError (its code tells what is wrong with the photographs), ConflictError
+    (`calibrations_too_many`), GoneError (left the study meanwhile), UnavailableError (`server_busy`), PhotographError.
     """
     if not MIN_PHOTOGRAPHS <= len(files) <= MAX_PHOTOGRAPHS:
         raise InvalidInputError(
@@ -79,34 +103,31 @@ def calibrate_device(
         _require_room(calibrations.count_of_device(session, caller.device_id))
     if board is None:
         raise InvalidInputError(
-            "Neither the metadata nor the study says which board is in the photographs: send marker, "
-            "such as plain:9x7:11.",
+            "Neither the metadata nor the study names the board in the photographs: send marker, such as plain:9x7:11.",
             code="marker_missing",
         )
     parse_marker(board)
-    found = children.run(
+    result = children.run(
         "calibrate",
         {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},
         seconds=SECONDS,
         whose=Whose(caller.study_id, caller.device_id),
         is_costly=is_costly([file.path for file in files]),
     )
-    left_out = _require_good(found)
+    fit = _accepted_fit(CALIBRATION_RESULT.validate_python(result))
     with database.write() as session:
-        participant = privacy.join_participant(session, caller.participant_id)
-        device = session.get(Device, caller.device_id)
-        if participant is None or participant.withdrawn_at is not None or device is None:
-            raise GoneError("This participant has left the study.", code="withdrawn")
+        require_in_study(session, caller.participant_id)
+        device = session.get_one(Device, caller.device_id)
         _require_room(calibrations.count_of_device(session, caller.device_id))
         row = CameraCalibration(
             id=uuid.uuid4(),
             device_id=caller.device_id,
-            model=found["model"] or device.model,
+            model=fit.model or device.model,
             marker=board,
-            camera={key: value for key, value in found["camera"].items() if key != "source"},
-            rms_px=found["rms_px"],
-            photographs=len(found["used"]),
-            author=BY_PHONE,
+            camera=cast("CameraDetails", fit.camera.model_dump(mode="json")),
+            rms_px=fit.rms_px,
+            photographs=len(fit.used),
+            author=AUTHOR_PHONE,
             created_at=datetime.now(UTC),
         )
         session.add(row)
@@ -118,36 +139,33 @@ def calibrate_device(
             calibration=str(row.id),
             rms_px=round(row.rms_px, 3),
         )
-    return NewCalibration(row, left_out)
+    return NewCalibration(row, fit.left_out)
 
 
-def own_calibrations(database: Database, caller: DeviceCaller) -> list[CameraCalibration]:
-    """The phone's, the newest first."""
+def own_calibrations(database: Database, caller: DeviceCaller) -> Sequence[CameraCalibration]:
+    """Return the phone's calibrations, the newest first."""
     with database.read() as session:
-        return list(calibrations.of_device(session, caller.device_id, LISTED))
+        return calibrations.of_device(session, caller.device_id, MAX_LISTED)
 
 
 def study_calibrations(database: Database, study_code: str) -> list[tuple[CameraCalibration, str]]:
-    """(calibration, participant's code) of a study that the caller was let into, the newest first, at most LISTED."""
+    """Return the newest MAX_LISTED (calibration, participant's code) of a study. Raises NotFoundError."""
     with database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError(f"There is no study {study_code!r}.")
-        return calibrations.of_study(session, study.id, LISTED)
+        return calibrations.of_study(session, load_study(session, study_code).id, MAX_LISTED)
 
 
 def withdraw_calibration(database: Database, caller: Caller, calibration_id: uuid.UUID) -> CameraCalibration:
-    """Take a calibration out of use: the one before it holds again. The same again changes nothing.
+    """Withdraw a calibration, so that the phone uses the one before it. Repeating it changes nothing.
 
     Raises NotFoundError, NotAllowedError.
     """
     with database.write() as session:
-        found = calibrations.find(session, calibration_id)
-        if found is None:
-            raise _not_there()
-        calibration, study_id, participant_alias = found
+        row = calibrations.find(session, calibration_id)
+        if row is None:
+            raise _not_found()
+        calibration, study_id, participant_alias = row
         if isinstance(caller, DeviceCaller) and calibration.device_id != caller.device_id:
-            raise _not_there()
+            raise _not_found()
         require_study(caller, study_id, "calibration")
         if calibration.withdrawn_at is None:
             calibration.withdrawn_at = datetime.now(UTC)
@@ -162,45 +180,46 @@ def withdraw_calibration(database: Database, caller: Caller, calibration_id: uui
     return calibration
 
 
-def _require_good(found: Mapping[str, Any]) -> tuple[LeftOut, ...]:
-    """The photographs that were left out. Raises InvalidInputError where the rest is not good enough."""
-    if found["failure"] is not None:
-        failure = Failure(**found["failure"])
-        where = f"Photograph {found['photo'] + 1}: " if found["photo"] is not None else ""
-        facts = {} if found["photo"] is None else {"photograph": found["photo"] + 1}
+def _accepted_fit(result: CalibrationFailure | CalibrationFit) -> CalibrationFit:
+    """Return the fit. Raises InvalidInputError if there is none or it is not good enough."""
+    if isinstance(result, CalibrationFailure):
+        failure = result.failure
+        where = f"Photograph {result.photo + 1}: " if result.photo is not None else ""
+        facts = {"photograph": result.photo + 1} if result.photo is not None else {}
         raise InvalidInputError(f"{where}{failure.message} {failure.advice}".strip(), code=failure.code, **facts)
-    left_out = tuple(LeftOut(one["photo"] + 1, one["code"], one["message"]) for one in found["left_out"])
-    for one in left_out:
-        if one.code == "calibration_size_differs":
+    for rejected in result.left_out:
+        if rejected.code == "calibration_size_differs":
+            number = rejected.photo + 1
             raise InvalidInputError(
-                f"Photograph {one.number}: {one.message} Hold the phone the same way round in all, and do not zoom.",
+                f"Photograph {number}: {rejected.message} Hold the phone the same way round in all, and do not zoom.",
                 code="calibration_size_differs",
-                photograph=one.number,
+                photograph=number,
             )
-    camera = camera_from_mapping(found["camera"])
+    camera = camera_from_mapping(result.camera.model_dump())
     limit_px = max(TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
-    if found["rms_px"] > limit_px:
+    if result.rms_px > limit_px:
         raise InvalidInputError(
-            f"The board's corners fit no camera better than to {found['rms_px']:.2f} px, {limit_px:.2f} px is the limit"
-            f": glue the board to something flat and stiff. {GET_ANOTHER}",
+            f"The board's corners fit the camera to {result.rms_px:.2f} px only, {limit_px:.2f} px is the limit: glue "
+            f"the board to something flat and stiff. {PHOTOGRAPH_AGAIN}",
             code="calibration_poor",
-            rms_px=round(found["rms_px"], 3),
+            rms_px=round(result.rms_px, 3),
             limit_px=round(limit_px, 3),
         )
-    if found["reach"] < MIN_REACH:
+    if result.reach < MIN_REACH:
         raise InvalidInputError(
-            f"The board was only seen near the middle of the picture. {GET_ANOTHER}", code="calibration_coverage_small"
+            f"The board was only seen near the middle of the picture. {PHOTOGRAPH_AGAIN}",
+            code="calibration_coverage_small",
         )
-    return left_out
+    return result
 
 
 def _require_room(count: int) -> None:
-    if count >= MAX_OF_DEVICE:
+    if count >= MAX_PER_DEVICE:
         raise ConflictError(
-            f"This phone has sent {MAX_OF_DEVICE} calibrations: ask the study before sending more.",
+            f"This phone has sent {MAX_PER_DEVICE} calibrations: ask the study before sending more.",
             code="calibrations_too_many",
         )
 
 
-def _not_there() -> NotFoundError:
+def _not_found() -> NotFoundError:
     return NotFoundError("There is no such calibration.")

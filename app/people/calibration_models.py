@@ -2,18 +2,30 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import TypedDict
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal
+from app.db.base import Base, JsonValue, Personal
+
+
+class CameraDetails(TypedDict):
+    """Intrinsics of a camera for upright pixels, px. distortion: k1, k2, p1, p2, k3."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: list[float]
 
 
 class CameraCalibration(Base):
-    """One calibration; the newest that is not withdrawn holds. device_id: whose phone; NULL: by staff, for a model.
+    """A calibration; a phone uses its newest one that is not withdrawn. device_id: NULL if staff made it for a model.
 
-    camera: width, height, fx, fy, cx, cy, distortion, for upright pixels. rms_px: reprojection error of the corners.
+    rms_px: reprojection error of the board's corners.
     """
 
     __tablename__ = "camera_calibration"
@@ -23,7 +35,7 @@ class CameraCalibration(Base):
     device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
     model: Mapped[str | None] = mapped_column(sa.String(200), index=True)
     marker: Mapped[str] = mapped_column(sa.String(64))
-    camera: Mapped[dict[str, Any]]
+    camera: Mapped[CameraDetails] = mapped_column(JsonValue)
     rms_px: Mapped[float]
     photographs: Mapped[int]
     author: Mapped[str] = mapped_column(sa.String(200))

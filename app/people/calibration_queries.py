@@ -9,11 +9,11 @@ from sqlalchemy.orm import Session
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant
 
-MAX_DEVICES = 1000  # of one model in one study: a median needs no more
+MAX_DEVICES = 1000  # of one model in one study: enough for a median
 
 
 def newest_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibration | None:
-    """The calibration that holds for a phone."""
+    """Return the calibration that a phone uses."""
     return session.scalars(
         sa.select(CameraCalibration)
         .where(CameraCalibration.device_id == device_id, CameraCalibration.withdrawn_at.is_(None))
@@ -23,7 +23,7 @@ def newest_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibratio
 
 
 def model_of_device(session: Session, device_id: uuid.UUID) -> str | None:
-    """The phone's model: as its calibrations tell it, by EXIF, or else as its app told."""
+    """Return the phone's model: from EXIF of its calibration, else as its app named it."""
     newest = newest_of_device(session, device_id)
     if newest is not None and newest.model is not None:
         return newest.model
@@ -31,7 +31,7 @@ def model_of_device(session: Session, device_id: uuid.UUID) -> str | None:
 
 
 def newest_of_model(session: Session, study_id: uuid.UUID, model: str) -> list[CameraCalibration]:
-    """The calibration that holds of each of the study's phones of a model."""
+    """Return the calibrations that the study's phones of a model use."""
     ranked = (
         sa.select(
             CameraCalibration.id,
@@ -56,7 +56,7 @@ def newest_of_model(session: Session, study_id: uuid.UUID, model: str) -> list[C
 
 
 def of_device(session: Session, device_id: uuid.UUID, limit: int) -> Sequence[CameraCalibration]:
-    """A phone's calibrations, withdrawn ones too, the newest first."""
+    """Return a phone's calibrations, including withdrawn ones, the newest first."""
     return session.scalars(
         sa.select(CameraCalibration)
         .where(CameraCalibration.device_id == device_id)
@@ -66,7 +66,7 @@ def of_device(session: Session, device_id: uuid.UUID, limit: int) -> Sequence[Ca
 
 
 def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[CameraCalibration, str]]:
-    """(calibration, participant's code) of the study's phones, withdrawn ones too, the newest first."""
+    """Return (calibration, participant's code) of the study's phones, including withdrawn ones, the newest first."""
     rows = session.execute(
         sa.select(CameraCalibration, Participant.code)
         .join(Device, Device.id == CameraCalibration.device_id)
@@ -79,7 +79,7 @@ def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[Ca
 
 
 def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID] | None:
-    """(calibration, its study, its participant's alias)."""
+    """Return (calibration, its study's id, its participant's alias)."""
     row = session.execute(
         sa.select(CameraCalibration, Participant.study_id, Participant.alias)
         .join(Device, Device.id == CameraCalibration.device_id)
@@ -90,6 +90,6 @@ def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration
 
 
 def count_of_device(session: Session, device_id: uuid.UUID) -> int:
-    """How many a phone has sent."""
+    """Count the calibrations that a phone has sent."""
     query = sa.select(sa.func.count()).select_from(CameraCalibration).where(CameraCalibration.device_id == device_id)
     return session.execute(query).scalar_one()

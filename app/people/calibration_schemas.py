@@ -1,4 +1,4 @@
-"""Cameras of phones on the wire."""
+"""HTTP schemas of cameras and their calibrations."""
 
 import uuid
 from datetime import datetime
@@ -14,7 +14,7 @@ class CameraIn(BaseModel):
 
     model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
 
-    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures that the intrinsics are of, px.")
+    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures, px.")
     height: int = Field(gt=0, le=100_000, description="Height of the same pictures, px.")
     fx: JsonNumber = Field(gt=0, description="Focal length across, px.")
     fy: JsonNumber = Field(gt=0, description="Focal length down, px.")
@@ -26,7 +26,7 @@ class CameraIn(BaseModel):
 
 
 class CalibrationMetadataIn(BaseModel):
-    """Beside the photographs; all of it may be left out."""
+    """Metadata of the photographs; all fields are optional."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}})
 
@@ -36,32 +36,32 @@ class CalibrationMetadataIn(BaseModel):
 class LeftOutPhotographOut(BaseModel):
     """A photograph that was not used."""
 
-    photograph: int = Field(description="From 1, as sent.")
+    photograph: int = Field(description="The photograph's number, from 1, in the order sent.")
     code: str = Field(description="Why it was not used: a stable code (docs/errors.md).")
-    message: str = Field(description="The same in a sentence.")
+    message: str = Field(description="Why it was not used, as a sentence.")
 
 
 class CalibrationOut(BaseModel):
-    """A camera as it was measured. The newest that is not withdrawn holds for the phone's meals."""
+    """A measured camera. The phone's meals use the newest calibration that is not withdrawn."""
 
     id: uuid.UUID = Field(description="The calibration's id.")
-    model: str | None = Field(description="The phone's, as the photographs or its app tell it.")
+    model: str | None = Field(description="The phone's model, from the photographs or its app.")
     marker: str = Field(description="The board that was photographed, KIND:COLSxROWS:MM.")
-    camera: CameraIn = Field(description="The intrinsics that were measured.")
-    rms_px: float = Field(description="How well the board's corners fit.")
-    photographs: int = Field(description="Used.")
+    camera: CameraIn = Field(description="The measured intrinsics.")
+    rms_px: float = Field(description="Reprojection error (rms) of the board's corners, px.")
+    photographs: int = Field(description="Number of photographs used.")
     created_at: datetime = Field(description="When it was measured.")
-    withdrawn_at: datetime | None = Field(description="Since when it is not used any more; null: it is in use.")
+    withdrawn_at: datetime | None = Field(description="When it was withdrawn; null: it is in use.")
 
 
 class NewCalibrationOut(CalibrationOut):
-    """A calibration that was just made."""
+    """A new calibration and the photographs that were not used."""
 
-    left_out: list[LeftOutPhotographOut] = Field(description="Photographs that were not used, each with its reason.")
+    left_out: list[LeftOutPhotographOut] = Field(description="Photographs that were not used, with reasons.")
 
 
 class StudyCalibrationOut(CalibrationOut):
-    """A calibration with whose phone it is of."""
+    """A calibration, its phone and participant."""
 
     participant: str = Field(description=PARTICIPANT)
     device_id: uuid.UUID | None = Field(description="The phone's id; null: staff measured it for a phone model.")
@@ -70,10 +70,12 @@ class StudyCalibrationOut(CalibrationOut):
 class CalibrationList(BaseModel):
     """A phone's calibrations, the newest first."""
 
-    items: list[CalibrationOut] = Field(description="The phone's calibrations, withdrawn ones too.")
+    items: list[CalibrationOut] = Field(description="The phone's calibrations, including withdrawn ones.")
 
 
 class StudyCalibrationList(BaseModel):
-    """A study's calibrations, the newest first, a thousand at most."""
+    """A study's calibrations, the newest first, at most 1,000."""
 
-    items: list[StudyCalibrationOut] = Field(description="The calibrations of the study's phones, withdrawn ones too.")
+    items: list[StudyCalibrationOut] = Field(
+        description="The calibrations of the study's phones, including withdrawn ones."
+    )

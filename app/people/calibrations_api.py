@@ -1,7 +1,8 @@
-"""/v1/calibrations: a phone's camera measured from photographs of the board, for its later meals."""
+"""/v1/calibrations: measure a phone's camera from photographs of the board, for its later meals."""
 
 import uuid
-from typing import Annotated, Any
+from datetime import datetime
+from typing import Annotated, Any, TypedDict
 
 import anyio.to_thread
 from fastapi import APIRouter, Path, Request
@@ -62,44 +63,45 @@ MULTIPART_BODY: dict[str, Any] = {
     openapi_extra=MULTIPART_BODY,
 )
 async def post_calibration(request: Request, state: State, caller: CurrentDevice) -> NewCalibrationOut:
-    """Measure this phone's camera: 3 to 30 parts `photo`, of the whole board from different sides, and `metadata`.
+    """Measure this phone's camera: 3 to 30 parts `photo` of the whole board from different sides, and `metadata`.
 
-    Ten do well: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
+    Ten are enough: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
     """
     await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     staging = state.blobs.staging_folder()
     async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:
-        told = validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None
-        marker = told.marker if told is not None else None
+        metadata = validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None
+        marker = metadata.marker if metadata is not None else None
 
         def work() -> NewCalibration:
             return calibrate_device.calibrate_device(
                 state.database, state.part(ApiChildren), state.settings, caller, marker, list(parts.files.values())
             )
 
-        made = await anyio.to_thread.run_sync(work)
+        new = await anyio.to_thread.run_sync(work)
     left_out = [
-        LeftOutPhotographOut(photograph=one.number, code=one.code, message=one.message) for one in made.left_out
+        LeftOutPhotographOut(photograph=rejected.photo + 1, code=rejected.code, message=rejected.message)
+        for rejected in new.rejected
     ]
-    return NewCalibrationOut(**_fields(made.calibration), left_out=left_out)
+    return NewCalibrationOut(**_fields(new.calibration), left_out=left_out)
 
 
 @router.get("/v1/calibrations", responses=problem_responses(401, 403, 410))
 def get_own_calibrations(state: State, caller: CurrentDevice) -> CalibrationList:
-    """This phone's calibrations, withdrawn ones too, the newest first."""
-    found = calibrate_device.own_calibrations(state.database, caller)
-    return CalibrationList(items=[CalibrationOut(**_fields(row)) for row in found])
+    """This phone's calibrations, including withdrawn ones, the newest first."""
+    rows = calibrate_device.own_calibrations(state.database, caller)
+    return CalibrationList(items=[CalibrationOut(**_fields(row)) for row in rows])
 
 
 @router.get("/v1/studies/{study}/calibrations", responses=problem_responses(401, 403, 404, 422))
 def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> StudyCalibrationList:
-    """The calibrations of the study's phones, withdrawn ones too, the newest first, a thousand at most."""
-    found = calibrate_device.study_calibrations(state.database, study)
+    """The newest 1,000 calibrations of the study's phones, including withdrawn ones, the newest first."""
+    rows = calibrate_device.study_calibrations(state.database, study)
     return StudyCalibrationList(
         items=[
             StudyCalibrationOut(**_fields(row), participant=participant, device_id=row.device_id)
-            for row, participant in found
+            for row, participant in rows
         ]
     )
 
@@ -108,11 +110,22 @@ def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> S
 def post_calibration_withdrawal(
     calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")], state: State, caller: CurrentCaller
 ) -> CalibrationOut:
-    """Take a calibration out of use, for the phone itself or the study's owner. The same again changes nothing."""
+    """Withdraw a calibration, as the phone itself or an owner of the study. Repeating it changes nothing."""
     return CalibrationOut(**_fields(calibrate_device.withdraw_calibration(state.database, caller, calibration_id)))
 
 
-def _fields(row: CameraCalibration) -> dict[str, Any]:
+class _CalibrationFields(TypedDict):
+    id: uuid.UUID
+    model: str | None
+    marker: str
+    camera: CameraIn
+    rms_px: float
+    photographs: int
+    created_at: datetime
+    withdrawn_at: datetime | None
+
+
+def _fields(row: CameraCalibration) -> _CalibrationFields:
     return {
         "id": row.id,
         "model": row.model,

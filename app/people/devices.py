@@ -1,4 +1,4 @@
-"""Participants' phones: listed with their last use, revoked by the study's owner or by the phone itself."""
+"""List participants' phones and revoke their tokens, as the study's owner or the phone itself."""
 
 import uuid
 from datetime import UTC, datetime
@@ -14,25 +14,25 @@ from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Study
 from app.people.participants import withdrawn_error
-from app.people.studies import known_study
+from app.people.studies import load_study
 
 
 def list_devices(
     database: Database, study_code: str, participant_code: str | None, *, cursor: str | None, limit: int
 ) -> Page[tuple[Device, str]]:
-    """(phone, its participant's code) of a study, the last enrolled first."""
-    listed = f"devices of {study_code} {participant_code or ''}"
-    after = decode_cursor(listed, cursor, INSTANT, ID)
+    """Return a page of (phone, its participant's code) of a study, the last enrolled first."""
+    list_name = f"devices of {study_code} {participant_code or ''}"
+    after = decode_cursor(list_name, cursor, INSTANT, ID)
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         rows = people.page_of_devices(session, study.id, participant_code, after=after, limit=limit + 1)
-    return page_of(listed, rows, limit, lambda row: (row[0].enrolled_at, row[0].id))
+    return page_of(list_name, rows, limit, lambda row: (row[0].enrolled_at, row[0].id))
 
 
 def revoke_device(database: Database, caller: StaffCaller, study_code: str, device_id: uuid.UUID) -> None:
-    """End a phone's token; again is no error. Raises NotFoundError."""
+    """End a phone's token; repeating it changes nothing. Raises NotFoundError."""
     with database.write() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         device = session.get(Device, device_id)
         participant = session.get(Participant, device.participant_id) if device else None
         if device is None or participant is None or participant.study_id != study.id:
@@ -41,7 +41,7 @@ def revoke_device(database: Database, caller: StaffCaller, study_code: str, devi
 
 
 def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
-    """A phone gives its token up. Raises GoneError: its participant left meanwhile."""
+    """End the calling phone's token. Raises GoneError: its participant left meanwhile."""
     with database.write() as session:
         participant = privacy.join_participant(session, caller.participant_id)
         device = session.get(Device, caller.device_id)
@@ -51,7 +51,7 @@ def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
 
 
 def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Participant, Device]:
-    """What a phone may know of itself. Raises GoneError: its participant left meanwhile."""
+    """Return a phone with its study and participant. Raises GoneError: its participant left meanwhile."""
     with database.read() as session:
         participant, device = session.get(Participant, caller.participant_id), session.get(Device, caller.device_id)
         if participant is None or device is None:

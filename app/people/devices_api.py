@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/devices: the participants' phones: when each was last used, and its end."""
+"""/v1/studies/{study}/devices: the participants' phones: when each was last used, and revoking one."""
 
 import uuid
 from typing import Annotated
@@ -26,7 +26,7 @@ def get_devices(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> DeviceList:
-    """The study's phones, the last enrolled first, the revoked ones too."""
+    """The study's phones, including revoked ones, the last enrolled first."""
     page = devices.list_devices(state.database, study, participant, cursor=cursor, limit=limit)
     items = [
         DeviceOut(**PhoneOut.model_validate(device, from_attributes=True).model_dump(), participant=code)
@@ -42,6 +42,6 @@ def delete_study_device(
     state: State,
     caller: CurrentStaff,
 ) -> Response:
-    """End a phone's token, such as a lost phone's. What it sent stays."""
+    """End a phone's token, such as that of a lost phone. Its meals stay."""
     devices.revoke_device(state.database, caller, study, device_id)
     return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""A participant's phone comes in: a one-time code is issued, and exchanged once for a token."""
+"""Enrol a participant's phone: issue a one-time code and exchange it once for a token."""
 
 import uuid
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class IssuedCode:
 
 @dataclass(frozen=True, slots=True)
 class NewDevice:
-    """What a phone tells of itself."""
+    """A phone as it describes itself."""
 
     name: str
     model: str | None = None
@@ -35,7 +35,7 @@ class NewDevice:
 
 @dataclass(frozen=True, slots=True)
 class IssuedDevice:
-    """A device's token, shown once; study and participant by code."""
+    """A device's token, shown once. study, participant: their codes."""
 
     token: str
     device_id: uuid.UUID
@@ -47,7 +47,7 @@ class IssuedDevice:
 def issue_enrolment_code(
     database: Database, *, study_code: str, participant_code: str, caller: Caller | None = None
 ) -> IssuedCode:
-    """A one-time code for a participant's next device; earlier ones that were not used end.
+    """Issue a one-time code for a participant's next device; earlier unused codes end.
 
     Raises NotFoundError, ConflictError (`participant_withdrawn`).
     """
@@ -71,10 +71,10 @@ def issue_enrolment_code(
 
 
 def enrol_device(database: Database, *, code: str, device: NewDevice) -> IssuedDevice:
-    """Exchange a code for a device's token, once. Raises NotFoundError for a code unknown, used or expired alike."""
+    """Exchange a code for a device's token, once. Raises NotFoundError for an unknown, used or expired code."""
     token, now = new_token(), datetime.now(UTC)
     with database.write() as session:
-        participant = privacy.join_participant(session, people.whose_enrolment(session, sha256_hex(code)))
+        participant = privacy.join_participant(session, people.participant_of_code(session, sha256_hex(code)))
         enrolment = people.take_enrolment(session, sha256_hex(code), now)
         if participant is None or participant.withdrawn_at is not None or enrolment is None:
             raise NotFoundError(

@@ -1,4 +1,4 @@
-"""/v1/enrolments: an open call: a device exchanges its one-time code for a token. Rate limited by address."""
+"""/v1/enrolments: a device exchanges its one-time code for a token, without authentication; rate limited by address."""
 
 from fastapi import APIRouter, Request
 
@@ -13,7 +13,7 @@ router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
 def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> EnrolmentOut:
-    """Exchange a code for a device's token. A code that is unknown, used or expired gives 404, in the same words."""
+    """Exchange a code for a device's token. An unknown, used or expired code gets the same 404."""
     state.part(EnrolmentLimit).take(caller_address(request))
     issued = enrol_device(
         state.database, code=body.code, device=NewDevice(body.device_name, body.model, body.app_version)

@@ -1,7 +1,7 @@
-"""What a study keeps of where a meal was eaten: dropped, rounded or kept, decided before anything is sealed.
+"""A study's policy on where meals were eaten, applied before anything is sealed.
 
-"drop": nothing. "round": latitude and longitude to so many decimals of a degree, from the metadata, else from the
-photographs' own tags; the tags are cut all the same. "keep": as told, and the tags stay.
+"drop": nothing is kept. "round": latitude and longitude, from the metadata or else from the photographs' tags, to some
+decimals of a degree; the tags are removed. "keep": the metadata and the tags are kept.
 """
 
 import uuid
@@ -16,34 +16,36 @@ from app.photos.gps import Location
 
 @dataclass(frozen=True, slots=True)
 class LocationPolicy:
-    """One study's. decimals: of degrees, for "round" only."""
+    """A study's policy. decimals: of degrees, for "round" only."""
 
     kind: str
     decimals: int | None = None
 
     @property
     def cuts_tags(self) -> bool:
-        """Whether the photographs lose their location tags before they are sealed."""
+        """Whether location tags are removed from photographs before they are sealed."""
         return self.kind != "keep"
 
     @property
     def reads_tags(self) -> bool:
-        """Whether the location is taken from the photographs where the metadata tell none."""
+        """Whether the location comes from the photographs' tags if the metadata have none."""
         return self.kind == "round"
 
-    def kept(self, told: Mapping[str, float] | None, found: Iterable[Location | None] = ()) -> dict[str, float] | None:
-        """The location to be stored. told: as the metadata have it; found: what the photographs' tags said."""
+    def apply(
+        self, sent: Mapping[str, float] | None, tagged: Iterable[Location | None] = ()
+    ) -> dict[str, float] | None:
+        """Return the location to store. sent: in the metadata; tagged: in the photographs' tags."""
         if self.kind == "keep":
-            return dict(told) if told else None
+            return dict(sent) if sent else None
         if self.kind != "round":
             return None
-        if told:
-            return self._rounded(told["latitude"], told["longitude"])
-        first = next(filter(None, found), None)
-        return self._rounded(first.latitude_deg, first.longitude_deg) if first else None
+        if sent:
+            return self._round(sent["latitude"], sent["longitude"])
+        first = next(filter(None, tagged), None)
+        return self._round(first.latitude_deg, first.longitude_deg) if first else None
 
-    def _rounded(self, latitude_deg: float, longitude_deg: float) -> dict[str, float]:
-        """Without the accuracy: beside a rounded place it would only say how well the phone knew the exact one."""
+    def _round(self, latitude_deg: float, longitude_deg: float) -> dict[str, float]:
+        """Round a location and drop its accuracy, which is that of the exact location."""
         return {
             "latitude": round(latitude_deg, self.decimals or 0),
             "longitude": round(longitude_deg, self.decimals or 0),
@@ -51,22 +53,21 @@ class LocationPolicy:
 
 
 def policy_of(study: Study) -> LocationPolicy:
-    """The study's policy as it is now."""
+    """Return a study's current policy."""
     return LocationPolicy(study.location_policy, study.location_decimals)
 
 
 @dataclass(frozen=True, slots=True)
 class FilesWithPlaces:
-    """What is done with a study's files that may hold places once the study begins to drop them.
+    """Invalidates a study's files that may contain places when the study changes its policy to "drop".
 
-    take_back: by each domain that makes such files. Queries leave places out from then on; finished exports expire,
-    what is being made begins again. A release that is frozen keeps what it has: that is what it is for, and its
-    release.json says of how many meals.
+    take_back: a function of each domain that makes such files. From then on queries leave out places, finished exports
+    expire and running ones start again. Frozen releases keep their places; release.json tells the number of meals.
     """
 
     take_back: Sequence[Callable[[Session, uuid.UUID], object]]
 
     def __call__(self, session: Session, study: Study) -> None:
-        """In the transaction of the study's change."""
+        """Invalidate the files in the transaction of the study's change."""
         for take_back in self.take_back:
             take_back(session, study.id)

@@ -1,22 +1,23 @@
-"""Studies with their protocol, participants, the participants' devices, staff and their roles, and access tokens."""
+"""Studies and their protocol, participants and their devices, staff and their roles, access tokens."""
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonValue, Personal, one_of
+from app.people.calibration_models import CameraDetails
 from app.people.profiles import Profile
 
 LocationPolicy = Literal["drop", "round", "keep"]
 LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
-WithdrawalPolicy = Literal["keep", "anonymise", "erase"]
+WithdrawalPolicy = Literal["keep", "anonymise", "erase"]  # each does all that the one before it does
 WITHDRAWAL_POLICIES: tuple[WithdrawalPolicy, ...] = get_args(WithdrawalPolicy)
 Locale = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
-Role = Literal["viewer", "reviewer", "owner"]  # each may do all that the one before it may
+Role = Literal["viewer", "reviewer", "owner"]  # each includes the rights of the one before it
 ROLES: tuple[Role, ...] = get_args(Role)
 TOKEN_KINDS = ("device", "session", "personal")
 Scope = Literal["read", "write"]
@@ -24,13 +25,13 @@ SCOPES: tuple[Scope, ...] = get_args(Scope)
 
 
 class Study(Base):
-    """A study and its protocol. `change_seq` is its counter of changes: locked until commit, so no reader misses one.
+    """A study and its protocol. change_seq: counter of changes, locked until commit so that readers miss none.
 
-    camera: intrinsics that hold where neither the meal nor its device has any. after_window_minutes: how long after
-    eating began an after-meal pair is waited for. day_starts_minutes: after midnight; a meal before it belongs to the
-    day before. retention_days: photographs and derived pictures go so many days after upload; NULL: they stay.
-    shares_index: other studies' foods are identified by this one's confirmed items too.
-    version grows with every change of the protocol.
+    camera: intrinsics for meals whose metadata and device have none. after_window_minutes: how long an after-meal pair
+    is expected after the meal began. day_starts_minutes: after midnight; an earlier meal belongs to the day before.
+    retention_days: photographs and derived pictures are deleted so many days after upload; NULL: they stay.
+    shares_index: this study's confirmed items also help to identify foods of other studies. version grows with every
+    change of the protocol.
     """
 
     __tablename__ = "study"
@@ -39,7 +40,7 @@ class Study(Base):
     code: Mapped[str] = mapped_column(sa.String(64), unique=True)
     name: Mapped[str] = mapped_column(sa.String(200))
     marker: Mapped[str | None] = mapped_column(sa.String(64))  # the board that its participants were given
-    camera: Mapped[dict[str, Any] | None]
+    camera: Mapped[CameraDetails | None] = mapped_column(JsonValue)
     expects_after_pair: Mapped[bool] = mapped_column(default=False)
     after_window_minutes: Mapped[int] = mapped_column(default=240)
     location_policy: Mapped[LocationPolicy] = mapped_column(sa.String(16), default="drop")
@@ -101,7 +102,7 @@ class Device(Base):
 
 
 class Staff(Base):
-    """A person who runs the server or works with the data. password_hash: Argon2; NULL: signs in by token only."""
+    """A person who runs the server or works with the data. password_hash: Argon2; NULL: can use tokens only."""
 
     __tablename__ = "staff"
 
@@ -114,7 +115,7 @@ class Staff(Base):
 
     @property
     def has_password(self) -> bool:
-        """Whether they can sign in with one."""
+        """Whether the staff member can sign in with a password."""
         return self.password_hash is not None
 
 
@@ -132,7 +133,7 @@ class StudyMember(Base):
 
 
 class Enrolment(Base):
-    """A one-time code that a device exchanges for its token; only the code's SHA-256 is kept."""
+    """A one-time code that a device exchanges for its token; only the code's SHA-256 is stored."""
 
     __tablename__ = "enrolment"
     personal = Personal(("participant_id",), "enrolments")
@@ -146,10 +147,10 @@ class Enrolment(Base):
 
 
 class AccessToken(Base):
-    """An opaque bearer token of a device or of a staff member; only its SHA-256 is kept.
+    """An opaque bearer token of a device or of a staff member; only its SHA-256 is stored.
 
-    kind: of a device, of a signed-in session, or made by a person for scripts. scope and study_id narrow what a
-    personal token may do: read only, one study only.
+    kind: of a device, of a session, or created by a staff member for scripts. scope and study_id restrict a personal
+    token to reading or to one study.
     """
 
     __tablename__ = "access_token"

@@ -20,7 +20,7 @@ from app.people.models import Participant, Study
 from app.people.privacy_queries import join_participant
 from app.people.profiles import PROFILE_KEYS, Profile, person_at_age
 from app.people.spent_codes import is_code_spent
-from app.people.studies import known_study
+from app.people.studies import load_study
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def create_participant(
     """Create a participant of a study. Raises NotFoundError, ConflictError, InvalidInputError."""
     conflict = ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
     with unless_taken(conflict), database.write() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         if people.find_participant(session, study.id, code) is not None:
             raise conflict
         if is_code_spent(session, box, study.id, code):  # after looking for the row: an erasure of it spends the code
@@ -69,7 +69,7 @@ def list_participants(database: Database, study_code: str, *, cursor: str | None
     list_name = f"participants of {study_code}"
     after = decode_cursor(list_name, cursor, TEXT)
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         rows = people.page_of_participants(session, study.id, after=after, limit=limit + 1)
     return page_of(list_name, rows, limit, lambda participant: participant.code)
 

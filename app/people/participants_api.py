@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/participants: by pseudonymous code; and the one-time codes that enrol their phones."""
+"""/v1/studies/{study}/participants: participants by pseudonymous code, and the one-time codes that enrol phones."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +33,7 @@ PICTURES = ("image/svg+xml", "image/png")
 CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
     201: {
         "model": EnrolmentCodeOut,
-        "description": "The code, shown once; by `Accept` the QR code alone.",
+        "description": "The code, shown once; or only its QR code, depending on `Accept`.",
         "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in PICTURES},
     },
     **problem_responses(401, 403, 404, 409, 422),
@@ -44,7 +44,7 @@ CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
 def get_participants(
     request: Request, study: StudyCode, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> ParticipantList:
-    """The study's participants by code, those who have left it too as far as they are kept."""
+    """The study's participants by code, including those who have left and whose rows are kept."""
     page = participants.list_participants(state.database, study, cursor=cursor, limit=limit)
     items = [ParticipantRow.model_validate(row, from_attributes=True) for row in page.rows]
     return ParticipantList(items=items, next=next_page(request, page.cursor))
@@ -55,16 +55,16 @@ def post_participant(
     study: StudyCode, body: ParticipantIn, state: State, caller: CurrentStaff, response: Response
 ) -> ParticipantOut:
     """Add a participant."""
-    made = participants.create_participant(
+    row = participants.create_participant(
         state.database, state.part(SecretBox), study_code=study, code=body.code, caller=caller, change=change_of(body)
     )
     response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
-    return _render(made)
+    return _render(row)
 
 
 @router.get("/{participant}", responses=problem_responses(401, 403, 404, 422))
 def get_participant(study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff) -> ParticipantOut:
-    """One participant, with the profile that reference intakes go by."""
+    """A participant with the profile that reference intakes depend on."""
     return _render(participants.read_participant(state.database, study, participant))
 
 
@@ -72,7 +72,7 @@ def get_participant(study: StudyCode, participant: ParticipantCode, state: State
 def patch_participant(
     study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
 ) -> ParticipantOut:
-    """Change profile and first day: only what is named; a key of the profile that is null is taken away."""
+    """Change the named fields of profile and first day; null removes a key of the profile."""
     return _render(participants.change_participant(state.database, caller, study, participant, change_of(body)))
 
 
@@ -82,23 +82,23 @@ def patch_participant(
 def post_enrolment_code(
     request: Request, study: StudyCode, participant: ParticipantCode, state: State, caller: CurrentStaff
 ) -> Response:
-    """A one-time code for the participant's next phone, as text and as a QR code; earlier unused ones end.
+    """Issue a one-time code for the participant's next phone, as text and as a QR code; earlier unused codes end.
 
-    With `Accept: image/svg+xml` or `image/png` the answer is the QR code alone.
+    With `Accept: image/svg+xml` or `image/png` the response is only the QR code.
     """
     issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
     text = enrolment_text(state.settings.public_url or str(request.base_url).rstrip("/"), issued.code)
-    wanted = _wanted_picture(request.headers.get("accept", ""))
-    if wanted == "image/png":
-        return Response(qr_png(text), 201, media_type=wanted)
-    if wanted is not None:
-        return Response(qr_svg(text), 201, media_type=wanted)
+    media_type = _preferred_picture(request.headers.get("accept", ""))
+    if media_type == "image/png":
+        return Response(qr_png(text), 201, media_type=media_type)
+    if media_type is not None:
+        return Response(qr_svg(text), 201, media_type=media_type)
     body = EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at, qr_text=text, qr_svg=qr_svg(text))
     return JSONResponse(body.model_dump(mode="json"), 201)
 
 
-def _wanted_picture(accept: str) -> str | None:
-    """The picture that the caller asks for first; None: JSON, as to whoever takes anything (RFC 9110, 12.5.1)."""
+def _preferred_picture(accept: str) -> str | None:
+    """Return the first picture type that the caller accepts; None for JSON, also if any type is accepted (RFC 9110)."""
     for part in accept.split(","):
         kind = part.partition(";")[0].strip().lower()
         if kind in ("application/json", "*/*", "application/*"):
@@ -111,7 +111,7 @@ def _wanted_picture(accept: str) -> str | None:
 def change_of(
     body: ParticipantIn | ParticipantPatch, *, also: Mapping[str, None] | None = None, moves_start: bool = False
 ) -> ParticipantChange:
-    """What a body asks for. also: keys of the profile that are taken away beside; moves_start: even unnamed."""
+    """Return the change that a body describes. also: further keys to remove; moves_start: set starts_on if unnamed."""
     return ParticipantChange(
         profile={**(also or {}), **body.profile.model_dump(exclude_unset=True, mode="json")},
         moves_start=moves_start or "starts_on" in body.model_fields_set,

@@ -1,7 +1,4 @@
-"""The printable board: a PDF at true size, with a ruler to check the print.
-
-Beside the vision steps, since writing a page is none; which square is dark or coloured it shares with them.
-"""
+"""The printable board: a PDF at true size, with a ruler to check the print."""
 
 from fpdf import FPDF
 
@@ -12,7 +9,7 @@ from app.vision.marker_spec import MarkerSpec
 PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, upright
 PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white
 RULER_MM = 100.0
-FOOTER_MM = 30.0  # ruler and words
+FOOTER_MM = 30.0  # ruler and text
 BLACK = (0, 0, 0)
 INSTRUCTION = (
     'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. Keep the sheet flat and its margin white.'
@@ -20,9 +17,9 @@ INSTRUCTION = (
 
 
 def render_marker_pdf(spec: MarkerSpec) -> bytes:
-    """One page with the board in its middle, squares as vectors, at least one square of white around it.
+    """Draw one page with the board in its middle, squares as vectors, with a white margin of at least one square.
 
-    A4, or A3 if that is too small, turned as the board needs it. Raises InvalidInputError, code "marker_too_large".
+    The page is A4, or A3 if the board needs it, upright or turned. Raises InvalidInputError (`marker_too_large`).
     """
     page_mm = _page_mm(spec)
     pdf = FPDF(unit="mm", format=page_mm)
@@ -44,7 +41,7 @@ def render_marker_pdf(spec: MarkerSpec) -> bytes:
 
 
 def _page_mm(spec: MarkerSpec) -> tuple[float, float]:
-    """(width, height) of the smallest sheet that holds board, margins and footer; upright if either way will do."""
+    """Return (width, height) of the smallest sheet that fits board, margins and footer; upright if both fit."""
     margin = max(spec.square_mm, PRINTABLE_MARGIN_MM)
     width = max(spec.columns * spec.square_mm + 2 * margin, RULER_MM + 2 * PRINTABLE_MARGIN_MM)
     height = spec.rows * spec.square_mm + 2 * margin + FOOTER_MM
@@ -60,14 +57,14 @@ def _page_mm(spec: MarkerSpec) -> tuple[float, float]:
 
 
 def _colour(spec: MarkerSpec, row: int, column: int) -> tuple[int, int, int] | None:
-    """The square's sRGB colour, or None where the paper stays white."""
+    """Return the square's sRGB colour; None if the paper stays white."""
     if spec.kind == "colour":
         return COLOUR_SQUARES.get((row, column))
     return BLACK if (row + column) % 2 == 0 else None
 
 
 def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> None:
-    """A ruler of 100 mm with a tick every 10 mm, the marker's name and what to do, at the sheet's lower edge."""
+    """Draw a ruler of 100 mm with a tick every 10 mm, the marker's name and instructions at the lower edge."""
     left = (page_mm[0] - RULER_MM) / 2
     baseline = page_mm[1] - PRINTABLE_MARGIN_MM - 14
     pdf.set_draw_color(*BLACK)
@@ -78,5 +75,5 @@ def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> N
     pdf.set_text_color(*BLACK)
     pdf.set_font("Helvetica", size=7)
     pdf.text(left + RULER_MM + 2, baseline, "100 mm")
-    for line, words in enumerate((f"{spec}  (squares of {spec.square_mm:g} mm)", INSTRUCTION)):
-        pdf.text((page_mm[0] - pdf.get_string_width(words)) / 2, baseline + 5 + 4 * line, words)
+    for line, text in enumerate((f"{spec}  (squares of {spec.square_mm:g} mm)", INSTRUCTION)):
+        pdf.text((page_mm[0] - pdf.get_string_width(text)) / 2, baseline + 5 + 4 * line, text)

@@ -1,32 +1,32 @@
-"""What keeps promises about data: the audit log, erasures and their receipts, blobs that are to be deleted."""
+"""The audit log, tombstones, spent codes, receipts of erasures, and blobs that are to be deleted."""
 
 import uuid
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, one_of
+from app.db.base import Base, JsonValue, one_of
 
 ActorKind = Literal["staff", "device", "system"]
 ACTOR_KINDS: tuple[ActorKind, ...] = get_args(ActorKind)
 TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
-BACKUP_MADE = "backup.make"  # the action of an event: a `tada backup` is whole and on disk
-ErasedWhat = Literal["participant", "meal", "photographs"]
+BACKUP_MADE = "backup.make"  # audit action: a `tada backup` is complete and on disk
+ErasedKind = Literal["participant", "meal", "photographs"]
 ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
-ERASED_WHATS: tuple[ErasedWhat, ...] = get_args(ErasedWhat)
+ERASED_KINDS: tuple[ErasedKind, ...] = get_args(ErasedKind)
 
-IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")  # a parameter in its place would not meet the index's condition
+IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")  # with a bound parameter, queries would not match the index
 
 BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up INTEGER keys only
 
 
 class AuditEvent(Base):
-    """One read of a photograph or one change: who, when, what. Append-only: the database refuses UPDATE and DELETE.
+    """A read of a photograph or a change. Append-only: the database refuses UPDATE and DELETE.
 
-    People and their meals appear by alias (Participant.alias, Meal.alias) and nothing else: once the row that holds the
-    alias is erased, the event leads to nobody. study_id has no foreign key, so that the log outlives all it tells of.
+    People and their meals appear only by alias (Participant.alias, Meal.alias): once the row with the alias is erased,
+    the event is anonymous. study_id has no foreign key, so that events outlive what they refer to.
     """
 
     __tablename__ = "audit_event"
@@ -37,8 +37,8 @@ class AuditEvent(Base):
     actor_kind: Mapped[ActorKind] = mapped_column(sa.String(16))
     actor: Mapped[str] = mapped_column(sa.String(200))  # a staff member's name, a participant's alias, or "system"
     action: Mapped[str] = mapped_column(sa.String(64))  # such as "photograph.read", "study.change"
-    subject: Mapped[str | None] = mapped_column(sa.String(200))  # alias of whom or what it was done to
-    details: Mapped[dict[str, Any]]
+    subject: Mapped[str | None] = mapped_column(sa.String(200))  # alias or id of the person or object concerned
+    details: Mapped[dict[str, object]] = mapped_column(JsonValue)
     request_id: Mapped[str | None] = mapped_column(sa.String(32))
 
     __table_args__ = (
@@ -49,10 +49,10 @@ class AuditEvent(Base):
 
 
 class Tombstone(Base):
-    """Something that was here and is erased for good, by a digest that only its holder can make.
+    """The digest of something that was erased, which identifies it only to those who know its id.
 
-    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record, day: SHA-256 of the item's,
-    the day's id, with the study's change_seq, so that those who pulled it learn that it is gone.
+    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record, day: SHA-256 of the item's
+    or day's id, with the study's change_seq, so that clients that pulled it learn of its deletion.
     """
 
     __tablename__ = "tombstone"
@@ -67,7 +67,7 @@ class Tombstone(Base):
 
 
 class SpentCode(Base):
-    """A code of a participant who was erased or anonymised: the study gives it to nobody else.
+    """A code of a participant who was erased or anonymised, which the study cannot use again.
 
     digest: HMAC-SHA-256 of the code under the server's secret key. Never removed.
     """
@@ -80,22 +80,25 @@ class SpentCode(Base):
 
 
 class ErasureReceipt(Base):
-    """What an erasure removed, in numbers; it names nobody."""
+    """The numbers of rows that an erasure removed, without personal data."""
 
     __tablename__ = "erasure_receipt"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
-    what: Mapped[ErasedWhat] = mapped_column(sa.String(16))
+    what: Mapped[ErasedKind] = mapped_column(sa.String(16))
     policy: Mapped[ErasurePolicy] = mapped_column(sa.String(16))
-    counts: Mapped[dict[str, Any]]
+    counts: Mapped[dict[str, int]] = mapped_column(JsonValue)
     erased_at: Mapped[datetime]
 
-    __table_args__ = (one_of("what", ERASED_WHATS),)
+    __table_args__ = (one_of("what", ERASED_KINDS),)
 
 
 class BlobDeletion(Base):
-    """A blob that is to be deleted, committed with the erasure that wants it; the row goes when the blob is gone."""
+    """A blob to delete, committed with its erasure; the row is removed once the blob is deleted.
+
+    A key that ends with a slash means all blobs below it.
+    """
 
     __tablename__ = "blob_deletion"
 

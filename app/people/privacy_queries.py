@@ -1,4 +1,4 @@
-"""SQL of promises about people: who is here or has left, what was erased and is to be deleted, and who did what."""
+"""SQL of privacy: locking participants, ending their access, tombstones, blobs to delete, the audit log."""
 
 import uuid
 from collections.abc import Collection, Iterator
@@ -16,7 +16,7 @@ IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
 
 @dataclass(frozen=True, slots=True)
 class AuditFilter:
-    """Which events: None leaves a filter out. since is included, until is not."""
+    """Selects events; None: no condition. since: inclusive; until: exclusive."""
 
     study_id: uuid.UUID | None = None
     action: str | None = None
@@ -26,7 +26,7 @@ class AuditFilter:
 
 @dataclass(frozen=True, slots=True)
 class AuditRow:
-    """An event of the audit log. study: its study's code; None: it is of no study, or of one that is not there."""
+    """An event of the audit log. study: its study's code; None if it belongs to no existing study."""
 
     id: int
     at: datetime
@@ -40,24 +40,24 @@ class AuditRow:
 
 
 def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
-    """The participant, locked against everything, new meals and devices included."""
+    """Lock a participant exclusively, which also blocks new meals and devices."""
     query = sa.select(Participant).where(Participant.id == participant_id).with_for_update()
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
-    """The participant, so that something may be added to them: waits for a withdrawal under way."""
+    """Lock a participant against withdrawal, to add rows that refer to them; waits for a running withdrawal."""
     query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
-    """Remove a participant's enrolment codes, used or not: no further phone comes in."""
+    """Delete a participant's enrolment codes, used or not, so that no further phone can enrol."""
     session.execute(sa.delete(Enrolment).where(Enrolment.participant_id == participant_id))
 
 
 def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
-    """Remove the tokens of a participant's devices; returns their SHA-256."""
+    """Delete the tokens of a participant's devices. Returns their SHA-256."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
     return list(
         session.scalars(
@@ -67,13 +67,13 @@ def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
 
 
 def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
-    """A participant's phones in the order of their enrolment."""
+    """Return a participant's phones in the order of enrolment."""
     query = sa.select(Device).where(Device.participant_id == participant_id).order_by(Device.enrolled_at, Device.id)
     return list(session.scalars(query))
 
 
 def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
-    """How many persons of a study were erased: each has one receipt."""
+    """Count the erased participants of a study; each has one receipt."""
     query = sa.select(sa.func.count()).where(
         ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
     )
@@ -89,52 +89,52 @@ def add_tombstones(
     study_id: uuid.UUID | None,
     change_seq: int | None = None,
 ) -> None:
-    """Note what is erased; what was noted before stays as it is."""
-    known = tombstones_among(session, kind, digests)
+    """Add tombstones; existing ones stay unchanged."""
+    existing = tombstones_among(session, kind, digests)
     session.add_all(
         Tombstone(kind=kind, digest=digest, study_id=study_id, change_seq=change_seq, erased_at=now)
-        for digest in sorted(set(digests) - known)
+        for digest in sorted(set(digests) - existing)
     )
     session.flush()
 
 
 def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> set[str]:
-    """Those of the digests that have a tombstone of this kind."""
+    """Return the digests that have a tombstone of this kind."""
     return _among(session, Tombstone.digest, digests, Tombstone.kind == kind)
 
 
 def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
-    """The digests of all tombstones of this kind, streamed."""
+    """Stream the digests of all tombstones of this kind."""
     yield from session.scalars(
         sa.select(Tombstone.digest).where(Tombstone.kind == kind).execution_options(yield_per=1000)
     )
 
 
 def participant_ids(session: Session) -> Iterator[uuid.UUID]:
-    """All participants, streamed."""
+    """Stream the ids of all participants."""
     yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))
 
 
-def want_deleted(session: Session, keys: Collection[str], now: datetime) -> None:
-    """Note blobs that are to go; a key that ends with a slash means all below it."""
-    wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
-    session.add_all(BlobDeletion(blob_key=key, requested_at=now) for key in sorted(wanted))
+def schedule_deletion(session: Session, keys: Collection[str], now: datetime) -> None:
+    """Schedule blobs for deletion; a key that ends with a slash means all blobs below it."""
+    new = set(keys) - _among(session, BlobDeletion.blob_key, keys)
+    session.add_all(BlobDeletion(blob_key=key, requested_at=now) for key in sorted(new))
     session.flush()
 
 
-def wanted_deletions(session: Session, limit: int) -> list[str]:
-    """Blobs that are to go, those that wait longest first."""
+def scheduled_deletions(session: Session, limit: int) -> list[str]:
+    """Return the keys of blobs to delete, the oldest first."""
     query = sa.select(BlobDeletion.blob_key).order_by(BlobDeletion.requested_at, BlobDeletion.blob_key).limit(limit)
     return list(session.scalars(query))
 
 
-def forget_deletions(session: Session, keys: Collection[str]) -> None:
-    """These blobs are gone."""
+def remove_scheduled_deletions(session: Session, keys: Collection[str]) -> None:
+    """Remove deletions that were carried out."""
     session.execute(sa.delete(BlobDeletion).where(BlobDeletion.blob_key.in_(keys)))
 
 
 def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
-    """At most `limit` events in their order, those behind `after`."""
+    """Return at most `limit` events in order, after the id `after`."""
     event = AuditEvent
     query = (
         sa.select(
@@ -168,10 +168,10 @@ def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, l
 def _among(
     session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
 ) -> set[str]:
-    """Those of the values that the column has."""
-    found: set[str] = set()
+    """Return the values that the column contains."""
+    present: set[str] = set()
     ordered = sorted(values)
     for start in range(0, len(ordered), IN_A_STATEMENT):
         part = ordered[start : start + IN_A_STATEMENT]
-        found.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
-    return found
+        present.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
+    return present

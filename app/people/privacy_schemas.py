@@ -1,43 +1,42 @@
-"""Receipts of erasures and the audit log over the wire."""
+"""HTTP schemas of receipts of erasures and of the audit log."""
 
 import uuid
 from datetime import datetime
-from typing import Any
 
 from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import NEXT, PAGE
-from app.people.privacy_models import ActorKind, ErasedWhat, ErasurePolicy
+from app.people.privacy_models import ActorKind, ErasedKind, ErasurePolicy
 
 
 class ReceiptOut(BaseModel):
-    """What an erasure removed, in numbers; it names nobody. Keep its id: whoever has it may ask for it again."""
+    """The numbers of rows that an erasure removed. Keep its id: anyone who has it can read the receipt again."""
 
     id: uuid.UUID = Field(description="The receipt's id.")
-    what: ErasedWhat = Field(description="participant, meal or photographs")
+    what: ErasedKind = Field(description="participant, meal or photographs")
     policy: ErasurePolicy = Field(
-        description="keep, anonymise, erase; or retention: the study's time for photographs was over."
+        description="keep, anonymise, erase; or retention: the study's retention time of photographs has passed."
     )
-    counts: dict[str, int] = Field(description="How many of each kind of row were removed, or changed by their name.")
+    counts: dict[str, int] = Field(description="Number of rows removed or changed, by kind.")
     erased_at: datetime = Field(description="When it was erased.")
 
 
 class AuditEventOut(BaseModel):
-    """One read of photographs or one change. People appear by an alias that only their row resolves."""
+    """A read of photographs or a change. People appear by an alias that only their row resolves."""
 
     id: int = Field(description="Grows with each event.")
     at: datetime = Field(description="When it happened.")
-    study: str | None = Field(description="The study's code; null: the event is of no study, or the study is gone.")
+    study: str | None = Field(description="The study's code; null: the event belongs to no existing study.")
     actor_kind: ActorKind = Field(description="staff, device or system")
     actor: str = Field(description="A staff member's name, a participant's alias, or system.")
     action: str = Field(description="What was done, such as photograph.read or study.change.")
-    subject: str | None = Field(description="Alias or name of what it was done to; null: of nothing in particular.")
-    details: dict[str, Any] = Field(description="What else is known of it; the fields depend on the action.")
-    request_id: str | None = Field(description="The request's id in the server's log; null: no request did it.")
+    subject: str | None = Field(description="Alias or name of the person or object concerned; null: none.")
+    details: dict[str, object] = Field(description="Further details; the fields depend on the action.")
+    request_id: str | None = Field(description="The request's id in the server's log; null: not caused by a request.")
 
 
 class AuditPage(BaseModel):
-    """Events in their order; `next` is the page behind it, or null."""
+    """A page of events in order; `next` is the address of the next page, or null."""
 
     items: list[AuditEventOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)

@@ -13,7 +13,7 @@ from app.people.privacy_models import Tombstone
 
 Rows = TypeVarTuple("Rows")
 
-_TOKEN = (  # built once: every call asks
+_TOKEN = (  # built once, since every request uses it
     sa.select(AccessToken, Staff, Device, Participant)
     .outerjoin(Staff, Staff.id == AccessToken.staff_id)
     .outerjoin(Device, Device.id == AccessToken.device_id)
@@ -31,73 +31,71 @@ _TOKEN = (  # built once: every call asks
     )
 )
 
-MEAL = sa.table(
-    "meal", sa.column("study_id", sa.Uuid())
-)  # of a higher domain, meals, whose models are not imported here
+MEAL = sa.table("meal", sa.column("study_id", sa.Uuid()))  # the models of meals, a higher domain, cannot be imported
 
 
 def find_token(
     session: Session, token_sha256: str, now: datetime, *, idle_since: datetime
 ) -> sa.Row[AccessToken, Staff, Device, Participant] | None:
-    """A token that is valid now, with its owner, or None: neither it, its device nor its owner may be shut out.
+    """Return a token and its owner; None if it is expired or revoked, or its device or staff member is.
 
-    idle_since: a session must have been used, or opened, after it.
+    idle_since: a session must have been used or opened after this time.
     """
     values = {"token_sha256": token_sha256, "now": now, "idle_since": idle_since}
     return session.execute(_TOKEN, values).one_or_none()
 
 
 def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Role]:
-    """Study -> role of a staff member."""
+    """Return a staff member's role by study."""
     query = sa.select(StudyMember.study_id, StudyMember.role).where(StudyMember.staff_id == staff_id)
     return {row.study_id: row.role for row in session.execute(query)}
 
 
 def has_tombstone(session: Session, kind: str, digest: str) -> bool:
-    """Whether something of this name was here and is erased."""
+    """Whether something with this digest was erased."""
     return session.get(Tombstone, (kind, digest)) is not None
 
 
 def find_study(session: Session, code: str, *, lock: bool = False) -> Study | None:
-    """The study of this code; lock: nobody else changes it until commit."""
+    """Return the study with a code. lock: nobody else changes it until commit."""
     return session.scalars(_locked(sa.select(Study).where(Study.code == code), lock)).one_or_none()
 
 
 def page_of_studies(
-    session: Session, known: frozenset[uuid.UUID] | None, *, after: str | None, limit: int
+    session: Session, study_ids: frozenset[uuid.UUID] | None, *, after: str | None, limit: int
 ) -> list[Study]:
-    """Studies by code, those behind `after`. known: only these; None: all."""
-    query = sa.select(Study) if known is None else sa.select(Study).where(Study.id.in_(known))
-    return list(session.scalars(_behind(query, Study.code, after, limit)))
+    """Return studies by code, after the code `after`. study_ids: None for all."""
+    query = sa.select(Study) if study_ids is None else sa.select(Study).where(Study.id.in_(study_ids))
+    return list(session.scalars(_page_after(query, Study.code, after, limit)))
 
 
-def known_study_codes(session: Session, known: frozenset[uuid.UUID] | None) -> list[str]:
-    """The codes of studies, sorted. known: only of these; None: of all."""
+def study_codes(session: Session, study_ids: frozenset[uuid.UUID] | None) -> list[str]:
+    """Return the codes of studies, sorted. study_ids: None for all."""
     query = sa.select(Study.code).order_by(Study.code)
-    return list(session.scalars(query if known is None else query.where(Study.id.in_(known))))
+    return list(session.scalars(query if study_ids is None else query.where(Study.id.in_(study_ids))))
 
 
 def codes_of_studies(session: Session, study_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, str]:
-    """Study -> code."""
+    """Return the code of each study."""
     rows = session.execute(sa.select(Study.id, Study.code).where(Study.id.in_(study_ids)))
     return {row.id: row.code for row in rows}
 
 
 def has_meals(session: Session, study_id: uuid.UUID) -> bool:
-    """Whether a meal of the study is kept, or was deleted and left its row."""
+    """Whether the study has a meal."""
     return session.execute(sa.select(MEAL.c.study_id).where(MEAL.c.study_id == study_id).limit(1)).first() is not None
 
 
 def find_participant(session: Session, study_id: uuid.UUID, code: str, *, lock: bool = False) -> Participant | None:
-    """The participant of this code in a study; lock: nobody else changes the row until commit."""
+    """Return the participant with a code in a study. lock: nobody else changes the row until commit."""
     query = sa.select(Participant).where(Participant.study_id == study_id, Participant.code == code)
     return session.scalars(_locked(query, lock)).one_or_none()
 
 
 def page_of_participants(session: Session, study_id: uuid.UUID, *, after: str | None, limit: int) -> list[Participant]:
-    """Participants of a study by code, those behind `after`."""
+    """Return participants of a study by code, after the code `after`."""
     query = sa.select(Participant).where(Participant.study_id == study_id)
-    return list(session.scalars(_behind(query, Participant.code, after, limit)))
+    return list(session.scalars(_page_after(query, Participant.code, after, limit)))
 
 
 def page_of_devices(
@@ -108,7 +106,7 @@ def page_of_devices(
     after: tuple[datetime, uuid.UUID] | None,
     limit: int,
 ) -> list[tuple[Device, str]]:
-    """(device, its participant's code) of a study, the last enrolled first, those behind `after`."""
+    """Return (device, its participant's code) of a study after `after`, the last enrolled first."""
     query = (
         sa.select(Device, Participant.code)
         .join(Participant, Participant.id == Device.participant_id)
@@ -135,17 +133,17 @@ def end_tokens_of_device(session: Session, device_id: uuid.UUID, now: datetime) 
 
 
 def find_staff(session: Session, name: str, *, lock: bool = False) -> Staff | None:
-    """The staff member of this name; lock: nobody else changes the row until commit."""
+    """Return the staff member with a name. lock: nobody else changes the row until commit."""
     return session.scalars(_locked(sa.select(Staff).where(Staff.name == name), lock)).one_or_none()
 
 
 def page_of_staff(session: Session, *, after: str | None, limit: int) -> list[Staff]:
-    """Staff by name, those behind `after`."""
-    return list(session.scalars(_behind(sa.select(Staff), Staff.name, after, limit)))
+    """Return staff by name, after the name `after`."""
+    return list(session.scalars(_page_after(sa.select(Staff), Staff.name, after, limit)))
 
 
 def lock_active_admins(session: Session) -> list[Staff]:
-    """The admins who are not disabled; nobody else changes them until commit."""
+    """Return the admins who are not disabled, locked until commit."""
     query = sa.select(Staff).where(Staff.is_admin, Staff.disabled_at.is_(None)).order_by(Staff.id)
     return list(session.scalars(_locked(query, True)))
 
@@ -153,17 +151,17 @@ def lock_active_admins(session: Session) -> list[Staff]:
 def page_of_members(
     session: Session, study_id: uuid.UUID, *, after: str | None, limit: int
 ) -> list[tuple[StudyMember, Staff]]:
-    """A study's members by name, those behind `after`."""
+    """Return a study's members by name, after the name `after`."""
     query = (
         sa.select(StudyMember, Staff)
         .join(Staff, Staff.id == StudyMember.staff_id)
         .where(StudyMember.study_id == study_id)
     )
-    return [(member, staff) for member, staff in session.execute(_behind(query, Staff.name, after, limit))]
+    return [(member, staff) for member, staff in session.execute(_page_after(query, Staff.name, after, limit))]
 
 
 def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
-    """The study's owners who are not disabled."""
+    """Return the study's owners who are not disabled."""
     query = (
         sa.select(StudyMember.staff_id)
         .join(Staff, Staff.id == StudyMember.staff_id)
@@ -173,7 +171,7 @@ def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
 
 
 def end_access_of_staff(session: Session, staff_id: uuid.UUID, now: datetime) -> list[AccessToken]:
-    """Revoke all sessions and personal tokens of a staff member that still open something."""
+    """Revoke all valid sessions and personal tokens of a staff member. Returns them."""
     query = (
         sa.update(AccessToken)
         .where(
@@ -188,7 +186,7 @@ def end_access_of_staff(session: Session, staff_id: uuid.UUID, now: datetime) ->
 
 
 def personal_tokens(session: Session, staff_id: uuid.UUID, now: datetime) -> list[AccessToken]:
-    """A staff member's own tokens that are valid, the newest first."""
+    """Return a staff member's valid personal tokens, the newest first."""
     query = (
         sa.select(AccessToken)
         .where(
@@ -202,8 +200,8 @@ def personal_tokens(session: Session, staff_id: uuid.UUID, now: datetime) -> lis
     return list(session.scalars(query))
 
 
-def forget_sessions(session: Session, staff_id: uuid.UUID, before: datetime) -> None:
-    """Delete a staff member's sessions that ended before then; the audit log keeps that they were."""
+def delete_sessions(session: Session, staff_id: uuid.UUID, before: datetime) -> None:
+    """Delete a staff member's sessions that ended before a time; the audit log still has them."""
     session.execute(
         sa.delete(AccessToken).where(
             AccessToken.staff_id == staff_id, AccessToken.kind == "session", AccessToken.expires_at < before
@@ -212,7 +210,7 @@ def forget_sessions(session: Session, staff_id: uuid.UUID, before: datetime) -> 
 
 
 def end_enrolments(session: Session, participant_id: uuid.UUID, now: datetime) -> None:
-    """End a participant's codes that were not used."""
+    """End a participant's unused enrolment codes."""
     session.execute(
         sa.update(Enrolment)
         .where(Enrolment.participant_id == participant_id, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
@@ -220,15 +218,15 @@ def end_enrolments(session: Session, participant_id: uuid.UUID, now: datetime) -
     )
 
 
-def whose_enrolment(session: Session, code_sha256: str) -> uuid.UUID | None:
-    """The participant of a code, whether it is valid or not; None: there is no such code."""
+def participant_of_code(session: Session, code_sha256: str) -> uuid.UUID | None:
+    """Return the participant of an enrolment code, valid or not; None if there is no such code."""
     return session.scalars(
         sa.select(Enrolment.participant_id).where(Enrolment.code_sha256 == code_sha256)
     ).one_or_none()
 
 
 def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolment | None:
-    """Mark a valid code as used and return it; None if it is unknown, used or expired. Of two callers one wins."""
+    """Mark a valid code as used and return it, to one caller only; None if it is unknown, used or expired."""
     query = (
         sa.update(Enrolment)
         .where(Enrolment.code_sha256 == code_sha256, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
@@ -241,9 +239,9 @@ def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolme
 def note_device(
     session: Session, device_id: uuid.UUID, at: datetime, clock_skew_seconds: float | None, app_version: str | None
 ) -> None:
-    """When a phone was last used and how its clock stood then; its app's version, where it is told.
+    """Store when a phone was last used, its clock's skew and, if given, its app's version.
 
-    Written after the call: a phone that was revoked by it, perhaps anonymised, stays as it is.
+    It runs after the request, so a phone that the request revoked, or anonymised, is left unchanged.
     """
     values: dict[str, object] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
     if app_version is not None:
@@ -252,23 +250,23 @@ def note_device(
 
 
 def note_token(session: Session, token_id: uuid.UUID, at: datetime) -> None:
-    """When a token was last used."""
+    """Store when a token was last used."""
     session.execute(sa.update(AccessToken).where(AccessToken.id == token_id).values(last_used_at=at))
 
 
 def note_app_version(session: Session, device_id: uuid.UUID, app_version: str) -> None:
-    """The version that a phone's meal tells."""
+    """Store the app version that a meal was sent with."""
     session.execute(sa.update(Device).where(Device.id == device_id).values(app_version=app_version))
 
 
-def _behind(
+def _page_after(
     query: sa.Select[*Rows], column: InstrumentedAttribute[str], after: str | None, limit: int
 ) -> sa.Select[*Rows]:
-    """The rows of a query by a column, those behind a value of it."""
+    """Order a query by a column and limit it to the rows after a value."""
     query = query.order_by(column).limit(limit)
     return query if after is None else query.where(column > after)
 
 
 def _locked(query: sa.Select[*Rows], lock: bool) -> sa.Select[*Rows]:
-    """PostgreSQL locks the rows until commit; on SQLite there is one writer anyway."""
+    """Lock the rows until commit on PostgreSQL; SQLite has one writer anyway."""
     return query.with_for_update() if lock else query

@@ -1,7 +1,7 @@
-"""A participant's code is given once in a study: what was pulled under it would otherwise be of two persons.
+"""Codes of participants who were erased or anonymised, which a study cannot use again.
 
-While the row stays, its code is taken. Once it is erased or anonymised, what remains of the code is a digest that only
-this server's secret key makes, so that it names nobody and can still be refused to the next one.
+Otherwise data that were pulled under a code could belong to two persons. Only a keyed digest of the code is stored, so
+that it identifies nobody and the code can still be refused.
 """
 
 import uuid
@@ -15,7 +15,7 @@ from app.people.privacy_models import SpentCode
 
 
 def spend_code(session: Session, box: SecretBox, participant: Participant, now: datetime) -> None:
-    """Before the participant's row loses its code."""
+    """Store the digest of a participant's code; call it before the row loses the code."""
     digest = _digest(box, participant.code)
     if session.get(SpentCode, (participant.study_id, digest)) is None:
         session.add(SpentCode(study_id=participant.study_id, digest=digest, spent_at=now))
@@ -23,7 +23,7 @@ def spend_code(session: Session, box: SecretBox, participant: Participant, now: 
 
 
 def is_code_spent(session: Session, box: SecretBox, study_id: uuid.UUID, code: str) -> bool:
-    """Whether somebody had the code who was erased or anonymised since."""
+    """Whether the code belonged to a participant who was erased or anonymised."""
     return session.get(SpentCode, (study_id, _digest(box, code))) is not None
 
 

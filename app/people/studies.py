@@ -1,9 +1,8 @@
-"""Studies and their protocol: made by admins, changed by owners, each change under the version that it is of."""
+"""Create, list and change studies and their protocol; a change names the version that it was made from."""
 
 import uuid
-from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Any
+from typing import TypedDict
 
 from sqlalchemy.orm import Session
 
@@ -12,40 +11,44 @@ from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
-from app.people.access.caller import Caller, StaffCaller, known_studies, require_study
+from app.people.access.caller import Caller, StaffCaller, require_study, studies_with_role
+from app.people.calibration_models import CameraDetails
 from app.people.location_policy import FilesWithPlaces
-from app.people.models import Study
+from app.people.models import Locale, LocationPolicy, Study, WithdrawalPolicy
 from app.vision.marker_spec import parse_marker
 
-PROTOCOL = frozenset(
-    {
-        "name",
-        "marker",
-        "camera",
-        "expects_after_pair",
-        "after_window_minutes",
-        "location_policy",
-        "location_decimals",
-        "retention_days",
-        "withdrawal_policy",
-        "locale",
-        "gives_feedback",
-        "day_starts_minutes",
-        "shares_index",
-    }
-)
+
+class ProtocolChange(TypedDict, total=False):
+    """Columns of Study to set."""
+
+    name: str
+    marker: str | None
+    camera: CameraDetails | None
+    expects_after_pair: bool
+    after_window_minutes: int
+    location_policy: LocationPolicy
+    location_decimals: int | None
+    retention_days: int | None
+    withdrawal_policy: WithdrawalPolicy
+    locale: Locale
+    gives_feedback: bool
+    day_starts_minutes: int
+    shares_index: bool
 
 
-def create_study(database: Database, *, code: str, name: str, caller: Caller | None = None, **protocol: Any) -> Study:
-    """A new study. protocol: columns of PROTOCOL, the rest by default.
+def create_study(
+    database: Database, *, code: str, name: str, caller: Caller | None = None, protocol: ProtocolChange | None = None
+) -> Study:
+    """Create a study.
 
-    Raises ConflictError if the code is taken, InvalidInputError for a protocol that contradicts itself.
+    Raises ConflictError (`study_exists`), InvalidInputError for a protocol that contradicts itself.
     """
-    taken = ConflictError(f"There is already a study {code!r}.", code="study_exists")
-    study = Study(id=uuid.uuid4(), code=code, change_seq=0, version=1, created_at=datetime.now(UTC))
+    conflict = ConflictError(f"There is already a study {code!r}.", code="study_exists")
+    protocol = protocol or {}
+    study = Study(id=uuid.uuid4(), code=code, name=name, change_seq=0, version=1, created_at=datetime.now(UTC))
     study.location_policy, study.location_decimals = "drop", None
-    _apply(study, {"name": name, **protocol})
-    with unless_taken(taken), database.write() as session:
+    _apply(study, protocol)
+    with unless_taken(conflict), database.write() as session:
         session.add(study)
         session.flush()
         note(session, caller, "study.create", study_id=study.id, subject=code, fields=sorted(protocol))
@@ -53,41 +56,41 @@ def create_study(database: Database, *, code: str, name: str, caller: Caller | N
 
 
 def list_studies(database: Database, caller: StaffCaller, *, cursor: str | None, limit: int) -> Page[Study]:
-    """The studies where the caller has a role, by code; all of them for an admin."""
-    known, after = known_studies(caller), decode_cursor("studies", cursor, TEXT)
+    """Return a page of the studies in which the caller has a role, by code; all studies for an admin."""
+    study_ids, after = studies_with_role(caller), decode_cursor("studies", cursor, TEXT)
     with database.read() as session:
-        rows = people.page_of_studies(session, known, after=after, limit=limit + 1)
+        rows = people.page_of_studies(session, study_ids, after=after, limit=limit + 1)
     return page_of("studies", rows, limit, lambda study: study.code)
 
 
-def known_codes(database: Database, caller: StaffCaller) -> list[str]:
-    """The codes of all studies that `list_studies` lists, in its order."""
+def list_study_codes(database: Database, caller: StaffCaller) -> list[str]:
+    """Return the codes of all studies that `list_studies` lists, in the same order."""
     with database.read() as session:
-        return people.known_study_codes(session, known_studies(caller))
+        return people.study_codes(session, studies_with_role(caller))
 
 
 def read_study(database: Database, code: str) -> Study:
-    """A study. Raises NotFoundError."""
+    """Return a study. Raises NotFoundError."""
     with database.read() as session:
-        return known_study(people.find_study(session, code))
+        return load_study(session, code)
 
 
 def change_study(
     database: Database,
     caller: StaffCaller,
     code: str,
-    changes: Mapping[str, Any],
+    changes: ProtocolChange,
     *,
     expected: frozenset[int] | None,
     files_with_places: FilesWithPlaces,
 ) -> Study:
-    """Change the protocol: only the columns named. expected: the versions that the change may be of; None: any.
+    """Change the protocol. expected: versions that the change may be made from; None: any.
 
     Raises NotFoundError, PreconditionFailedError (changed since), InvalidInputError (a protocol that contradicts
-    itself), ConflictError (`day_start_fixed`: meals have been given their day already).
+    itself), ConflictError (`day_start_fixed`: meals already have a local day).
     """
     with database.write() as session:
-        study = known_study(people.find_study(session, code, lock=True))
+        study = load_study(session, code, lock=True)
         if expected is not None and study.version not in expected:
             raise PreconditionFailedError(
                 "The study was changed after you read it: read it again, then change it.", version=study.version
@@ -96,7 +99,7 @@ def change_study(
         changed = _apply(study, changes)
         if study.day_starts_minutes != day_started and people.has_meals(session, study.id):
             raise ConflictError(
-                "The day's start is fixed: meals of this study have been given their local day already.",
+                "The day's start is fixed, because meals of this study already have a local day.",
                 code="day_start_fixed",
             )
         if "location_policy" in changed and study.location_policy == "drop":
@@ -116,35 +119,38 @@ def change_study(
 
 
 def enter_study(session: Session, caller: Caller, code: str) -> Study:
-    """The study of this code, which the caller may enter. Raises NotFoundError, NotAllowedError (a role too low)."""
-    study = known_study(people.find_study(session, code))
+    """Return a study that the caller may enter. Raises NotFoundError, NotAllowedError (`role_too_low`)."""
+    study = load_study(session, code)
     require_study(caller, study.id)
     return study
 
 
-def known_study(study: Study | None) -> Study:
-    """The study that was asked for. Raises NotFoundError."""
+def load_study(session: Session, code: str, *, lock: bool = False) -> Study:
+    """Return the study with a code, locked until commit if `lock` is set. Raises NotFoundError."""
+    study = people.find_study(session, code, lock=lock)
     if study is None:
         raise NotFoundError("There is no such study.")
     return study
 
 
-def _apply(study: Study, changes: Mapping[str, Any]) -> list[str]:
-    """Set the columns; which of them differ now. Raises InvalidInputError for a protocol that contradicts itself."""
-    unknown = changes.keys() - PROTOCOL
-    if unknown:
-        raise ValueError(f"no settings of a protocol: {', '.join(sorted(unknown))}")
-    values = dict(changes)
-    if values.get("marker") is not None:
-        parse_marker(values["marker"])
+def _apply(study: Study, changes: ProtocolChange) -> list[str]:
+    """Set the columns. Returns the names of those that changed.
+
+    Raises InvalidInputError for a protocol that contradicts itself.
+    """
+    values = changes.copy()
+    marker = values.get("marker")
+    if marker is not None:
+        parse_marker(marker)
     if values.get("location_policy", "round") != "round":
-        values.setdefault("location_decimals", None)  # they go with the rounding that they were of
-    changed = sorted(name for name, value in values.items() if getattr(study, name) != value)
-    for name in changed:
-        setattr(study, name, values[name])
+        values.setdefault("location_decimals", None)  # without rounding, its decimals go
+    changed = []
+    for name, value in values.items():
+        if getattr(study, name) != value:
+            setattr(study, name, value)
+            changed.append(name)
     if (study.location_policy == "round") != (study.location_decimals is not None):
         raise InvalidInputError(
-            "location_decimals goes with the policy round, and the policy round with location_decimals: the decimals "
-            "of a degree that are kept."
+            "Set location_decimals, the decimals of a degree to keep, with the location policy round, and only with it."
         )
-    return changed
+    return sorted(changed)

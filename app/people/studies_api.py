@@ -1,6 +1,6 @@
-"""/v1/studies: an admin makes studies, an owner keeps the protocol."""
+"""/v1/studies: admins create studies, owners change the protocol."""
 
-from typing import Any
+from typing import cast
 
 from fastapi import APIRouter, Request, Response
 
@@ -14,6 +14,7 @@ from app.people.access.deps import CurrentStaff, State
 from app.people.location_policy import FilesWithPlaces
 from app.people.models import Study
 from app.people.schemas import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
+from app.people.studies import ProtocolChange
 
 router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute)
 
@@ -22,16 +23,16 @@ router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute
 def get_studies(
     request: Request, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> StudyList:
-    """The studies where the caller has a role."""
+    """The studies in which the caller has a role."""
     page = studies.list_studies(state.database, caller, cursor=cursor, limit=limit)
     return StudyList(items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor))
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
 def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
-    """Make a study."""
+    """Create a study."""
     study = studies.create_study(
-        state.database, code=body.code, caller=caller, **{"name": body.name, **protocol_columns(body)}
+        state.database, code=body.code, name=body.name, caller=caller, protocol=protocol_columns(body)
     )
     response.headers["Location"] = f"/v1/studies/{body.code}"
     return _tagged(study, response)
@@ -39,7 +40,7 @@ def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Resp
 
 @router.get("/{study}", responses=problem_responses(401, 403, 404, 422))
 def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Response) -> StudyOut:
-    """A study and its protocol; the ETag is what a change names in `If-Match`."""
+    """A study and its protocol. Send the ETag in `If-Match` to change it."""
     return _tagged(studies.read_study(state.database, study), response)
 
 
@@ -47,8 +48,10 @@ def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Respons
 def patch_study(
     study: StudyCode, body: StudyPatch, state: State, caller: CurrentStaff, response: Response, if_match: IfMatch = None
 ) -> StudyOut:
-    """Change the protocol: only the fields that are named. The day's start is fixed once a meal is in."""
-    changes = protocol_columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
+    """Change the named fields of the protocol. The day's start is fixed once the study has a meal."""
+    changes = protocol_columns(body)
+    if "name" in body.model_fields_set:
+        changes["name"] = body.name
     expected = expected_versions(if_match)
     return _tagged(
         studies.change_study(
@@ -59,7 +62,7 @@ def patch_study(
 
 
 def render_study(study: Study) -> StudyOut:
-    """A study as the API shows it."""
+    """Return a study as the API shows it."""
     return StudyOut.model_validate(
         {name: getattr(study, name) for name in StudyOut.model_fields if name != "day_starts"}
         | {"day_starts": clock(study.day_starts_minutes)}
@@ -67,17 +70,17 @@ def render_study(study: Study) -> StudyOut:
 
 
 def clock(minutes: int) -> str:
-    """Minutes after midnight as HH:MM."""
+    """Format minutes after midnight as HH:MM."""
     return f"{minutes // 60:02}:{minutes % 60:02}"
 
 
-def protocol_columns(body: ProtocolIn) -> dict[str, Any]:
-    """The protocol's fields that a body names, as columns."""
+def protocol_columns(body: ProtocolIn) -> ProtocolChange:
+    """Return the protocol's fields that a body names, as columns of Study."""
     columns = body.model_dump(include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json")
     if "day_starts" in columns:
         hours, minutes = columns.pop("day_starts").split(":")
         columns["day_starts_minutes"] = 60 * int(hours) + int(minutes)
-    return columns
+    return cast("ProtocolChange", columns)
 
 
 def _tagged(study: Study, response: Response) -> StudyOut:

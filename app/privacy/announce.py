@@ -1,4 +1,4 @@
-"""Tell a study's webhooks of an erased meal or of a participant who leaves."""
+"""Announce deleted meals and withdrawn participants to a study's webhooks."""
 
 import hashlib
 
@@ -6,11 +6,11 @@ from sqlalchemy.orm import Session
 
 from app.meals.models import Meal
 from app.outbox.write import announce
-from app.people.models import Participant
+from app.people.models import Participant, WithdrawalPolicy
 
 
-def meal_deleted(session: Session, meal: Meal) -> None:
-    """A meal is about to be erased. Its id goes as SHA-256: who has the id finds it, and nobody else learns it."""
+def announce_meal_deletion(session: Session, meal: Meal) -> None:
+    """Announce that a meal is about to be erased. Its id is sent as SHA-256, which only holders of the id recognise."""
     participant = session.get_one(Participant, meal.participant_id)
     digest = hashlib.sha256(str(meal.client_id).encode()).hexdigest()
     announce(
@@ -22,10 +22,11 @@ def meal_deleted(session: Session, meal: Meal) -> None:
     )
 
 
-def participant_withdrawn(session: Session, participant: Participant, policy: str) -> None:
-    """A participant leaves the study. The notice outlives their rows; what it says of them goes once it is delivered.
+def announce_withdrawal(session: Session, participant: Participant, policy: WithdrawalPolicy) -> None:
+    """Announce that a participant leaves the study.
 
-    Call it after older deliveries of this participant are removed. policy: keep, anonymise or erase.
+    The delivery outlives the participant's rows, so it does not refer to them; its payload is removed once it is
+    delivered (webhooks/deliver_webhooks.py).
     """
     announce(
         session, participant.study_id, "participant.withdrawn", {"participant": participant.code, "policy": policy}

@@ -1,7 +1,7 @@
-"""Blobs that an erasure wants gone are deleted, checked once more against the database; orphans go past a grace time.
+"""Delete the blobs of erasures, after another check against the database, and orphans after a grace time.
 
-Run again and again beside the jobs (operations/chores.py). Two at once do no harm: a deletion that finds nothing is one
-that is done.
+It runs periodically beside the jobs (operations/chores.py). Concurrent runs are harmless: deleting a blob that does not
+exist succeeds.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,74 +20,73 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 BATCH = 200
-FAULTS_IN_A_ROW = 3  # then it is the store and not a blob: it is asked again later
-ORPHAN_GRACE = timedelta(hours=24)  # an upload or an estimate that seals first and commits later is long done by then
+MAX_CONSECUTIVE_FAULTS = 3  # then the store is at fault, not a blob, and the rest waits for the next run
+ORPHAN_GRACE = timedelta(hours=24)  # far longer than an upload or an estimate takes from sealing to commit
 
 
 class BlobDeleter:
-    """The chores of one process."""
+    """The deletions of one process."""
 
     def __init__(self, database: Database, blobs: BlobStore) -> None:
         self._database = database
         self._blobs = blobs
-        self._log_may_hold_erased = True  # nobody knows what the process before this one left in SQLite's log
+        self._log_may_hold_erased = True  # an earlier process may have left erased rows in SQLite's log
 
-    def delete_wanted(self) -> int:
-        """Delete what erasures want gone. Returns how many intents were carried out.
+    def delete_scheduled(self) -> int:
+        """Delete the blobs that erasures have scheduled. Returns the number of deletions carried out.
 
-        Raises OSError for what the store does not delete; that waits, and does not hold up the others.
+        Raises OSError if the store does not delete a blob; its deletion stays scheduled and does not block the others.
         """
-        done = 0
+        total = 0
         while True:
             with self._database.read() as session:
-                wanted = people_privacy.wanted_deletions(session, BATCH)
-            if not wanted:
+                scheduled = people_privacy.scheduled_deletions(session, BATCH)
+            if not scheduled:
                 break
-            gone, fault = self._delete_all(wanted)
+            deleted, fault = self._delete_all(scheduled)
             with self._database.write() as session:
-                people_privacy.forget_deletions(session, gone)
+                people_privacy.remove_scheduled_deletions(session, deleted)
             self._log_may_hold_erased = True
-            done += len(gone)
+            total += len(deleted)
             if fault is not None:
                 raise fault
         if self._log_may_hold_erased and self._database.empty_log():
             self._log_may_hold_erased = False
-        return done
+        return total
 
     def delete_orphans(self, grace: timedelta = ORPHAN_GRACE) -> int:
-        """All of `orphan_batches`. Returns how many blobs went."""
+        """Run all of `orphan_batches`. Returns the number of blobs deleted."""
         return sum(self.orphan_batches(grace))
 
     def orphan_batches(self, grace: timedelta = ORPHAN_GRACE) -> Iterator[int]:
-        """Delete blobs older than the grace time that no row names; after each batch of the listing, how many.
+        """Delete blobs older than the grace time that no row names; yield the number after each batch of the listing.
 
-        An upload that failed after sealing, a worker that went on with an erased job and a store that was restored from
-        a backup leave such, also beside what is named of the same meal.
+        Orphans come from uploads that failed after sealing, workers that continued an erased job, and stores restored
+        from a backup. They may belong to a meal whose other blobs are named.
         """
-        before, strange = datetime.now(UTC) - grace, 0
-        everything = self._blobs.keys()
-        old = (blob.key for blob in everything if blob.stored_at < before)
+        before, foreign = datetime.now(UTC) - grace, 0
+        old = (blob.key for blob in self._blobs.keys() if blob.stored_at < before)  # noqa: SIM118  # not a mapping
         while keys := list(islice(old, BATCH)):
             with self._database.read() as session:
-                ours = privacy.of_known_studies(session, keys)
-                orphans = sorted(ours - privacy.needed_keys(session, ours))
-            strange += len(keys) - len(ours)
+                own = privacy.keys_of_studies(session, keys)
+                orphans = sorted(own - privacy.needed_keys(session, own))
+            foreign += len(keys) - len(own)
             yield self._delete_orphans(orphans, before)
-        if strange:  # no study is ever deleted: this store is another database's, or the other way round
-            log.error("blobs_of_no_study", count=strange)
+        if foreign:  # studies are never deleted, so store and database do not belong together
+            log.error("blobs_of_no_study", count=foreign)
 
     def tidy(self) -> None:
-        """Remove what processes that died left in this machine's staging folder."""
+        """Remove files that dead processes left in this machine's staging folder."""
         self._blobs.remove_abandoned()
 
     def _delete_orphans(self, keys: Sequence[str], before: datetime) -> int:
-        """Look once more: a photograph that was sent again since the batch was read is young now, or has its row.
+        """Check keys again and delete the orphans: a photograph sent again meanwhile is younger, or has a row.
 
-        The keys are spent, in one short transaction, before the first is deleted, so whoever has just sealed one of
-        them cannot name it (docs/storage.md).
+        The keys are spent in one short transaction before the first blob is deleted, so that a process that has just
+        sealed one of them cannot name it (docs/storage.md).
         """
         old = [key for key in keys if self._is_old(key, before)]
-        if not old:  # as of nearly every batch: a listing keeps no writer waiting
+        if not old:  # usual: no write transaction, so that other writers need not wait
             return 0
         with self._database.write() as session:
             free = spent_keys.hold_alone(session, old)
@@ -99,24 +98,24 @@ class BlobDeleter:
         return len(orphans)
 
     def _is_old(self, key: str, before: datetime) -> bool:
-        beside = self._blobs.keys(key.rpartition("/")[0] + "/")
-        return any(blob.key == key and blob.stored_at < before for blob in beside)
+        siblings = self._blobs.keys(key.rpartition("/")[0] + "/")
+        return any(blob.key == key and blob.stored_at < before for blob in siblings)
 
     def _delete_all(self, keys: Sequence[str]) -> tuple[list[str], OSError | None]:
-        """Those that are gone, and the last fault."""
-        gone: list[str] = []
-        fault, in_a_row = None, 0
+        """Delete blobs. Returns the keys that were deleted and the last fault."""
+        deleted: list[str] = []
+        fault, consecutive = None, 0
         for key in keys:
             try:
                 self._delete(key)
             except OSError as error:
-                fault, in_a_row = error, in_a_row + 1
-                if in_a_row == FAULTS_IN_A_ROW:
+                fault, consecutive = error, consecutive + 1
+                if consecutive == MAX_CONSECUTIVE_FAULTS:
                     break
             else:
-                gone.append(key)
-                in_a_row = 0
-        return gone, fault
+                deleted.append(key)
+                consecutive = 0
+        return deleted, fault
 
     def _delete(self, key: str) -> None:
         with self._database.read() as session:
@@ -124,6 +123,6 @@ class BlobDeleter:
                 log.error("deletion_refused", reason="a row names the blob")
                 return
         keys = [blob.key for blob in self._blobs.keys(key)] if key.endswith("/") else [key]
-        for one in keys:
-            self._blobs.delete(one)
+        for blob_key in keys:
+            self._blobs.delete(blob_key)
             instruments.BLOBS_DELETED.labels("erased").inc()

@@ -1,6 +1,6 @@
-"""What an erasure does to the files that were made of a study's rows: exports expire, releases lose what is erased.
+"""Apply an erasure to files made from a study's rows: exports expire, releases lose the erased rows.
 
-Called in the erasure's transaction, at its end, after its receipt (exports/queries.py tells why).
+Call it at the end of the erasure's transaction, after its receipt (exports/queries.py explains why).
 """
 
 import uuid
@@ -16,7 +16,7 @@ from app.releases.alter_release import meal_digest, participant_digest
 def erase_meal_from_files(
     session: Session, box: SecretBox, study_id: uuid.UUID, participant_code: str, client_id: uuid.UUID
 ) -> None:
-    """A meal, by what stands in files: its participant's code and its id on the phone."""
+    """Erase a meal, which files identify by its participant's code and the phone's id."""
     exports.erase_from_exports(session, study_id, None)
     releases.erase_from_releases(session, study_id, "meal", meal_digest(box, participant_code, client_id))
 
@@ -28,7 +28,7 @@ def erase_person_from_files(
     participant_code: str,
     renamed: tuple[str, uuid.UUID] | None,
 ) -> None:
-    """A participant, by the code that stands in files. renamed: the code and the drawing of ids of who stays."""
+    """Erase or anonymise a participant, whom files identify by code. renamed: new code and seed of new meal ids."""
     exports.erase_from_exports(session, study_id, participant_code)
     deed: releases.Deed = "erase" if renamed is None else "anonymise"
     releases.erase_from_releases(session, study_id, deed, participant_digest(box, participant_code), renamed)

@@ -1,8 +1,7 @@
-"""All that the server holds on a participant, for themselves: one ZIP with data.json, their photographs, README.txt.
+"""Export all data on a participant for themselves: one ZIP with data.json, their photographs and README.txt.
 
-Written to a file without a name in the store's staging folder, a meal at a time, so memory stays small however much
-there is; the file is gone once it is closed. Left out are secrets (hashes of tokens and codes) and our own names of
-rows and blobs.
+It is written meal by meal, in bounded memory, to an unnamed file in the store's staging folder, which is removed when
+it is closed. Secrets (hashes of tokens and codes) and internal names of rows and blobs are left out.
 """
 
 import base64
@@ -27,7 +26,7 @@ from app.people.participants import withdrawn_error
 from app.privacy import queries as privacy
 from app.storage.blob_store import BlobMissingError, BlobStore
 
-NOT_TOLD = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
+OMITTED_COLUMNS = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
 EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic", "image/webp": "webp"}
 README = """\
 This is all that the study's server holds on you, made on {when}.
@@ -47,7 +46,7 @@ Your data may be kept, anonymised or erased when you leave the study, as its pro
 
 
 def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tuple[IO[bytes], int]:
-    """The ZIP, at its beginning, and its length in bytes. The caller closes it. Raises GoneError."""
+    """Return the ZIP file, positioned at its start, and its length in bytes. The caller closes it. Raises GoneError."""
     now = datetime.now(UTC)
     file: IO[bytes] = tempfile.TemporaryFile(dir=blobs.staging_folder())  # noqa: SIM115  # the caller closes it
     try:
@@ -80,7 +79,7 @@ def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tup
 def _write_photographs(
     archive: zipfile.ZipFile, session: Session, blobs: BlobStore, participant_id: uuid.UUID, now: datetime
 ) -> dict[uuid.UUID, str | None]:
-    """Photograph -> its name in the ZIP; None where it is not there any more."""
+    """Write the photographs. Returns each photograph's name in the ZIP; None if it no longer exists."""
     names: dict[uuid.UUID, str | None] = {}
     for image, client_id in privacy.images_of_participant(session, participant_id):
         names[image.id] = None
@@ -101,7 +100,7 @@ def _write_photographs(
 def _data(
     session: Session, participant: Participant, names: dict[uuid.UUID, str | None], now: datetime
 ) -> Iterator[str]:
-    """data.json, piece by piece: a list's members one by one."""
+    """Yield data.json in pieces, lists member by member."""
     study = session.get_one(Study, participant.study_id)
     yield '{\n"made_at": ' + _json(now)
     yield ',\n"study": ' + _json({"code": study.code, "name": study.name})
@@ -121,10 +120,10 @@ def _list(name: str, members: Iterable[dict[str, object]]) -> Iterator[str]:
 
 
 def _meal(session: Session, meal: Meal, names: dict[uuid.UUID, str | None]) -> dict[str, object]:
-    told = _plain(meal)
+    data = _plain(meal)
     for name, rows in privacy.exported_rows(session, "meal", meal.id):
-        told[name] = [_plain(row) | _file_of(row, names) | _food_of(session, row) for row in rows]
-    return told
+        data[name] = [_plain(row) | _file_of(row, names) | _food_of(session, row) for row in rows]
+    return data
 
 
 def _file_of(row: Base, names: dict[uuid.UUID, str | None]) -> dict[str, object]:
@@ -132,16 +131,18 @@ def _file_of(row: Base, names: dict[uuid.UUID, str | None]) -> dict[str, object]
 
 
 def _food_of(session: Session, row: Base) -> dict[str, object]:
-    """The food's name beside its number, which only our tables know."""
+    """Return the food's key and name, since its internal id means nothing outside."""
     food_id = getattr(row, "food_id", None)
     food = session.get(Food, food_id) if food_id is not None else None
     return {"food": {"key": food.key, "name": food.name}} if food is not None else {}
 
 
 def _plain(row: Base) -> dict[str, object]:
-    """Every column of a row but those of no meaning outside: a column that is added later is told too."""
+    """Return all columns of a row except OMITTED_COLUMNS, so that columns added later are exported too."""
     return {
-        column.key: getattr(row, column.key) for column in row.__mapper__.column_attrs if column.key not in NOT_TOLD
+        column.key: getattr(row, column.key)
+        for column in row.__mapper__.column_attrs
+        if column.key not in OMITTED_COLUMNS
     }
 
 

@@ -1,8 +1,8 @@
-"""Whether the ledger of erasures is the one of this database: it has all erasures that the database remembers.
+"""Check that the ledger of erasures belongs to the database: it must contain all erasures that the database has.
 
-Each was written there first, so one that is missing tells of another ledger, an empty one (the setting points
-elsewhere, as after a move to S3) or one that was brought back by a restore. Then who was erased after a backup comes
-back with it, and nothing else would tell.
+Each erasure is written to the ledger first. If one is missing, the ledger is another one, is empty (the setting points
+elsewhere, for example after a move to S3) or was itself restored. Then people erased after a backup would come back
+with it, and nothing else would show that.
 """
 
 from app.db.session import Database
@@ -11,12 +11,12 @@ from app.privacy.erasure_ledger import KINDS, ErasureLedger
 
 
 def count_missing(database: Database, ledger: ErasureLedger) -> int:
-    """How many erasures have a tombstone in the database and no entry in the ledger. Raises OSError."""
+    """Count the erasures with a tombstone in the database but no entry in the ledger. Raises OSError."""
     missing = 0
     for kind in KINDS:
-        with database.read() as session:  # before the ledger: what is erased meanwhile stands there first
-            remembered = set(privacy.tombstone_digests(session, kind))
-        if remembered:
-            remembered.difference_update(ledger.digests(kind))
-        missing += len(remembered)
+        with database.read() as session:  # before the ledger, to which concurrent erasures are written first
+            digests = set(privacy.tombstone_digests(session, kind))
+        if digests:
+            digests.difference_update(ledger.digests(kind))
+        missing += len(digests)
     return missing

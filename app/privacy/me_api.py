@@ -1,4 +1,4 @@
-"""What a person may ask about their own data: take it with them, delete a meal, leave the study."""
+"""Participants' rights over their data: export it, delete a meal, leave the study."""
 
 import uuid
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, S
 from app.people.access.secret_box import SecretBox
 from app.people.privacy_models import ErasureReceipt
 from app.people.privacy_schemas import ReceiptOut
-from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.privacy.erase import Eraser
 from app.privacy.export_me import export_me
 from app.privacy.withdraw import withdraw_participant, withdraw_self
@@ -42,7 +42,7 @@ def delete_meal(
         str | None, Query(max_length=64, description="Staff: whose meal, if the id alone is not enough.")
     ] = None,
 ) -> ReceiptOut:
-    """Erase a meal for good: photographs, what was made of them, items, records, all. Its id is used up."""
+    """Erase a meal permanently: photographs, derived pictures, items, records. Its id cannot be used again."""
     return _receipt_out(state.part(Eraser).erase_meal(caller, meal_id, participant))
 
 
@@ -50,7 +50,7 @@ def delete_meal(
 def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
     """Leave the study: from now on every phone of this participant gets 410.
 
-    The study's policy says what becomes of the data. Show the receipt and keep its id: this call cannot be made twice.
+    The study's policy decides what happens to the data. Show the receipt and keep its id: the call works only once.
     """
     return _receipt_out(withdraw_self(state.part(Eraser), caller))
 
@@ -64,13 +64,13 @@ def post_participant_withdrawal(
     state: State,
     caller: CurrentStaff,
 ) -> ReceiptOut:
-    """A participant leaves, at their word to the study's staff."""
+    """Withdraw a participant who has told the study's staff that they leave."""
     return _receipt_out(withdraw_participant(state.part(Eraser), caller, study, participant))
 
 
 @router.get("/me/export", response_class=StreamingResponse, responses=EXPORT_RESPONSES)
 def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
-    """All that the server holds on the participant of the calling phone, as one ZIP file."""
+    """All data on the participant of the calling phone, as one ZIP file."""
     require_room(state)
     leave = state.part(ExportPlaces).take(caller.participant_id)
     try:
@@ -100,7 +100,7 @@ def _pieces(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def on_not_found(request: Request, error: Exception) -> Response:
-    """Answer a NotFoundError; 410 to a phone whose call is about a meal that its participant deleted."""
+    """Render a NotFoundError; as 410 for a phone whose participant deleted the meal concerned."""
     if not isinstance(error, NotFoundError):
         raise error
     caller = getattr(request.state, "caller", None)
@@ -109,7 +109,7 @@ def on_not_found(request: Request, error: Exception) -> Response:
         state: ApiState = request.app.state.api
         with state.database.read() as session:
             if is_meal_deleted(session, state.part(SecretBox), meal_id_of(caller.participant_id, uuid.UUID(client_id))):
-                return render_problem(meal_deleted())
+                return render_problem(meal_deleted_error())
     return render_problem(error)
 
 

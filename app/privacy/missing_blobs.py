@@ -1,8 +1,8 @@
-"""Which blobs that the database names are not in the store: by listing the store once, not by asking key for key.
+"""Find blobs that the database names but the store lacks, by listing the store once instead of a call per key.
 
-A listing tells a thousand keys a call. Of each key eight bytes of a hash are kept, so that twenty million photographs
-take 160 MB; at that number a missing one is hidden by another's hash once in a million million times.
-What the listing did not have is asked for by itself, since it may have come meanwhile.
+A listing returns a thousand keys per call. Eight bytes of a hash are kept per key, so twenty million photographs take
+160 MB; at that number, another key's hash hides a missing blob once in 10^12 cases. Keys that are not in the listing
+are looked up one by one, since they may have been stored meanwhile.
 """
 
 from collections.abc import Iterable
@@ -15,12 +15,12 @@ import numpy as np
 from app.storage.blob_store import BlobStore
 
 BATCH = 10_000
-LOOKED_AT = 1000  # keys asked for one by one; more that are missing are counted as the listing has it
+MAX_LOOKUPS = 1000  # keys looked up one by one; for further ones the listing decides
 
 
 @dataclass(frozen=True, slots=True)
 class MissingBlobs:
-    """total: keys that were looked for. first: the first missing ones."""
+    """The result. total: keys compared; first: the first missing keys."""
 
     total: int
     missing: int
@@ -29,22 +29,22 @@ class MissingBlobs:
 
 def find_missing(keys: Iterable[str], blobs: BlobStore) -> MissingBlobs:
     """Compare keys with the store. Raises OSError if the store does not answer."""
-    there = np.sort(np.fromiter((_short(blob.key) for blob in blobs.keys()), np.uint64))  # noqa: SIM118  # no mapping
+    stored = np.sort(np.fromiter((_short_hash(blob.key) for blob in blobs.keys()), np.uint64))  # noqa: SIM118  # no mapping
     named, total, missing = iter(keys), 0, 0
     first: list[str] = []
     while batch := list(islice(named, BATCH)):
         total += len(batch)
-        short = np.fromiter(map(_short, batch), np.uint64, len(batch))
-        at = np.searchsorted(there, short)
-        is_there = (at < len(there)) & (there[np.minimum(at, len(there) - 1)] == short) if len(there) else at < 0
-        for key in (key for key, found in zip(batch, is_there, strict=True) if not found):
-            if missing < LOOKED_AT and blobs.has(key):
+        hashes = np.fromiter(map(_short_hash, batch), np.uint64, len(batch))
+        at = np.searchsorted(stored, hashes)
+        is_stored = (at < len(stored)) & (stored[np.minimum(at, len(stored) - 1)] == hashes) if len(stored) else at < 0
+        for key in (key for key, is_listed in zip(batch, is_stored, strict=True) if not is_listed):
+            if missing < MAX_LOOKUPS and blobs.has(key):
                 continue
             missing += 1
-            if missing <= LOOKED_AT:
+            if missing <= MAX_LOOKUPS:
                 first.append(key)
     return MissingBlobs(total, missing, tuple(first))
 
 
-def _short(key: str) -> int:
+def _short_hash(key: str) -> int:
     return int.from_bytes(blake2b(key.encode(), digest_size=8).digest(), "little")

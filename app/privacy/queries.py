@@ -1,8 +1,7 @@
-"""SQL of erasures: rows go in the order of their references; tombstones, receipts, intents and the audit log.
+"""SQL of erasures: rows are deleted in the order of their references.
 
-Each table says itself which of its rows belong to a meal or a person, and which blobs they name (db/base.py,
-`personal` and `blob`). A table that a later version adds and that says nothing fails
-tests/integration/privacy/test_erasure_leaves_nothing.py.
+Each table declares which of its rows belong to a meal or a person, and which blobs they name (db/base.py, `personal`
+and `blob`). A new table without a declaration fails tests/integration/privacy/test_erasure_leaves_nothing.py.
 """
 
 import uuid
@@ -34,23 +33,23 @@ Owner = Literal["meal", "participant"]  # also the names of their tables
 
 
 def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
-    """All meals of a participant, locked, in the order of their ids."""
+    """Lock all meals of a participant, in the order of their ids."""
     query = sa.select(Meal).where(Meal.participant_id == participant_id).order_by(Meal.id).with_for_update()
     return list(session.scalars(query.execution_options(populate_existing=True)))
 
 
 def meals_of(participant_id: uuid.UUID) -> Ids:
-    """The ids of a participant's meals, as a query."""
+    """Select the ids of a participant's meals."""
     return sa.select(Meal.id).where(Meal.participant_id == participant_id)
 
 
 def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
-    """The items of these meals that have a record."""
+    """Return the ids of these meals' items that have a record."""
     return list(session.scalars(sa.select(EffectiveRecord.item_id).where(EffectiveRecord.meal_id.in_(meals))))
 
 
 def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool] | None:
-    """Which rows of a table belong to these meals or participants; None: none ever do."""
+    """Return the condition of a table's rows that belong to these meals or participants; None if none can."""
     conditions = []
     for name in model.personal.through if model.personal is not None else ():
         column = model.__table__.c[name]
@@ -65,41 +64,43 @@ def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool]
 
 
 def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
-    """Remove meals and all that hangs on them; table -> rows."""
+    """Delete meals and all rows that belong to them. Returns the number of rows by table."""
     _delete_day_sums(session, meals)
     counts = _delete_owned(session, "meal", meals)
     return counts | _delete_in_order(session, (Meal, Meal.id.in_(meals)))
 
 
 def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str, int]:
-    """Remove a participant whose meals are gone; table -> rows."""
+    """Delete a participant whose meals are deleted. Returns the number of rows by table."""
     is_person = Participant.id == participant_id
     counts = _delete_owned(session, "participant", sa.select(Participant.id).where(is_person))
-    of_person = (DaySum.participant_id == participant_id, DayMark.participant_id == participant_id)
-    _forget_study_days(session, DaySum, of_person[0])
-    _forget_study_days(session, DayMark, of_person[1])
-    _delete_in_order(session, *zip((DaySum, DayMark), of_person, strict=True))  # those before have left marks
+    for table in (DaySum, DayMark):
+        _remove_study_days(session, table, table.participant_id == participant_id)
+    for table in (DaySum, DayMark):  # the deletions above have added marks
+        _delete_in_order(session, (table, table.participant_id == participant_id))
     return counts | _delete_in_order(session, (Participant, is_person))
 
 
 def _delete_day_sums(session: Session, meals: Ids) -> None:
-    """Remove what the days of meals come to: what is left of them is counted anew, since they are marked.
+    """Delete the stored sums of the meals' days; their triggers mark the days, so that they are counted again.
 
-    No receipt tells of it: the sums of a day are there or not as it happens.
+    Receipts do not count these rows, since a day's sums may or may not have been written.
     """
-    _forget_study_days(session, Meal, Meal.id.in_(meals))
+    _remove_study_days(session, Meal, Meal.id.in_(meals))
     days = sa.select(Meal.participant_id, Meal.local_date).where(Meal.id.in_(meals))
     _delete_in_order(session, (DaySum, sa.tuple_(DaySum.participant_id, DaySum.local_date).in_(days)))
 
 
-def _forget_study_days(session: Session, table: type[DaySum | DayMark | Meal], which: sa.ColumnElement[bool]) -> None:
-    """Remove what the study's days of such rows come to over all people, and mark them: others count in them too."""
-    days = session.execute(sa.select(table.study_id, table.local_date).where(which).distinct())
+def _remove_study_days(
+    session: Session, table: type[DaySum | DayMark | Meal], condition: sa.ColumnElement[bool]
+) -> None:
+    """Delete the sums of the study days of such rows, and mark the days, which other participants have too."""
+    days = session.execute(sa.select(table.study_id, table.local_date).where(condition).distinct())
     study_day_sums.remove_days(session, [(row[0], row[1]) for row in days])
 
 
-def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:
-    """Of a participant who stays as a number: what leads to phones, photographs or people who were told of them."""
+def delete_identifying_rows(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:
+    """Delete the webhook deliveries, calibrations and photographs' rows of a participant who is anonymised."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
     return _delete_in_order(
         session,
@@ -113,7 +114,7 @@ def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids)
 
 
 def blob_keys_of(session: Session, meals: Ids) -> set[str]:
-    """All blobs that rows of these meals name."""
+    """Return the keys of all blobs that rows of these meals name."""
     return {
         key
         for blob in _blob_columns()
@@ -123,7 +124,7 @@ def blob_keys_of(session: Session, meals: Ids) -> set[str]:
 
 
 def delete_artefacts(session: Session, meals: Ids) -> list[str]:
-    """Remove the rows of derived pictures and points; returns the keys of their blobs."""
+    """Delete the rows of derived pictures and points. Returns the keys of their blobs."""
     runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
     return list(
         session.scalars(sa.delete(RunArtefact).where(RunArtefact.run_id.in_(runs)).returning(RunArtefact.blob_key))
@@ -131,7 +132,7 @@ def delete_artefacts(session: Session, meals: Ids) -> list[str]:
 
 
 def mark_images_erased(session: Session, meals: Ids, now: datetime) -> list[str]:
-    """Note that the photographs go; returns the keys of their blobs."""
+    """Mark photographs as erased. Returns the keys of their blobs."""
     return list(
         session.scalars(
             sa.update(MealImage)
@@ -143,7 +144,7 @@ def mark_images_erased(session: Session, meals: Ids, now: datetime) -> list[str]
 
 
 def touch_meals(session: Session, meals: Ids) -> None:
-    """Count a change of each meal, so that those who hold its ETag ask again."""
+    """Increase each meal's version, so that its ETag changes."""
     session.execute(
         sa.update(Meal)
         .where(Meal.id.in_(meals))
@@ -153,7 +154,7 @@ def touch_meals(session: Session, meals: Ids) -> None:
 
 
 def touch_records_and_days(session: Session, participant_id: uuid.UUID, change_seq: int) -> None:
-    """Let those who pull changes hear that a participant's records and days stand under another code now."""
+    """Mark a participant's records and days as changed, so that clients that pull changes get the new code."""
     for table in (EffectiveRecord, DiaryDay):
         session.execute(
             sa.update(table)
@@ -164,29 +165,29 @@ def touch_records_and_days(session: Session, participant_id: uuid.UUID, change_s
 
 
 def day_ids(session: Session, participant_id: uuid.UUID) -> list[uuid.UUID]:
-    """The ids of a participant's days."""
+    """Return the ids of a participant's days."""
     return list(session.scalars(sa.select(DiaryDay.id).where(DiaryDay.participant_id == participant_id)))
 
 
 def events_of(session: Session, meals: Ids) -> Iterator[MealEvent]:
-    """The events of these meals, streamed."""
+    """Stream the events of these meals."""
     query = sa.select(MealEvent).where(MealEvent.meal_id.in_(meals)).order_by(MealEvent.meal_id, MealEvent.sequence)
     yield from session.scalars(query)
 
 
 def day_events_of(session: Session, participant_id: uuid.UUID) -> list[DayEvent]:
-    """What was said of a participant's days."""
+    """Return a participant's day events."""
     query = sa.select(DayEvent).where(DayEvent.participant_id == participant_id)
     return list(session.scalars(query.order_by(DayEvent.local_date, DayEvent.created_at, DayEvent.id)))
 
 
 def studies_with_retention(session: Session) -> list[Study]:
-    """Studies whose photographs do not stay."""
+    """Return the studies with a retention time."""
     return list(session.scalars(sa.select(Study).where(Study.retention_days.is_not(None)).order_by(Study.id)))
 
 
 def meals_with_old_pictures(session: Session, study_id: uuid.UUID, before: datetime, limit: int) -> list[uuid.UUID]:
-    """Meals received before that time that still have photographs or derived pictures, locked."""
+    """Lock meals received before a time that still have photographs or derived pictures. Returns their ids."""
     has_image = sa.exists().where(MealImage.meal_id == Meal.id, MealImage.erased_at.is_(None))
     has_artefact = sa.exists().where(Run.meal_id == Meal.id, RunArtefact.run_id == Run.id)
     query = (
@@ -200,60 +201,59 @@ def meals_with_old_pictures(session: Session, study_id: uuid.UUID, before: datet
 
 
 def ids_in(meal_ids: Collection[uuid.UUID]) -> Ids:
-    """These meals, as a query."""
+    """Select these meals' ids."""
     return sa.select(Meal.id).where(Meal.id.in_(meal_ids))
 
 
 def meal_ids(session: Session) -> Iterator[uuid.UUID]:
-    """All meals, streamed."""
+    """Stream the ids of all meals."""
     yield from session.scalars(sa.select(Meal.id).execution_options(yield_per=1000))
 
 
 def is_named(session: Session, key: str) -> bool:
-    """Whether a row needs the blob, or the meal of a key that means all below it is there."""
+    """Whether a row needs the blob; of a key that ends with a slash, whether its meal exists."""
     if key.endswith("/"):
         return bool(session.scalar(sa.select(sa.exists().where(Meal.id == _meal_of(key)))))
     named = (sa.exists().where(blob.key == key, blob.is_kept) for blob in _blob_columns())
     return bool(session.scalar(sa.select(sa.or_(*named))))
 
 
-def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys (`study/...`, and `made/exports/study/...` of files) whose study is there."""
-    of_keys = {key: _study_of(key) for key in keys}
-    wanted = {study_id for study_id in of_keys.values() if study_id is not None}
-    there = set(session.scalars(sa.select(Study.id).where(Study.id.in_(wanted))))
-    return {key for key, study_id in of_keys.items() if study_id in there}
+def keys_of_studies(session: Session, keys: Collection[str]) -> set[str]:
+    """Return the keys (`study/...`, or `made/exports/study/...` of files) whose study exists."""
+    study_of_key = {key: _study_of(key) for key in keys}
+    study_ids = {study_id for study_id in study_of_key.values() if study_id is not None}
+    existing = set(session.scalars(sa.select(Study.id).where(Study.id.in_(study_ids))))
+    return {key for key, study_id in study_of_key.items() if study_id in existing}
 
 
 def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys that a row names, or that a job under way may come to name.
+    """Return the keys that a row names, or that a live job may name later. keys: at most IN_A_STATEMENT.
 
-    At most IN_A_STATEMENT keys. A job seals its answer and its pictures before it writes them down, perhaps days later
-    if its worker dies in between.
+    A job seals its result and pictures before it commits them, possibly days later if its worker dies in between.
     """
     meal_of = {key: _meal_of(key) for key in keys}
     meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
     named = []
     for blob in _blob_columns():
         of_meals = rows_of(blob.model, "meal", ids_in(meals))
-        is_asked = of_meals if of_meals is not None else blob.key.in_(keys)
-        named.append(sa.select(blob.key).where(is_asked, blob.is_kept))
-    # first: a job that ends in between has its run by the time of the second query
-    at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
+        condition = of_meals if of_meals is not None else blob.key.in_(keys)
+        named.append(sa.select(blob.key).where(condition, blob.is_kept))
+    # read first: a job that ends in between has its run by the time of the second query
+    in_progress = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
     needed = set(session.scalars(sa.union_all(*named))) & set(keys)
-    return needed | {key for key, meal_id in meal_of.items() if meal_id in at_work}
+    return needed | {key for key, meal_id in meal_of.items() if meal_id in in_progress}
 
 
 def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
-    """A participant's meals in the order of eating, a few at a time in memory."""
+    """Stream a participant's meals in the order of eating, one at a time in memory."""
     query = sa.select(Meal.id).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
-    for meal_id in list(session.scalars(query)):  # ids only: a stream of rows does not survive its session's emptying
+    for meal_id in list(session.scalars(query)):  # ids only: expunge_all would break a stream of rows
         yield session.get_one(Meal, meal_id)
         session.expunge_all()
 
 
 def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterator[tuple[MealImage, uuid.UUID]]:
-    """(photograph, its meal's id on the phone) of all that are or were there, streamed."""
+    """Stream (photograph, the phone's id of its meal), including erased photographs."""
     query = (
         sa.select(MealImage, Meal.client_id)
         .join(Meal, Meal.id == MealImage.meal_id)
@@ -265,7 +265,7 @@ def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterat
 
 
 def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterator[tuple[str, list[Base]]]:
-    """(name, rows) of all that hangs on a meal, or on a participant beside meals; tokens and jobs left out."""
+    """Yield (name, rows) of all rows that belong to a meal, or to a participant without meals; not tokens and jobs."""
     parent = Meal if owner == "meal" else Participant
     for model in _models().values():
         of_owner = rows_of(model, owner, sa.select(parent.id).where(parent.id == owner_id))
@@ -277,7 +277,7 @@ def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterat
 
 @cache
 def _models() -> dict[str, type[Base]]:
-    """Tables of personal rows, by name; those that are referred to come first."""
+    """Return the tables of personal rows by name; tables come after those that they refer to."""
     models = {mapper.class_.__tablename__: mapper.class_ for mapper in Base.registry.mappers}
     return {
         table.name: models[table.name] for table in METADATA.sorted_tables if models[table.name].personal is not None
@@ -286,7 +286,7 @@ def _models() -> dict[str, type[Base]]:
 
 @dataclass(frozen=True, slots=True)
 class _BlobColumn:
-    """A column that names blobs; is_kept: which rows still need theirs."""
+    """A column that names blobs. is_kept: condition of rows that still need theirs."""
 
     model: type[Base]
     key: sa.ColumnElement[str]
@@ -295,17 +295,17 @@ class _BlobColumn:
 
 @cache
 def _blob_columns() -> list[_BlobColumn]:
-    found = []
+    blob_columns = []
     for mapper in Base.registry.mappers:
         model, columns = mapper.class_, mapper.local_table.c
         if (blob := model.blob) is not None:
             is_kept = columns[blob.erased_at].is_(None) if blob.erased_at is not None else sa.true()
-            found.append(_BlobColumn(model, columns[blob.key], is_kept))
-    return found
+            blob_columns.append(_BlobColumn(model, columns[blob.key], is_kept))
+    return blob_columns
 
 
 def _delete_owned(session: Session, owner: Owner, ids: Ids) -> dict[str, int]:
-    """Rows of all tables that belong to these, those first that refer to others."""
+    """Delete the rows of all tables that belong to these meals or participants, referring tables first."""
     steps = ((model, rows_of(model, owner, ids)) for model in reversed(_models().values()))
     return _delete_in_order(session, *((model, condition) for model, condition in steps if condition is not None))
 
@@ -323,8 +323,8 @@ def _delete_in_order(session: Session, *steps: tuple[type[Base], sa.ColumnElemen
 
 def _study_of(key: str) -> uuid.UUID | None:
     parts = key.split("/")
-    place = 2 if parts[0] == MADE_FILES else 0
-    return _uuid_or_none(parts[place]) if len(parts) > place else None
+    index = 2 if parts[0] == MADE_FILES else 0
+    return _uuid_or_none(parts[index]) if len(parts) > index else None
 
 
 def _meal_of(key: str) -> uuid.UUID | None:

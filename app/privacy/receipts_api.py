@@ -1,4 +1,4 @@
-"""/v1/receipts: what an erasure removed, for whoever holds the receipt's id, token or not: it names nobody."""
+"""/v1/receipts: receipts of erasures, which contain no personal data; the id is the only credential needed."""
 
 import uuid
 from typing import Annotated
@@ -15,8 +15,8 @@ router = APIRouter(prefix="/v1/receipts", tags=["privacy"])
 
 @router.get("/{receipt}", responses=problem_responses(404, 422))
 def get_receipt(
-    receipt: Annotated[uuid.UUID, Path(description="The id that the erasure answered with: 122 random bits.")],
+    receipt: Annotated[uuid.UUID, Path(description="The receipt's id, from the response to the erasure.")],
     state: State,
 ) -> ReceiptOut:
-    """A receipt again. A participant who has left has no token any more, so it needs none."""
+    """Read a receipt again. It needs no token, since a participant who has left has none."""
     return ReceiptOut.model_validate(find_receipt(state.database, receipt), from_attributes=True)

@@ -1,6 +1,6 @@
-"""Photographs do not stay longer than the study says: past retention_days they and the pictures made of them go.
+"""Erase photographs and derived pictures older than the study's retention_days, counted from their upload.
 
-By the time of upload, which the server's clock told. What was measured stays: items, records, runs without pictures.
+Measurements stay: items, records, runs without pictures.
 """
 
 import uuid
@@ -12,11 +12,11 @@ from app.people.privacy_models import ErasureReceipt
 from app.privacy import queries as privacy
 from app.privacy.erase import erase_pictures
 
-BATCH = 100  # meals a transaction: uploads wait for no more than that
+BATCH = 100  # meals per transaction, for which uploads may have to wait
 
 
 def erase_old_pictures(database: Database, now: datetime | None = None) -> int:
-    """Erase what is past its time in every study. Returns how many meals lost their pictures."""
+    """Erase old pictures in every study. Returns the number of meals that lost pictures."""
     now = now or datetime.now(UTC)
     with database.read() as session:
         due = [
@@ -33,13 +33,13 @@ def erase_old_pictures(database: Database, now: datetime | None = None) -> int:
 
 def _erase_batch(database: Database, study_id: uuid.UUID, before: datetime, now: datetime) -> int:
     with database.write() as session:
-        found = privacy.meals_with_old_pictures(session, study_id, before, BATCH)
-        if not found:
+        meal_ids = privacy.meals_with_old_pictures(session, study_id, before, BATCH)
+        if not meal_ids:
             return 0
-        counts = erase_pictures(session, privacy.ids_in(found), now) | {"meals": len(found)}
+        counts = erase_pictures(session, privacy.ids_in(meal_ids), now) | {"meals": len(meal_ids)}
         receipt = ErasureReceipt(
             id=uuid.uuid4(), study_id=study_id, what="photographs", policy="retention", counts=counts, erased_at=now
         )
         session.add(receipt)
         audit.note(session, None, "photographs.erase", study_id=study_id, receipt=str(receipt.id), counts=counts)
-    return len(found)
+    return len(meal_ids)

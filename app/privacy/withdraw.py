@@ -1,8 +1,7 @@
-"""A participant leaves a study. By the study's policy their data are kept, anonymised or erased; their phones end.
+"""Withdraw a participant from a study: by the study's policy their data are kept, anonymised or erased.
 
-In all three cases the tokens of all their phones become tombstones (a call with one gets 410 `withdrawn`), no
-enrolment code of theirs works any more, and a receipt tells in numbers what was done. docs/privacy.md tells what
-"anonymise" leaves, and why.
+In all three cases the tokens of their phones become tombstones (a call with one gets 410 `withdrawn`), their enrolment
+codes end, and a receipt gives the numbers of rows. docs/privacy.md describes what "anonymise" leaves, and why.
 """
 
 import secrets
@@ -22,35 +21,35 @@ from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
-from app.people.models import Participant, Study
+from app.people.models import WITHDRAWAL_POLICIES, Participant, Study
 from app.people.participants import withdrawn_error
 from app.people.privacy_models import ErasureReceipt
 from app.people.spent_codes import spend_code
 from app.people.studies import enter_study
-from app.people.tombstones import Deed, digest_of
+from app.people.tombstones import digest_of
 from app.privacy import queries as privacy
-from app.privacy.announce import participant_withdrawn
+from app.privacy.announce import announce_withdrawal
 from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, public_digest
 from app.privacy.erase_files import erase_person_from_files
-from app.privacy.erasure_ledger import DEEDS, Erasure
+from app.privacy.erasure_ledger import Erasure
 from app.records import queries as records
 from app.records.project_records import project_meal
 
-WITHDRAWN = "withdrawn"  # stands where a name stood
+WITHDRAWN = "withdrawn"  # replaces names
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
 NO_DETAILS: dict[str, object] = {"hints": [], "location": None, "app_version": None}
 FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/review_meal.py)
 
 
 def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
-    """The participant of the calling phone leaves. Raises GoneError if another of their phones was quicker."""
+    """Withdraw the participant of the calling phone. Raises GoneError if they have left already."""
     with eraser.database.read() as session:
         participant = session.get(Participant, caller.participant_id)
         if participant is None or participant.withdrawn_at is not None:
             raise withdrawn_error()
-        deed = _deed(session.get_one(Study, participant.study_id).withdrawal_policy)
+        policy = session.get_one(Study, participant.study_id).withdrawal_policy
     receipt = carry_out_on_participant(
-        eraser, eraser.intend("participant", deed, caller.participant_id), caller.participant_id, caller
+        eraser, eraser.intend("participant", policy, caller.participant_id), caller.participant_id, caller
     )
     if receipt is None:
         raise withdrawn_error()
@@ -58,45 +57,47 @@ def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
 
 
 def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str) -> ErasureReceipt:
-    """An owner does it for the participant: also again, once the study's policy asks for more than was done.
+    """Withdraw a participant as an owner; possible again once the study's policy erases more than the first time.
 
-    Raises NotFoundError, ConflictError (`participant_withdrawn`: it was done before).
+    Raises NotFoundError, ConflictError (`participant_withdrawn`: already withdrawn by this policy or a stronger one).
     """
-    done = ConflictError("This participant left the study before, by the same policy.", code="participant_withdrawn")
+    already_withdrawn = ConflictError(
+        "This participant has already left the study under the same policy.", code="participant_withdrawn"
+    )
     with eraser.database.read() as session:
         study = enter_study(session, caller, study_code)
         participant = people.find_participant(session, study.id, participant_code)
         if participant is None:
             raise NotFoundError("There is no such participant in this study.")
-        deed, participant_id = _deed(study.withdrawal_policy), participant.id
-        as_much = DEEDS[DEEDS.index(deed) :]
-        digests = [digest_of(eraser.box, "participant", one, participant_id) for one in as_much]
+        policy, participant_id = study.withdrawal_policy, participant.id
+        at_least = WITHDRAWAL_POLICIES[WITHDRAWAL_POLICIES.index(policy) :]
+        digests = [digest_of(eraser.box, "participant", stronger, participant_id) for stronger in at_least]
         if people_privacy.tombstones_among(session, "participant", digests):
-            raise done
+            raise already_withdrawn
     receipt = carry_out_on_participant(
-        eraser, eraser.intend("participant", deed, participant_id), participant_id, caller
+        eraser, eraser.intend("participant", policy, participant_id), participant_id, caller
     )
     if receipt is None:
-        raise done
+        raise already_withdrawn
     return receipt
 
 
 def carry_out_on_participant(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
-    """End the phones and do the deed in one transaction; None if it was done before or nobody is there.
+    """End the phones and apply the policy in one transaction; None if it was done before or the participant is erased.
 
-    It locks the person, then their meals. An estimate that is just saved holds its meal and wants the person: then
-    PostgreSQL ends one of the two, and who leaves does not hear of it.
+    It locks the participant, then their meals. An estimate being saved holds its meal and needs the participant: then
+    PostgreSQL aborts one of the two, and the withdrawal is retried.
     """
-    return despite_deadlocks(lambda: _in_one_transaction(eraser, erasure, participant_id, caller))
+    return despite_deadlocks(lambda: _withdraw(eraser, erasure, participant_id, caller))
 
 
-def _in_one_transaction(
+def _withdraw(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
     with eraser.database.write() as session:
-        participant = people_privacy.lock_participant(session, participant_id)  # first, as all who touch enrolments do
+        participant = people_privacy.lock_participant(session, participant_id)  # before enrolments, as everywhere
         if participant is None or people_privacy.tombstones_among(session, "participant", [erasure.digest]):
             return None
         people_privacy.end_enrolments(session, participant_id)
@@ -105,14 +106,14 @@ def _in_one_transaction(
         tokens = people_privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
-        participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
-        if erasure.deed != "keep":
+        announce_withdrawal(session, participant, erasure.policy)  # while the row has the code that receivers know
+        if erasure.policy != "keep":
             spend_code(session, eraser.box, participant, erasure.at)
-        counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)
+        counts = {"access_token": len(ended)} | _apply_policy(session, participant, erasure, new_ids)
         people_privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
-        receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
-        if erasure.deed != "keep":
-            renamed = (participant.code, new_ids) if erasure.deed == "anonymise" else None
+        receipt = add_receipt(session, erasure, study_id, counts)
+        if erasure.policy != "keep":
+            renamed = (participant.code, new_ids) if erasure.policy == "anonymise" else None
             erase_person_from_files(session, eraser.box, study_id, code, renamed)
         audit.note(
             session,
@@ -120,26 +121,26 @@ def _in_one_transaction(
             "participant.withdraw",
             study_id=study_id,
             subject=alias,
-            policy=erasure.deed,
+            policy=erasure.policy,
             receipt=str(receipt.id),
         )
     eraser.database.empty_log()
     return receipt
 
 
-def _do(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
-    if erasure.deed == "erase":
+def _apply_policy(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
+    if erasure.policy == "erase":
         return _erase(session, participant, erasure)
     for device in people_privacy.devices_of(session, participant.id):
         device.revoked_at = device.revoked_at or erasure.at
     participant.withdrawn_at = participant.withdrawn_at or erasure.at
-    return _anonymise(session, participant, erasure.at, new_ids) if erasure.deed == "anonymise" else {}
+    return _anonymise(session, participant, erasure.at, new_ids) if erasure.policy == "anonymise" else {}
 
 
 def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
     participant_id, study_id = participant.id, participant.study_id
-    gone = privacy.lock_meals_of(session, participant_id)
-    counts = erase_meals(session, study_id, gone, privacy.meals_of(participant_id), erasure)
+    meals = privacy.lock_meals_of(session, participant_id)
+    counts = erase_meals(session, study_id, meals, privacy.meals_of(participant_id), erasure)
     days = [public_digest(day_id) for day_id in privacy.day_ids(session, participant_id)]
     if days:
         number = records.next_change_seq(session, study_id)
@@ -150,25 +151,25 @@ def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict
 
 
 def _anonymise(session: Session, participant: Participant, now: datetime, new_ids: uuid.UUID) -> dict[str, int]:
-    """What was eaten and when stays, under a code drawn now; all that leads to the person or shows their food goes.
+    """Keep what was eaten and when, under a new code; erase what identifies the person or shows their food.
 
-    new_ids: by which the meals' ids are drawn, here and in releases alike; it is kept nowhere.
+    new_ids: namespace of the meals' new ids, here and in releases; it is stored nowhere.
     """
-    stay = privacy.lock_meals_of(session, participant.id)
-    of_person = privacy.meals_of(participant.id)
-    for job in jobs.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
+    meals = privacy.lock_meals_of(session, participant.id)
+    meal_ids = privacy.meals_of(participant.id)
+    for job in jobs.live_jobs_of(session, meal_ids):  # first, so that no job computes from the pictures any more
         meal = session.get_one(Meal, job.meal_id)
         jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
         session.flush()
         project_meal(session, meal)
-    counts = erase_pictures(session, of_person, now)
-    counts |= privacy.delete_person_marks(session, participant.id, of_person)
-    for meal in stay:
+    counts = erase_pictures(session, meal_ids, now)
+    counts |= privacy.delete_identifying_rows(session, participant.id, meal_ids)
+    for meal in meals:
         meal.client_id, meal.alias = uuid.uuid5(new_ids, str(meal.client_id)), uuid.uuid4()
         meal.details = cast(MealDetails, _without_person(meal.details))
         if meal.after_details is not None:
             meal.after_details = cast(PairDetails, _without_person(meal.after_details))
-    for event in privacy.events_of(session, of_person):
+    for event in privacy.events_of(session, meal_ids):
         if FREE_TEXT in event.new:
             event.new, event.request_sha256 = event.new | {FREE_TEXT: ""}, ""  # a hash of few words tells them
     for day_event in privacy.day_events_of(session, participant.id):
@@ -181,12 +182,8 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     participant.profile = None
     number = records.next_change_seq(session, participant.study_id)
     privacy.touch_records_and_days(session, participant.id, number)
-    return counts | {"meals_anonymised": len(stay)}
+    return counts | {"meals_anonymised": len(meals)}
 
 
 def _without_person(details: Mapping[str, object]) -> dict[str, object]:
     return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
-
-
-def _deed(policy: str) -> Deed:
-    return next(deed for deed in DEEDS if deed == policy)

@@ -9,7 +9,7 @@ from app.foods.edits import queries as food_uses
 from app.foods.edits.queries import FoodVersion
 from app.foods.foods import require_food
 from app.foods.models import StudyDensity
-from app.people.access.caller import StaffCaller, known_studies
+from app.people.access.caller import StaffCaller, studies_with_role
 from app.records.food_use_queries import StudyRecords, records_by_study
 
 COUNTED = 1000  # records of a study; with more, that there are more is told
@@ -53,7 +53,7 @@ def read_uses(database: Database, caller: StaffCaller, key: str) -> FoodUses:
         versions = food_uses.versions_of(session, food.key)
         in_force = {release.id for release in foods.releases_in_force(session)}
         ids = [version.food.id for version in versions]
-        counted = records_by_study(session, ids, known_studies(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1)
+        counted = records_by_study(session, ids, studies_with_role(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1)
         looked_at = counted[:MOST_STUDIES]
         measured = foods.densities_of_studies(session, [study.study_id for study in looked_at], food.key)
     studies = [

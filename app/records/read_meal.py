@@ -27,7 +27,7 @@ from app.nutrition.nutrients import (
 )
 from app.people import privacy_queries as privacy
 from app.people.access import audit
-from app.people.access.caller import Caller, DeviceCaller, known_studies, require_study
+from app.people.access.caller import Caller, DeviceCaller, studies_with_role, require_study
 from app.people.participants import require_in_study
 from app.records import queries as records
 from app.storage.blob_store import BlobStore
@@ -81,7 +81,7 @@ def find_meal(
         client_id,
         participant_id=caller.participant_id if isinstance(caller, DeviceCaller) else None,
         participant_code=participant_code,
-        study_ids=known_studies(caller),
+        study_ids=studies_with_role(caller),
     )
     if not matches:
         raise NotFoundError("There is no such meal.")

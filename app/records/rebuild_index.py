@@ -28,8 +28,7 @@ from app.meals.meal_parts import parts_of
 from app.meals.models import MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import VcmAnswer
-from app.people import queries as people
-from app.people.studies import known_study
+from app.people.studies import load_study
 from app.records.project_records import Projector, write_records
 from app.storage.blob_store import BlobMissingError, BlobStore
 from app.vision.looks.vcm import VCM_VERSION
@@ -177,7 +176,7 @@ def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:
 
 
 def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
-    return None if code is None else known_study(people.find_study(session, code)).id
+    return None if code is None else load_study(session, code).id
 
 
 def _asked(region: SeenRegion) -> dict[str, Any]:

@@ -186,7 +186,7 @@ def arrivals_on_days(
 
 def drop_files(session: Session, release: Release, now: datetime) -> None:
     """Delete all files of a release that can never be served again: any of them may hold erased data."""
-    privacy.want_deleted(session, replace_files(session, release.id, []), now)
+    privacy.schedule_deletion(session, replace_files(session, release.id, []), now)
     forget_changes(session, [change.id for change in changes_of(session, release.id)])
     release.bytes = release.rows_written = 0
 

@@ -131,7 +131,7 @@ def _replace_files(session: Session, held: Release, files: ReleaseFiles) -> None
         )
         for file in files.files.values()
     ]
-    privacy.want_deleted(session, releases.replace_files(session, held.id, rows), datetime.now(UTC))
+    privacy.schedule_deletion(session, releases.replace_files(session, held.id, rows), datetime.now(UTC))
     held.checksum = files.checksum
     _become_ready(held, [(file.name, file.rows, file.bytes) for file in files.files.values()])
 

@@ -23,16 +23,17 @@ from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.meal_time import MealTime
-from app.meals.models import AFTER_SLOTS, AsideDetails, CameraDetails, HintDetails, Meal, MealImage, PairDetails
+from app.meals.models import AFTER_SLOTS, AsideDetails, HintDetails, Meal, MealImage, PairDetails
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
+from app.people.calibration_models import CameraDetails
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.records.project_records import project_meal
 from app.uploads.submit_meal import keep_unknown
 
@@ -181,7 +182,7 @@ class SubmitAfterPair:
     def _require_meal(self, session: Session, meal: Meal | None, meal_id: uuid.UUID) -> Meal:
         if meal is None:
             if is_meal_deleted(session, self._box, meal_id):
-                raise meal_deleted()
+                raise meal_deleted_error()
             raise NotFoundError("There is no such meal: send the meal before its after-meal pair.")
         return meal
 
@@ -235,7 +236,7 @@ def _changed_fields(details: PairDetails | None, stored: PairDetails | None) -> 
 
 def _erase_failed_pair(session: Session, meal: Meal, images: Collection[MealImage], now: datetime) -> None:
     """Make room for another pair: the photographs of the failed one are erased, its run stays."""
-    privacy.want_deleted(session, [image.blob_key for image in images], now)
+    privacy.schedule_deletion(session, [image.blob_key for image in images], now)
     for image in images:
         session.delete(image)
     session.flush()

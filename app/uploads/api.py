@@ -20,10 +20,11 @@ from app.http.state import ApiState
 from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
 from app.meals.meal_time import meal_time
-from app.meals.models import AFTER_SLOTS, SLOTS, CameraDetails, HintDetails
+from app.meals.models import AFTER_SLOTS, SLOTS, HintDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
+from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
 from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn
 from app.records.read_meal import MealView, open_artefact, read_meal

@@ -27,7 +27,7 @@ from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.records.project_records import project_meal
 from app.records.review.meal_events import insert_event
 from app.records.review.review_context import ReviewContext
@@ -71,7 +71,7 @@ class DeclareMeal:
                 _require_same(meal, declared)
                 return False
             if is_meal_deleted(session, self._box, meal_id):
-                raise meal_deleted()
+                raise meal_deleted_error()
             meal = _new_meal(session.get_one(Study, caller.study_id), caller, meal_id, declared)
             session.add(meal)
             session.flush()
@@ -116,7 +116,7 @@ def _new_meal(study: Study, caller: DeviceCaller, meal_id: uuid.UUID, declared: 
         utc_offset_minutes=declared.time.utc_offset_minutes,
         time_zone=declared.time.time_zone,
         local_date=declared.time.local_date(study.day_starts_minutes),
-        details=_details(declared, policy_of(study).kept(declared.location)),
+        details=_details(declared, policy_of(study).apply(declared.location)),
         status="receiving",
         version=1,
         received_at=datetime.now(UTC),

@@ -24,16 +24,17 @@ from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.announce import announce_meal
 from app.meals.meal_time import MealTime
-from app.meals.models import SLOTS, AsideDetails, CameraDetails, HintDetails, Meal, MealDetails, MealImage
+from app.meals.models import SLOTS, AsideDetails, HintDetails, Meal, MealDetails, MealImage
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
+from app.people.calibration_models import CameraDetails
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.records.read_meal import MealView
 
 log = structlog.get_logger()
@@ -109,7 +110,7 @@ class SubmitMeal:
             )
         policy = policy_of(study)
         photos = self._photo_intake.prepare(files, policy)
-        location = policy.kept(
+        location = policy.apply(
             metadata.location if metadata is not None else None, (photo.location for photo in photos.values())
         )
         details = _details(metadata, location) if metadata is not None else None
@@ -130,7 +131,7 @@ class SubmitMeal:
         details = upload.details
         if meal is None:
             if is_meal_deleted(session, self._box, upload.meal_id):
-                raise meal_deleted()
+                raise meal_deleted_error()
             if details is None:
                 raise _unknown_meal()
             if details["hints"]:

@@ -13,11 +13,10 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
 from app.http.paging import TEXT, Page, decode_cursor, encode_cursor
-from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import DeviceCaller, StaffCaller
 from app.people.models import Study
-from app.people.studies import known_study
+from app.people.studies import load_study
 from app.vessels import queries as vessels
 from app.vessels.models import StudyVessel, StudyVesselVersion
 from app.vessels.vessel_measures import MeasuredVessel, known_capacity_ml, measured_vessel, name_key
@@ -94,7 +93,7 @@ def list_vessels(
     listed = f"vessels of {study_code} {is_in_use}"
     after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         rows = vessels.page_of_vessels(session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1)
     views = [VesselView(*row) for row in rows]
     if len(rows) <= limit:
@@ -105,7 +104,7 @@ def list_vessels(
 def all_vessels(database: Database, study_code: str) -> list[VesselView]:
     """A study's vessels by name, retired ones too, however many. Raises NotFoundError."""
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         rows = vessels.page_of_vessels(session, study.id, is_in_use=None, after=None, limit=None)
     return [VesselView(*row) for row in rows]
 
@@ -120,7 +119,7 @@ def vessels_of_phone(database: Database, caller: DeviceCaller) -> list[VesselVie
 def read_vessel(database: Database, study_code: str, vessel_id: uuid.UUID, version: int | None = None) -> VesselView:
     """A vessel as it is now, or as it was in `version`. Raises NotFoundError."""
     with database.read() as session:
-        study = known_study(people.find_study(session, study_code))
+        study = load_study(session, study_code)
         vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
         earlier = current if version is None else vessels.vessel_version(session, vessel.id, version)
         if earlier is None:
@@ -280,7 +279,7 @@ def _require_room(session: Session, study: Study) -> None:
 
 def _locked_study(session: Session, code: str) -> Study:
     """The study, held: of two that add at the same time the second sees the first's."""
-    return known_study(people.find_study(session, code, lock=True))
+    return load_study(session, code, lock=True)
 
 
 def _known(row: vessels.VesselRow | None) -> vessels.VesselRow:

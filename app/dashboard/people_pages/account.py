@@ -14,7 +14,7 @@ from app.people.access.page_rules import PREFIX
 from app.people.access.passwords import Passwords
 from app.people.access.sign_in_limits import SignInLimits
 from app.people.access.staff_schemas import PasswordChangeIn, TokenIn
-from app.people.studies import known_codes
+from app.people.studies import list_study_codes
 
 router = APIRouter(include_in_schema=False)
 
@@ -85,7 +85,7 @@ def _account(
         "account.html",
         status=status,
         session=sign_in.read_session(page.state.database, page.caller),
-        studies=known_codes(page.state.database, page.caller),
+        studies=list_study_codes(page.state.database, page.caller),
         tokens=access_tokens.list_tokens(page.state.database, page.caller),
         values=values or {},
         wrong=wrong or {},

@@ -1,6 +1,7 @@
 """A study's protocol, changed by its owners; and the form for a new study, for admins."""
 
 from collections.abc import Mapping
+from typing import Literal
 
 from fastapi import APIRouter
 from starlette.responses import Response
@@ -18,7 +19,11 @@ from app.people.studies_api import protocol_columns, render_study
 router = APIRouter(include_in_schema=False)
 
 SWITCHES = ("expects_after_pair", "gives_feedback", "shares_index")
-NULLABLE = ("retention_days", "location_decimals", "marker")  # an emptied field removes the value
+NULLABLE: tuple[Literal["retention_days", "location_decimals", "marker"], ...] = (
+    "retention_days",
+    "location_decimals",
+    "marker",
+)  # an emptied field removes the value
 MEANING: Mapping[str, str] = {  # hints below the fields
     "day_starts": "From 00:00 to 12:00: an earlier meal belongs to the day before. Fixed once the study has a meal.",
     "gives_feedback": "Feedback changes what people eat.",
@@ -50,8 +55,11 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
         body = read_form(StudyPatch, _protocol(values))
         if "location_policy" in values:
             _check_rounding(body)
-        changes = protocol_columns(body) | {"name": body.name}
-        changes |= {name: None for name in NULLABLE if values.get(name) == ""}
+        changes = protocol_columns(body)
+        changes["name"] = body.name
+        for name in NULLABLE:
+            if values.get(name) == "":
+                changes[name] = None
         studies.change_study(
             page.state.database,
             page.caller,
@@ -79,8 +87,9 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
     values = form_values(fields)
     try:
         body = read_form(StudyIn, values)
-        columns = {"name": body.name, **protocol_columns(body)}
-        studies.create_study(page.state.database, code=body.code, caller=page.caller, **columns)
+        studies.create_study(
+            page.state.database, code=body.code, name=body.name, caller=page.caller, protocol=protocol_columns(body)
+        )
     except (InvalidInputError, ConflictError) as error:
         return page.render("new_study.html", status=error.status, values=values, wrong=wrong_fields(error))
     return page.redirect(

@@ -1,9 +1,9 @@
-"""Who may call which route: one table, deny by default. A route that has no rule here is refused to everybody.
+"""Who may call which route: one table, denied by default. Calls of a route without a rule are refused.
 
-A rule names who may call: anybody, a participant's phone, staff with at least a role in the study that the call is
-about, or admins. `authorise` runs before every route: it finds the rule, the caller, and, where the path names a
-study, lets the caller into it; where the study follows from something else (a meal), the service asks
-`require_study`, which goes by the role that the rule needs. docs/access.md is made from this table.
+A rule names who may call: anyone, a participant's phone, staff with at least a role in the study concerned, or admins.
+`authorise` runs before every route: it finds the rule and the caller and, if the path names a study, checks that the
+caller may enter it. If the study follows from something else, such as a meal, the use case calls `require_study`, which
+checks the role that the rule requires. docs/access.md is generated from this table.
 """
 
 import uuid
@@ -22,7 +22,6 @@ from app.core.errors import InvalidInputError, NotAllowedError, NotFoundError, U
 from app.http.rate_limit import CallLimits, call_class
 from app.http.state import ApiState
 from app.metrics.reader import may_read
-from app.people import queries as people
 from app.people.access import page_rules as pages
 from app.people.access.caller import (
     Caller,
@@ -31,12 +30,11 @@ from app.people.access.caller import (
     authenticate,
     require_device,
     require_staff,
-    require_study,
 )
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretBox
-from app.people.models import Study
-from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.people.studies import enter_study
+from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 OF_API = "/v1/"
@@ -48,10 +46,9 @@ bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/en
 class Rule:
     """Who may call a route.
 
-    staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
-    session: staff must have signed in with their password; a personal token is not enough.
-    scraper: who may read the metrics (app/metrics/reader.py), and nobody else. page: called by a browser
-    (people/access/page_rules.py), with the session in a cookie.
+    staff: the least role in the study; "any": all staff; None: no staff. Admins may call whatever staff may call.
+    session: staff must have signed in with a password; a personal token is not enough. scraper: only readers of metrics
+    (app/metrics/reader.py). page: called by a browser with the session in a cookie (people/access/page_rules.py).
     """
 
     is_open: bool = False
@@ -220,7 +217,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
 
 
 async def api_state(request: Request) -> ApiState:
-    """The process's state."""
+    """Return the process's state."""
     state: ApiState = request.app.state.api
     return state
 
@@ -230,15 +227,16 @@ def authorise(
     state: Annotated[ApiState, Depends(api_state)],
     credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
 ) -> Caller | None:
-    """The caller, if the route's rule lets them in; None where it is open.
+    """Return the caller if the route's rule allows the call; None if the route is open.
 
-    Raises UnauthenticatedError, GoneError (left the study; a change of a meal that was deleted), RateLimitedError,
-    NotAllowedError, NotFoundError (a study not theirs), InvalidInputError (`parameter_unknown`, `parameter_repeated`).
+    Raises UnauthenticatedError, GoneError (`withdrawn`; `meal_deleted` for a change of a deleted meal),
+    RateLimitedError, NotAllowedError, NotFoundError (a study in which they have no role), InvalidInputError
+    (`parameter_unknown`, `parameter_repeated`).
     """
     call = request.method, request.scope["route"].path
     rule = RULES.get(call)
     if rule is None:
-        raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
+        raise NotAllowedError("This call is refused, because it has no access rule.", code="no_rule")
     if rule.page and request.method not in SAFE_METHODS:
         pages.require_own_page(request, state.settings)
     caller = None
@@ -253,46 +251,47 @@ def authorise(
         if request.method not in SAFE_METHODS and "meal_id" in request.path_params:
             _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
         if "study" in request.path_params:
-            request.state.study = _enter_study(state, caller, request.path_params["study"])
+            with state.database.read() as session:
+                request.state.study = enter_study(session, caller, request.path_params["study"])
         request.state.caller = caller
     if request.query_params and call[1].startswith(OF_API):
         _require_known_parameters(request)
     return caller
 
 
-# async, since they wait for nothing: what is not goes to a thread and back, for each call
+# async, since they do not block: FastAPI would run each of them in a thread otherwise
 async def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Caller:
-    """Who calls. Raises UnauthenticatedError."""
+    """Return the caller. Raises UnauthenticatedError."""
     if caller is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
     return caller
 
 
 async def current_device(caller: Annotated[Caller, Depends(current_caller)]) -> DeviceCaller:
-    """The calling phone. Raises NotAllowedError for staff."""
+    """Return the calling phone. Raises NotAllowedError for staff."""
     return require_device(caller)
 
 
 async def current_staff(caller: Annotated[Caller, Depends(current_caller)]) -> StaffCaller:
-    """The calling staff member. Raises NotAllowedError for a phone."""
+    """Return the calling staff member. Raises NotAllowedError for a phone."""
     return require_staff(caller)
 
 
 def _refuse_deleted_meal(state: ApiState, caller: Caller, client_id: str) -> None:
-    """Answer a change of a deleted meal before its body is read; reads that find nothing are answered alike later."""
+    """Refuse a change of a deleted meal before its body is read. Reads are answered later (privacy/me_api.py)."""
     if not isinstance(caller, DeviceCaller):
         return
     try:
         meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
     except ValueError:
-        return  # no id: the route says so
+        return  # not a UUID: the route reports it
     with state.database.read() as session:
         if is_meal_deleted(session, state.part(SecretBox), meal_id):
-            raise meal_deleted()
+            raise meal_deleted_error()
 
 
 def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:
-    """A page's is in the cookie and nowhere else, a call's in the header and nowhere else."""
+    """Return the token: of a page from the cookie only, of an API call from the header only."""
     if rule.page:
         token = request.cookies.get(pages.session_cookie(request, state.settings))
         if token is None:
@@ -314,7 +313,7 @@ def _require_scraper(request: Request, state: ApiState) -> None:
 
 
 def _count(request: Request, state: ApiState, caller: Caller) -> None:
-    """Count the call, and keep what is left for the answer's headers."""
+    """Count the call and keep the remaining quota for the response's headers."""
     call = call_class(request.scope)
     if call is None:
         return
@@ -326,7 +325,7 @@ def _count(request: Request, state: ApiState, caller: Caller) -> None:
 
 
 def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
-    """The caller with the role that the rule needs. Raises NotAllowedError where the rule does not let them in."""
+    """Return the caller with the role that the rule requires. Raises NotAllowedError if the rule refuses them."""
     if isinstance(caller, DeviceCaller):
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"
@@ -341,15 +340,6 @@ def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
     if method not in SAFE_METHODS and not caller.can_write:
         raise NotAllowedError("This token may read only.", code="token_read_only")
     return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
-
-
-def _enter_study(state: ApiState, caller: Caller, code: str) -> Study:
-    with state.database.read() as session:
-        study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError("There is no such study.")
-    require_study(caller, study.id)
-    return study
 
 
 def _require_known_parameters(request: Request) -> None:

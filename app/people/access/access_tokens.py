@@ -1,4 +1,4 @@
-"""Personal API tokens: made by whoever is signed in, for scripts; never more than their maker may do at the time."""
+"""Personal API tokens for scripts, created by signed-in staff; a token never has more rights than its creator has."""
 
 import uuid
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.people import queries as people
 from app.people.access.audit import note
-from app.people.access.caller import StaffCaller, known_studies, new_token, sha256_hex
+from app.people.access.caller import StaffCaller, new_token, sha256_hex, studies_with_role
 from app.people.models import AccessToken, Scope, Staff
 
 MAX_DAYS = 365
-MAX_TOKENS = 50  # valid ones of one person; also keeps the list short
+MAX_TOKENS = 50  # valid tokens per person, which also keeps the list short
 
 
 @dataclass(frozen=True, slots=True)
 class TokenView:
-    """A token without its secret. study: the only one that it reaches, by code."""
+    """A token without its secret. study: code of the only study that it gives access to; None: all of its creator's."""
 
     id: uuid.UUID
     name: str
@@ -32,14 +32,14 @@ class TokenView:
 
 @dataclass(frozen=True, slots=True)
 class EndedAccess:
-    """What a new password or the end of an account has ended: how many sessions, and the names of personal tokens."""
+    """The number of sessions and the names of personal tokens ended by a new password or a disabled account."""
 
     sessions: int = 0
     tokens: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
-        """Of what has ended, after a blank; nothing if nothing has."""
+        """A sentence listing them, with a leading space; empty if nothing was ended."""
         ended = [] if not self.sessions else ["1 session" if self.sessions == 1 else f"{self.sessions} sessions"]
         if self.tokens:
             ended.append(("the token " if len(self.tokens) == 1 else "the tokens ") + ", ".join(self.tokens))
@@ -47,7 +47,7 @@ class EndedAccess:
 
 
 def end_access(session: Session, staff_id: uuid.UUID, now: datetime) -> EndedAccess:
-    """End all that a staff member has open: whoever knew the old password may have made tokens with it."""
+    """End a staff member's sessions and tokens: someone who knew the old password may have created some."""
     ended = people.end_access_of_staff(session, staff_id, now)
     names = sorted(row.name or "" for row in ended if row.kind == "personal")
     return EndedAccess(sum(row.kind == "session" for row in ended), tuple(names))
@@ -56,20 +56,20 @@ def end_access(session: Session, staff_id: uuid.UUID, now: datetime) -> EndedAcc
 def create_token(
     database: Database, caller: StaffCaller, *, name: str, scope: Scope, study_code: str | None, days: int
 ) -> tuple[str, TokenView]:
-    """A new token, shown once, and what is known of it.
+    """Create a token. Returns it, to be shown once, and its description.
 
-    What it may do follows its maker's roles at each call; scope and study narrow it. Raises NotFoundError (no study of
-    theirs), ConflictError (`too_many_tokens`).
+    Its rights follow its creator's roles at each call, restricted by scope and study. Raises NotFoundError (a study in
+    which they have no role), ConflictError (`too_many_tokens`).
     """
-    token, now, known = new_token(), datetime.now(UTC), known_studies(caller)
+    token, now, study_ids = new_token(), datetime.now(UTC), studies_with_role(caller)
     with database.write() as session:
         study = people.find_study(session, study_code) if study_code is not None else None
-        if study_code is not None and (study is None or (known is not None and study.id not in known)):
+        if study_code is not None and (study is None or (study_ids is not None and study.id not in study_ids)):
             raise NotFoundError("There is no such study.")
-        session.get_one(Staff, caller.staff_id, with_for_update=True)  # two at once must not pass the limit
+        session.get_one(Staff, caller.staff_id, with_for_update=True)  # concurrent calls must not pass the limit
         if len(people.personal_tokens(session, caller.staff_id, now)) >= MAX_TOKENS:
             raise ConflictError(
-                f"You have {MAX_TOKENS} tokens, the limit: delete one that is not used.", code="too_many_tokens"
+                f"You have {MAX_TOKENS} tokens, the limit: delete one that you do not use.", code="too_many_tokens"
             )
         row = AccessToken(
             id=uuid.uuid4(),
@@ -88,7 +88,7 @@ def create_token(
 
 
 def list_tokens(database: Database, caller: StaffCaller) -> list[TokenView]:
-    """The caller's own tokens that are valid, the newest first; at most MAX_TOKENS and those of the command line."""
+    """Return the caller's valid tokens, the newest first: at most MAX_TOKENS and those of the command line."""
     with database.read() as session:
         rows = people.personal_tokens(session, caller.staff_id, datetime.now(UTC))
         codes = people.codes_of_studies(session, [row.study_id for row in rows if row.study_id is not None])
@@ -96,7 +96,7 @@ def list_tokens(database: Database, caller: StaffCaller) -> list[TokenView]:
 
 
 def revoke_token(database: Database, caller: StaffCaller, token_id: uuid.UUID) -> None:
-    """End one of the caller's own tokens; again is no error. Raises NotFoundError."""
+    """End one of the caller's tokens; repeating it changes nothing. Raises NotFoundError."""
     with database.write() as session:
         row = session.get(AccessToken, token_id)
         if row is None or row.staff_id != caller.staff_id or row.kind != "personal":

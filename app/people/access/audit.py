@@ -1,6 +1,6 @@
-"""The audit log: every read of photographs and every change, who and when, in the transaction of the act itself.
+"""Write the audit log: every read of photographs and every change, in the transaction of the action itself.
 
-People appear by alias. What is written never holds a password, token, code, name of a food eaten, or free text.
+People appear by alias. Events never contain a password, token, code, name of an eaten food, or free text.
 """
 
 import uuid
@@ -22,9 +22,9 @@ def note(
     subject: uuid.UUID | str | None = None,
     **details: object,
 ) -> None:
-    """Write one event. caller None: the server itself. action: "thing.deed"; subject: an alias, or a code of no person.
+    """Write an event. caller None: the server itself. action: such as "study.change".
 
-    details: field names, counts, codes of the study; JSON values.
+    subject: an alias, or an id or code that is not a person's. details: field names, counts, codes; JSON values.
     """
     kind, actor = _actor(caller)
     if study_id is None and isinstance(caller, DeviceCaller):

@@ -1,4 +1,4 @@
-"""/v1/audit and /v1/studies/{study}/audit: who read photographs, who changed what: JSON pages or one streamed file."""
+"""/v1/audit and /v1/studies/{study}/audit: the audit log as JSON pages or one streamed file."""
 
 from itertools import chain, islice
 from typing import Annotated, Literal
@@ -27,7 +27,7 @@ RESPONSES = {
     **problem_responses(401, 403, 404, 422),
 }
 
-Cursor = Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")]
+Cursor = Annotated[str | None, Query(max_length=300, description="From the previous page: follow `next`.")]
 Output = Annotated[
     Literal["json", "csv", "ndjson"] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
@@ -35,7 +35,7 @@ Output = Annotated[
 
 
 def _chosen(
-    action: Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")] = None,
+    action: Annotated[str | None, Query(max_length=64, description="An action, such as photograph.read.")] = None,
     since: Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")] = None,
     until: Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")] = None,
 ) -> AuditFilter:
@@ -84,9 +84,9 @@ def _answer(
     cursor: str | None,
     output: Literal["json", "csv", "ndjson"] | None,
 ) -> Response:
-    wanted = wanted_format(request, output)
-    if wanted is not None:
-        return audit_file(state, caller, study, chosen, wanted)
+    file_format = wanted_format(request, output)
+    if file_format is not None:
+        return audit_file(state, caller, study, chosen, file_format)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
     body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"))
@@ -95,9 +95,9 @@ def _answer(
 def audit_file(
     state: ApiState, caller: StaffCaller, study: str | None, chosen: AuditFilter, output: FlatFormat = "csv"
 ) -> Response:
-    """All events of the filters as a file; details as JSON text in CSV."""
+    """Return all events that match the filter as a file; details are JSON text in CSV."""
     rows = stream_audit(state.database, caller, study, chosen)
-    first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
+    first = list(islice(rows, 1))  # read before the response begins, so that a failing database gives an error document
     return StreamingResponse(
         encode_flat(
             output,

@@ -1,4 +1,4 @@
-"""The audit log as those who answer for a study read it: a study's by its owners, all of it by admins."""
+"""Read the audit log: owners that of their study, admins all of it."""
 
 import json
 from collections.abc import Iterator
@@ -23,24 +23,24 @@ def read_audit(
     cursor: str | None,
     limit: int,
 ) -> Page[AuditRow]:
-    """A page of events, oldest first. study_code None: of all studies, for an admin.
+    """Return a page of events, the oldest first. study_code None: of all studies, for an admin.
 
-    Raises NotFoundError, NotAllowedError, InvalidInputError for a cursor of other filters.
+    Raises NotFoundError, NotAllowedError, InvalidInputError for a cursor of another filter.
     """
     require_order(chosen.since, chosen.until)
     with database.read() as session:
         if study_code is not None:
             chosen = replace(chosen, study_id=enter_study(session, caller, study_code).id)
-        listed = "audit " + json.dumps(asdict(chosen), default=str, sort_keys=True)
-        after = decode_cursor(listed, cursor, WHOLE_NUMBER)
+        list_name = "audit " + json.dumps(asdict(chosen), default=str, sort_keys=True)
+        after = decode_cursor(list_name, cursor, WHOLE_NUMBER)
         rows = privacy.page_of_audit(session, chosen, after=after, limit=limit + 1)
-    return Page(rows[:limit], encode_cursor(listed, rows[limit - 1].id) if len(rows) > limit else None)
+    return Page(rows[:limit], encode_cursor(list_name, rows[limit - 1].id) if len(rows) > limit else None)
 
 
 def stream_audit(
     database: Database, caller: StaffCaller, study_code: str | None, chosen: AuditFilter
 ) -> Iterator[AuditRow]:
-    """All events that the filters leave, a page's query at a time."""
+    """Stream all events that match the filter, a page per query."""
     cursor = None
     while True:
         page = read_audit(database, caller, study_code, chosen, cursor=cursor, limit=STREAM_PAGE)

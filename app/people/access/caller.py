@@ -1,8 +1,8 @@
-"""Who calls, and what they may see and do in a study: a bearer token to a `Caller`, or UnauthenticatedError.
+"""The caller of a request and their rights in studies: a bearer token gives a `Caller` or UnauthenticatedError.
 
-Tokens are opaque; only their SHA-256 is stored. The route's rule (access_rules.py) has put into the caller which role
-it needs. A study where the caller has no role at all does not exist for them: 404. One where the role is too low says
-so: 403. An admin has every role everywhere.
+Tokens are opaque; only their SHA-256 is stored. The route's rule (access_rules.py) sets the role that the caller needs.
+A study in which the caller has no role answers 404, one in which the role is too low 403. An admin has every role in
+every study.
 """
 
 import hashlib
@@ -22,12 +22,12 @@ from app.people.models import ROLES, Role
 
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
-SESSION_IDLE = timedelta(hours=2)  # a session that is not used for so long has ended; its use is noted every 5 minutes
+SESSION_IDLE = timedelta(hours=2)  # an unused session ends after it; its last use is stored every 5 minutes
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceCaller:
-    """A participant's phone. participant_alias: its participant's name in the audit log."""
+    """A participant's phone. participant_alias: the participant's name in the audit log."""
 
     device_id: uuid.UUID
     participant_id: uuid.UUID
@@ -37,10 +37,10 @@ class DeviceCaller:
 
 @dataclass(frozen=True, slots=True)
 class StaffCaller:
-    """A person who runs the server or works with the data, by a session or a token of their own.
+    """A person who runs the server or works with the data, by a session or a personal token.
 
-    roles: study -> role, as far as the token reaches. needs: the role that the called route asks for (access_rules.py).
-    can_write: the token's scope. kind: signed in with the password ("session"), or by a token made for scripts.
+    roles: role by study, restricted to the token's study. needs: the role that the route requires (access_rules.py).
+    can_write: the token's scope. kind: signed in with a password ("session"), or with a token created for scripts.
     """
 
     staff_id: uuid.UUID
@@ -58,10 +58,10 @@ Caller = DeviceCaller | StaffCaller
 
 
 def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
-    """The caller whom a token belongs to.
+    """Return the caller whom a token belongs to.
 
-    Raises UnauthenticatedError for a token unknown, expired or revoked, in the same words; GoneError (`withdrawn`) for
-    one whose participant has left the study.
+    Raises UnauthenticatedError with the same message for an unknown, expired or revoked token, GoneError (`withdrawn`)
+    for a token whose participant has left the study.
     """
     token_sha256, now = sha256_hex(token), datetime.now(UTC)
     with database.read() as session:
@@ -75,7 +75,7 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
             return DeviceCaller(device.id, participant.id, participant.study_id, participant.alias)
         roles = people.roles_of(session, staff.id)
     only = access.study_id
-    if only is not None:  # no more than the token reaches, whatever its owner may do
+    if only is not None:  # the token is restricted to this study, whatever its owner's roles are
         roles = {only: "owner"} if staff.is_admin else {study: role for study, role in roles.items() if study == only}
     return StaffCaller(
         staff_id=staff.id,
@@ -90,26 +90,26 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
 
 
 def require_device(caller: Caller) -> DeviceCaller:
-    """A call that only a participant's phone can make."""
+    """Return the caller if it is a participant's phone. Raises NotAllowedError (`device_only`)."""
     if isinstance(caller, DeviceCaller):
         return caller
     raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
 
 
 def require_staff(caller: Caller) -> StaffCaller:
-    """A call that only staff can make."""
+    """Return the caller if it is a staff member. Raises NotAllowedError (`staff_only`)."""
     if isinstance(caller, StaffCaller):
         return caller
     raise NotAllowedError("Only staff can do this: use a staff member's token.", code="staff_only")
 
 
 def role_in(caller: StaffCaller, study_id: uuid.UUID) -> Role | None:
-    """The caller's role in a study, or None."""
+    """Return the caller's role in a study, or None."""
     return "owner" if caller.is_admin else caller.roles.get(study_id)
 
 
 def visible_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
-    """The studies whose data the called route may show to this caller; None: all. A phone has its own."""
+    """Return the studies whose data the route may show to the caller; None: all. A phone may see its own study."""
     if isinstance(caller, DeviceCaller):
         return frozenset({caller.study_id})
     if caller.is_admin:
@@ -118,27 +118,30 @@ def visible_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
 
 
 def visible_rows(caller: Caller, chosen: RowFilter) -> RowFilter:
-    """Limit the filter to what the caller may see: a phone its participant's rows, staff those of their studies."""
+    """Limit a filter to rows that the caller may see: a phone its participant's, staff those of their studies."""
     visible = replace(chosen, study_ids=visible_studies(caller))
     return replace(visible, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else visible
 
 
-def known_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
-    """The studies that exist for this caller, whatever their role there; None: all."""
+def studies_with_role(caller: Caller) -> frozenset[uuid.UUID] | None:
+    """Return the studies in which the caller has any role; None: all."""
     if isinstance(caller, DeviceCaller):
         return frozenset({caller.study_id})
     return None if caller.is_admin else frozenset(caller.roles)
 
 
-def require_study(caller: Caller, study_id: uuid.UUID, what: str = "study") -> None:
-    """Let the caller into a study, or raise: NotFoundError where it is not theirs, NotAllowedError for a lower role."""
+def require_study(caller: Caller, study_id: uuid.UUID, resource: str = "study") -> None:
+    """Check that the caller may access a study, or a resource in it.
+
+    Raises NotFoundError if they have no role in it, NotAllowedError (`role_too_low`).
+    """
     if isinstance(caller, DeviceCaller):
         if caller.study_id != study_id:
-            raise NotFoundError(f"There is no such {what}.")
+            raise NotFoundError(f"There is no such {resource}.")
         return
     role = role_in(caller, study_id)
     if role is None:
-        raise NotFoundError(f"There is no such {what}.")
+        raise NotFoundError(f"There is no such {resource}.")
     if not reaches(role, caller.needs):
         raise NotAllowedError(
             f"This needs the role {caller.needs} in the study; you are {role}.", code="role_too_low", needs=caller.needs
@@ -146,20 +149,20 @@ def require_study(caller: Caller, study_id: uuid.UUID, what: str = "study") -> N
 
 
 def reaches(role: Role | None, needed: Role) -> bool:
-    """Whether a role is at least another one."""
+    """Whether a role includes the rights of another role."""
     return role is not None and ROLES.index(role) >= ROLES.index(needed)
 
 
 def new_token() -> str:
-    """A fresh token. `tada_` lets secret scanners find one that was leaked."""
+    """Draw a token. The prefix `tada_` lets secret scanners find leaked tokens."""
     return "tada_" + secrets.token_urlsafe(TOKEN_BYTES)
 
 
 def new_code() -> str:
-    """A fresh enrolment code of 128 bits."""
+    """Draw an enrolment code of 128 bits."""
     return secrets.token_urlsafe(CODE_BYTES)
 
 
 def sha256_hex(secret: str) -> str:
-    """What is stored of a token or code. A secret of 128 random bits needs no slow hash."""
+    """Hash a token or code for storage. A secret of 128 random bits needs no slow hash."""
     return hashlib.sha256(secret.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""What endpoints ask for: the process's state and the caller, whom the route's rule has let in (access_rules.py)."""
+"""Dependencies of endpoints: the process's state and the authorised caller (access_rules.py)."""
 
 from typing import Annotated
 

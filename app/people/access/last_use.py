@@ -1,6 +1,6 @@
-"""When a phone or a token was last used: noted at most once in five minutes, beside the request, never in its way.
+"""Store when a phone or a token was last used, at most once in five minutes, without delaying the request.
 
-One thread writes; a database that is locked, full or away costs the note, not the request.
+One thread writes; if the database is locked, full or unreachable, the use is not stored and the request is unaffected.
 """
 
 import contextlib
@@ -22,14 +22,14 @@ from app.people.access.caller import Caller, DeviceCaller
 
 log = structlog.get_logger()
 
-EVERY_SECONDS = 300.0
-REMEMBERED = 10_000  # callers of the last minutes; one that is forgotten is only noted again
+INTERVAL_SECONDS = 300.0
+MAX_REMEMBERED = 10_000  # callers; the use of one that is dropped is only stored again
 VERSION_LENGTH = 64
-LARGEST_SKEW_SECONDS = 1e10  # three centuries: a clock that was reset lies within; what lies beyond is no clock
+LARGEST_SKEW_SECONDS = 1e10  # three centuries; a clock that was reset is within, a larger value is invalid
 
 
 class LastUse:
-    """Notes of one process."""
+    """The last uses noted by one process."""
 
     def __init__(self, database: Database, clock: Callable[[], float] = time.monotonic) -> None:
         self._database = database
@@ -39,30 +39,30 @@ class LastUse:
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="last-use")
 
     def note(self, caller: Caller, headers: Mapping[str, str]) -> None:
-        """Note a use, unless this caller's was noted a moment ago. Returns at once.
+        """Note a use, unless one of this caller was noted recently. Returns at once.
 
-        headers: of the request; phones send their clock in `Date` and the app's version in `X-App-Version`.
+        headers: of the request; phones send their time in `Date` and the app's version in `X-App-Version`.
         """
         key = caller.device_id if isinstance(caller, DeviceCaller) else caller.token_id
         with self._lock:
             seconds = self._clock()
-            if seconds - self._noted.get(key, -EVERY_SECONDS) < EVERY_SECONDS:
+            if seconds - self._noted.get(key, -INTERVAL_SECONDS) < INTERVAL_SECONDS:
                 return
             self._noted[key] = seconds
             self._noted.move_to_end(key)
-            if len(self._noted) > REMEMBERED:
+            if len(self._noted) > MAX_REMEMBERED:
                 self._noted.popitem(last=False)
-        with contextlib.suppress(RuntimeError):  # the server is going down: close() was called
+        with contextlib.suppress(RuntimeError):  # the server is shutting down: close() was called
             now = datetime.now(UTC)
             skew_seconds = clock_skew_seconds(headers.get("date"), now)
             self._writer.submit(self._write, caller, now, skew_seconds, _storable(headers.get("x-app-version")))
 
     def settle(self) -> None:
-        """Wait until what was noted so far is written, or given up."""
+        """Wait until all uses noted so far are written or have failed."""
         self._writer.submit(lambda: None).result()
 
     def close(self) -> None:
-        """Finish the note in hand and drop the rest."""
+        """Finish the current write and drop the rest."""
         self._writer.shutdown(wait=True, cancel_futures=True)
 
     def _write(self, caller: Caller, at: datetime, skew_seconds: float | None, app_version: str | None) -> None:
@@ -77,12 +77,12 @@ class LastUse:
 
 
 def clock_skew_seconds(date_header: str | None, now: datetime) -> float | None:
-    """How far a phone's clock is ahead, by its request's `Date` (RFC 9110, 6.6.1: whole seconds); None: unknown."""
+    """Return how far a phone's clock is ahead, by the `Date` of its request (RFC 9110, 6.6.1); None: unknown."""
     if date_header is None:
         return None
     try:
-        told = parsedate_to_datetime(date_header)
-        skew = (told if told.tzinfo else told.replace(tzinfo=UTC)) - now
+        phone_time = parsedate_to_datetime(date_header)
+        skew = (phone_time if phone_time.tzinfo else phone_time.replace(tzinfo=UTC)) - now
     except (ValueError, TypeError, OverflowError, IndexError):
         return None
     seconds = round(skew.total_seconds(), 1)
@@ -90,7 +90,7 @@ def clock_skew_seconds(date_header: str | None, now: datetime) -> float | None:
 
 
 def _storable(app_version: str | None) -> str | None:
-    """A header's value as the database can keep it; what is none of ours is left out."""
+    """Return the header's value if the database can store it, else None."""
     if not app_version or len(app_version) > VERSION_LENGTH or not app_version.isprintable():
         return None
     return app_version

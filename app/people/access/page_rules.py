@@ -1,8 +1,8 @@
-"""The dashboard's routes: each has the rule of the API call that it shows or makes, and a browser's cookie opens it.
+"""Access rules of the dashboard: each page has the rule of the API call that it shows or makes.
 
-A page may so be seen by who may make that call, and changes no more than it. What differs is how a browser calls: the
-session's token stands in a cookie that scripts cannot read, a change must come from a page of ours, and what asks by
-itself every few seconds does not keep a session alive.
+So whoever may make the call may see the page, and a page can change no more than the call. Only the transport differs:
+the session's token is in a cookie that scripts cannot read, a change must come from one of our pages, and pages that
+poll do not keep a session alive.
 """
 
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ from app.core.settings import Settings
 PREFIX: Final = "/dashboard"
 
 STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
-ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # what no page has
+ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # addresses without a page
 
 Call = tuple[str, str]  # method, path
 
 
 def as_call(text: str, study: str = "") -> Call:
-    """A call as tables have it, "GET /v1/me" -> ("GET", "/v1/me"). study: what `~` stands for."""
+    """Split a call of the tables: "GET /v1/me" -> ("GET", "/v1/me"). study: replaces `~`."""
     method, path = text.replace("~", study).split(" ", 1)
     return method, path
 
@@ -148,7 +148,7 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET ~/{rest:path}": "GET ~",
     }
 )
-# asked by the page itself, again and again: no use of the session
+# requested by scripts of the page at intervals, which does not count as use of the session
 POLLED: frozenset[Call] = frozenset(
     as_call(text, STUDY_PAGES)
     for text in (
@@ -163,27 +163,27 @@ POLLED: frozenset[Call] = frozenset(
 
 
 def session_cookie(request: Request, settings: Settings) -> str:
-    """The cookie's name. Under HTTPS the prefix keeps it from being set by another host or over plain HTTP."""
+    """Return the cookie's name. Under HTTPS its prefix prevents that another host or plain HTTP sets it."""
     return "__Host-tada_session" if is_https(request, settings) else "tada_session"
 
 
 def is_https(request: Request, settings: Settings) -> bool:
-    """Whether browsers reach us by HTTPS."""
+    """Whether browsers reach the server by HTTPS."""
     return request.url.scheme == "https" or (settings.public_url or "").startswith("https://")
 
 
 def require_own_page(request: Request, settings: Settings) -> None:
-    """Let through what a page of ours sent. Raises NotAllowedError (`cross_site`): another site makes the browser call.
+    """Check that one of our pages sent the request, against forgery (CSRF). Raises NotAllowedError (`cross_site`).
 
-    Browsers tell where a request comes from, and no page can make them tell otherwise: Sec-Fetch-Site, or Origin where
-    that is not sent (plain HTTP). A request with neither is no form of ours.
+    Browsers send the origin of a request, and pages cannot change it: Sec-Fetch-Site, or Origin over plain HTTP. A
+    request with neither does not come from one of our forms.
     """
     site = request.headers.get("sec-fetch-site")
     origin = request.headers.get("origin")
     if site is not None:
-        is_ours = site == "same-origin"
+        is_same_origin = site == "same-origin"
     else:
         hosts = {request.headers.get("host"), urlsplit(settings.public_url or "").netloc or None}
-        is_ours = origin is not None and urlsplit(origin).netloc in hosts - {None}
-    if not is_ours:
+        is_same_origin = origin is not None and urlsplit(origin).netloc in hosts - {None}
+    if not is_same_origin:
         raise NotAllowedError("This change did not come from a page of this server.", code="cross_site")

@@ -1,7 +1,7 @@
-"""What is done with the server's secret key: sealing secrets that are needed again, and naming what was erased.
+"""Uses of the server's secret key: encrypting secrets that are needed again, and keyed digests of erased ids.
 
-One key (TADA_SECRET_KEY), two keys derived from it by HKDF. On the embedded default the key is drawn once and kept in
-the data folder, for its owner only; beyond one machine it must be given, since all processes need the same.
+Two keys are derived from TADA_SECRET_KEY by HKDF. On the embedded default the key is drawn once and stored in the data
+folder, readable by its owner only; beyond one machine it must be set, since all processes need the same key.
 """
 
 import base64
@@ -22,49 +22,49 @@ KEY_FILE = "secret.key"
 
 
 class SecretKeyError(TadaError):
-    """The secret key is missing, or is not the one that this was sealed with."""
+    """The secret key is missing, or is not the key that a secret was sealed with."""
 
     code = "secret_key_wrong"
     status = 500
 
 
 class SecretBox:
-    """Seals and names under one key. Cheap to make, safe to share between threads."""
+    """Seals secrets and makes digests with one key. Cheap to create, safe to share between threads."""
 
     def __init__(self, key: str) -> None:
-        self._fernet = Fernet(base64.urlsafe_b64encode(_derived(key, "seal")))
-        self._naming_key = _derived(key, "name")
+        self._fernet = Fernet(base64.urlsafe_b64encode(_derive_key(key, "seal")))
+        self._digest_key = _derive_key(key, "name")
 
     def seal(self, secret: str) -> str:
-        """A secret as text that only this key opens (Fernet: AES-CBC with HMAC)."""
+        """Encrypt a secret as text that only this key opens (Fernet: AES-CBC with HMAC)."""
         return self._fernet.encrypt(secret.encode()).decode()
 
     def open(self, sealed: str) -> str:
-        """The secret again. Raises SecretKeyError where another key sealed it."""
+        """Decrypt a sealed secret. Raises SecretKeyError if another key sealed it."""
         try:
             return self._fernet.decrypt(sealed.encode()).decode()
         except InvalidToken:
             raise SecretKeyError("TADA_SECRET_KEY is not the key that this secret was sealed with.") from None
 
     def digest(self, kind: str, value: str) -> str:
-        """HMAC-SHA-256, hex: the name of something erased, which only this server and whoever holds the id can make."""
-        return hmac.new(self._naming_key, f"{kind}\0{value}".encode(), hashlib.sha256).hexdigest()
+        """Return the HMAC-SHA-256 (hex) of a value, which only this server can compute."""
+        return hmac.new(self._digest_key, f"{kind}\0{value}".encode(), hashlib.sha256).hexdigest()
 
 
 def open_secret_box(settings: Settings) -> SecretBox:
-    """The box of these settings. Raises SecretKeyError where a key must be given and is not."""
+    """Create the box of these settings. Raises SecretKeyError if a key must be set and is not."""
     if settings.secret_key is not None:
         return SecretBox(settings.secret_key.get_secret_value())
     if not settings.is_embedded:
         raise SecretKeyError(
-            "Set TADA_SECRET_KEY to 32 characters or more, the same for all processes: beyond one machine there is no "
-            "place to keep a key that the server drew itself."
+            "Set TADA_SECRET_KEY to 32 characters or more, the same for all processes: beyond one machine the server "
+            "cannot draw and store a key itself."
         )
-    return SecretBox(_key_of_this_machine(settings.data_dir / KEY_FILE))
+    return SecretBox(_read_or_create_key(settings.data_dir / KEY_FILE))
 
 
-def _key_of_this_machine(path: Path) -> str:
-    """The key in the file; made, whole or not at all, if it is not there. Of two processes at once one wins."""
+def _read_or_create_key(path: Path) -> str:
+    """Return the key in a file, which is created atomically if missing; of two concurrent processes one creates it."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
@@ -82,5 +82,5 @@ def _key_of_this_machine(path: Path) -> str:
     return path.read_text(encoding="ascii").strip()
 
 
-def _derived(key: str, purpose: str) -> bytes:
+def _derive_key(key: str, purpose: str) -> bytes:
     return HKDF(hashes.SHA256(), length=32, salt=None, info=f"tada-server {purpose}".encode()).derive(key.encode())

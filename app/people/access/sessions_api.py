@@ -15,7 +15,7 @@ router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 
 @router.post("", status_code=201, responses=problem_responses(401, 422, 429, 503))
 def post_session(body: SessionIn, request: Request, state: State) -> SessionIssued:
-    """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
+    """Sign in. An unknown name, a wrong password and a disabled account get the same 401, after the same time."""
     with state.part(SignInLimits).trying(body.name, caller_address(request)):
         issued = sign_in.sign_in(state.database, state.part(Passwords), body.name, body.password.get_secret_value())
     return SessionIssued.model_validate(issued, from_attributes=True)
@@ -23,20 +23,20 @@ def post_session(body: SessionIn, request: Request, state: State) -> SessionIssu
 
 @router.get("/current", responses=problem_responses(401, 403))
 def get_current_session(state: State, caller: CurrentStaff) -> SessionOut:
-    """Who is signed in."""
+    """The staff member who is signed in."""
     return SessionOut.model_validate(sign_in.read_session(state.database, caller), from_attributes=True)
 
 
 @router.delete("/current", status_code=204, responses=problem_responses(401, 403))
 def delete_current_session(state: State, caller: CurrentStaff) -> Response:
-    """Sign out: the token opens nothing any more."""
+    """Sign out: the token ends."""
     sign_in.sign_out(state.database, caller)
     return Response(status_code=204)
 
 
 @router.post("/current/password", responses=problem_responses(401, 403, 422, 429, 503))
 def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> EndedAccessOut:
-    """Change the own password. All sessions end, this one too, and all personal tokens: sign in again."""
+    """Change your password. All your sessions, this one included, and personal tokens end: sign in again."""
     with state.part(SignInLimits).trying(caller.name, caller_address(request)):
         ended = sign_in.change_own_password(
             state.database,

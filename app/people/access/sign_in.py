@@ -1,4 +1,4 @@
-"""Staff sign in with name and password, out, and change their password. Every refusal sounds and lasts the same."""
+"""Staff sign in with name and password, sign out, and change their password. All refusals look and take the same."""
 
 import uuid
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from app.people.models import AccessToken, Role, Staff
 
 MINUTE = timedelta(minutes=1)
 SESSION_VALID = timedelta(hours=12)  # a working day
-SESSIONS_KEPT = timedelta(days=30)  # rows of ended ones
+SESSIONS_KEPT = timedelta(days=30)  # rows of ended sessions
 
 
 @dataclass(frozen=True, slots=True)
 class IssuedSession:
-    """A session's token, shown once; it also ends after `idle_minutes` without use."""
+    """A session's token, shown once. The session also ends after `idle_minutes` without use."""
 
     token: str
     name: str
@@ -32,7 +32,7 @@ class IssuedSession:
 
 @dataclass(frozen=True, slots=True)
 class SessionView:
-    """Who is signed in, and as what in which study (by code)."""
+    """The signed-in staff member and their role by study code."""
 
     name: str
     is_admin: bool
@@ -41,24 +41,24 @@ class SessionView:
 
 
 def sign_in(database: Database, passwords: Passwords, name: str, password: str) -> IssuedSession:
-    """A new session. Raises UnauthenticatedError (`sign_in_failed`): name unknown, password wrong, disabled alike."""
+    """Open a session. Raises UnauthenticatedError (`sign_in_failed`): unknown name, wrong password or disabled."""
     with database.read() as session:
-        found = people.find_staff(session, normal_name(name))
-    checked = found.password_hash if found is not None else None
+        candidate = people.find_staff(session, normal_name(name))
+    checked_hash = candidate.password_hash if candidate is not None else None
     try:
-        verdict = passwords.check(password, checked)
+        verdict = passwords.check(password, checked_hash)
     except InvalidInputError:
-        raise _failed() from None
-    if found is None or found.disabled_at is not None or not verdict.is_right:
-        raise _failed()
+        raise _failure() from None
+    if candidate is None or candidate.disabled_at is not None or not verdict.is_right:
+        raise _failure()
     token, now = new_token(), datetime.now(UTC)
     with database.write() as session:
-        staff = people.find_staff(session, found.name, lock=True)
-        if staff is None or staff.disabled_at is not None or staff.password_hash != checked:
-            raise _failed()  # disabled, or given another password meanwhile
+        staff = people.find_staff(session, candidate.name, lock=True)
+        if staff is None or staff.disabled_at is not None or staff.password_hash != checked_hash:
+            raise _failure()  # disabled or given another password meanwhile
         if verdict.fresh_hash is not None:
             staff.password_hash = verdict.fresh_hash
-        people.forget_sessions(session, staff.id, now - SESSIONS_KEPT)
+        people.delete_sessions(session, staff.id, now - SESSIONS_KEPT)
         row = AccessToken(
             id=uuid.uuid4(),
             token_sha256=sha256_hex(token),
@@ -73,7 +73,7 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
 
 
 def read_session(database: Database, caller: StaffCaller) -> SessionView:
-    """Who is signed in."""
+    """Return the signed-in staff member."""
     with database.read() as session:
         codes = people.codes_of_studies(session, caller.roles.keys())
         row = session.get_one(AccessToken, caller.token_id)
@@ -92,21 +92,22 @@ def sign_out(database: Database, caller: StaffCaller) -> None:
 def change_own_password(
     database: Database, passwords: Passwords, caller: StaffCaller, *, current: str, new: str
 ) -> EndedAccess:
-    """Another password; ends all sessions, this one too, and all personal tokens.
+    """Change the caller's password and end all their sessions, this one included, and personal tokens.
 
-    Raises UnauthenticatedError (`sign_in_failed`: the current one is wrong), InvalidInputError (`password_refused`).
+    Raises UnauthenticatedError (`sign_in_failed`: the current password is wrong), InvalidInputError
+    (`password_refused`).
     """
     with database.read() as session:
-        checked = session.get_one(Staff, caller.staff_id).password_hash
-    if not passwords.check(current, checked).is_right:
-        raise _failed()
+        checked_hash = session.get_one(Staff, caller.staff_id).password_hash
+    if not passwords.check(current, checked_hash).is_right:
+        raise _failure()
     if new == current:
-        raise InvalidInputError("The new password is the one that you have.", code="password_refused")
+        raise InvalidInputError("The new password is the same as the current one.", code="password_refused")
     hashed, now = passwords.hash(new, name=caller.name), datetime.now(UTC)
     with database.write() as session:
         staff = people.find_staff(session, caller.name, lock=True)
-        if staff is None or staff.password_hash != checked:
-            raise _failed()
+        if staff is None or staff.password_hash != checked_hash:
+            raise _failure()
         staff.password_hash = hashed
         ended = end_access(session, staff.id, now)
         note(
@@ -120,5 +121,5 @@ def change_own_password(
     return ended
 
 
-def _failed() -> UnauthenticatedError:
+def _failure() -> UnauthenticatedError:
     return UnauthenticatedError("Name or password are wrong, or the account is disabled.", code="sign_in_failed")

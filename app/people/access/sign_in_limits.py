@@ -1,4 +1,4 @@
-"""How often somebody may try to sign in: by name and address, so that nobody locks another person's name out."""
+"""Limits of sign-in attempts by name and address, so that an attacker cannot lock out another person's name."""
 
 import threading
 import time
@@ -11,36 +11,36 @@ from app.http.rate_limit import RateLimit
 from app.metrics import instruments
 from app.people.access.staff import normal_name
 
-OF_ADDRESS = 3  # times the limit of a name from an address: a clinic is one address
-OF_NAME = 10  # times it, from everywhere: what many addresses together may guess
-MAX_USUAL = 10_000  # places from which somebody signed in
+ADDRESS_FACTOR = 3  # attempts from one address, as a multiple of those of one name from it: a clinic is one address
+NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
+MAX_USUAL = 10_000  # remembered pairs of address and name that have signed in
 
 
 class SignInLimits:
-    """Buckets of this process. per_minute: tries of one name from one address.
+    """Rate limits of this process. per_minute: attempts of one name from one address.
 
-    A name's limit over all addresses does not count where that person signed in before: a crowd that guesses keeps them
-    out of new places only.
+    A name's limit over all addresses does not apply to addresses from which that person has signed in before, so a
+    distributed attack keeps them out at new addresses only.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
-        self._of_both = RateLimit(per_minute, clock)
-        self._of_address = RateLimit(OF_ADDRESS * per_minute, clock)
-        self._of_name = RateLimit(OF_NAME * per_minute, clock)
+        self._by_pair = RateLimit(per_minute, clock)
+        self._by_address = RateLimit(ADDRESS_FACTOR * per_minute, clock)
+        self._by_name = RateLimit(NAME_FACTOR * per_minute, clock)
         self._usual: OrderedDict[str, None] = OrderedDict()
         self._lock = threading.Lock()
 
     @contextmanager
     def trying(self, name: str, address: str) -> Iterator[None]:
-        """Count one try, and how it ends. Raises RateLimitedError."""
-        both = f"{address} {normal_name(name)}"
+        """Count an attempt and its outcome. Raises RateLimitedError."""
+        pair = f"{address} {normal_name(name)}"
         with self._lock:
-            is_usual = both in self._usual
+            is_usual = pair in self._usual
         try:
-            self._of_both.take(both)
-            self._of_address.take(address)
+            self._by_pair.take(pair)
+            self._by_address.take(address)
             if not is_usual:
-                self._of_name.take(normal_name(name))
+                self._by_name.take(normal_name(name))
         except RateLimitedError:
             instruments.SIGN_INS.labels("limited").inc()
             raise
@@ -51,7 +51,7 @@ class SignInLimits:
             raise
         instruments.SIGN_INS.labels("ok").inc()
         with self._lock:
-            self._usual[both] = None
-            self._usual.move_to_end(both)
+            self._usual[pair] = None
+            self._usual.move_to_end(pair)
             if len(self._usual) > MAX_USUAL:
                 self._usual.popitem(last=False)

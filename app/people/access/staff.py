@@ -1,4 +1,4 @@
-"""Staff: made, changed and disabled by admins; never the last admin."""
+"""Create, list, change and disable staff; the last admin cannot be disabled or lose the role."""
 
 import unicodedata
 import uuid
@@ -22,7 +22,10 @@ NAME_LENGTH = 100
 
 @dataclass(frozen=True, slots=True)
 class StaffChange:
-    """None leaves as it is. is_disabled ends sessions and tokens for good, a password in place of another one too."""
+    """A change of a staff member; None leaves a field unchanged.
+
+    Disabling, or replacing a password, ends all sessions and tokens.
+    """
 
     is_admin: bool | None = None
     is_disabled: bool | None = None
@@ -31,16 +34,16 @@ class StaffChange:
 
 @dataclass(frozen=True, slots=True)
 class ChangedStaff:
-    """A staff member after a change, and what it has ended of what they had open."""
+    """A staff member after a change, and the sessions and tokens that it ended."""
 
     staff: Staff
     ended: EndedAccess
 
 
 def create_admin(database: Database, name: str) -> str:
-    """A new admin's token, for the command line: the one personal token that needs no session. Raises ConflictError."""
+    """Create an admin for the command line and return their personal token. Raises ConflictError."""
     token = new_token()
-    with unless_taken(_taken(name)), database.write() as session:
+    with unless_taken(_exists_error(name)), database.write() as session:
         staff = _add(session, None, name, is_admin=True, password_hash=None)
         session.add(
             AccessToken(
@@ -64,17 +67,17 @@ def create_staff(
     password: str | None,
     caller: Caller | None = None,
 ) -> Staff:
-    """A new staff member. Without a password they cannot sign in until they are given one.
+    """Create a staff member, who cannot sign in without a password.
 
     Raises ConflictError (`staff_exists`), InvalidInputError (`password_refused`).
     """
     hashed = passwords.hash(password, name=name) if password is not None else None
-    with unless_taken(_taken(name)), database.write() as session:
+    with unless_taken(_exists_error(name)), database.write() as session:
         return _add(session, caller, name, is_admin=is_admin, password_hash=hashed)
 
 
 def list_staff(database: Database, *, cursor: str | None, limit: int) -> Page[Staff]:
-    """All staff by name, the disabled ones too."""
+    """Return a page of all staff by name, including disabled ones."""
     after = decode_cursor("staff", cursor, TEXT)
     with database.read() as session:
         rows = people.page_of_staff(session, after=after, limit=limit + 1)
@@ -82,9 +85,9 @@ def list_staff(database: Database, *, cursor: str | None, limit: int) -> Page[St
 
 
 def read_staff(database: Database, name: str) -> Staff:
-    """One staff member. Raises NotFoundError."""
+    """Return a staff member. Raises NotFoundError."""
     with database.read() as session:
-        return known_staff(people.find_staff(session, normal_name(name)))
+        return load_staff(session, name)
 
 
 def change_staff(
@@ -98,10 +101,10 @@ def change_staff(
     hashed = passwords.hash(change.password, name=name) if change.password is not None else None
     with database.write() as session:
         admins = people.lock_active_admins(session)
-        staff = known_staff(people.find_staff(session, normal_name(name), lock=True))
+        staff = load_staff(session, name, lock=True)
         if (change.is_disabled or change.is_admin is False) and [admin.id for admin in admins] == [staff.id]:
             raise ConflictError(
-                "This is the last admin: make another one first, or nobody could run the server.", code="last_admin"
+                "This is the last admin: create another one first, or nobody can run the server.", code="last_admin"
             )
         fields = []
         if change.is_admin is not None and change.is_admin != staff.is_admin:
@@ -128,28 +131,29 @@ def change_staff(
         return ChangedStaff(staff, ended)
 
 
-def known_staff(staff: Staff | None) -> Staff:
-    """The staff member who was asked for. Raises NotFoundError."""
+def load_staff(session: Session, name: str, *, lock: bool = False) -> Staff:
+    """Return the staff member with a name, locked until commit if `lock` is set. Raises NotFoundError."""
+    staff = people.find_staff(session, normal_name(name), lock=lock)
     if staff is None:
         raise NotFoundError("There is no such staff member.")
     return staff
 
 
 def normal_name(name: str) -> str:
-    """A name as it is kept: the same word typed in another way is the same name."""
+    """Normalise a name, so that different Unicode forms of it are the same name."""
     return unicodedata.normalize("NFC", name).strip()
 
 
 def _new_name(name: str) -> str:
-    """The name of a new staff member. Raises InvalidInputError.
+    """Normalise and check the name of a new staff member. Raises InvalidInputError (`staff_name_invalid`).
 
-    It stands in addresses and in the log, hence no mail address and nothing that an address would have to escape twice.
+    Names appear in URLs and in the log, so e-mail addresses and characters that URLs escape are refused.
     """
     cleaned = normal_name(name)
     fits = 0 < len(cleaned) <= NAME_LENGTH and cleaned[:1].isalnum()
     if not fits or not all(character.isalnum() or character in " ._'-" for character in cleaned):
         raise InvalidInputError(
-            f"A name has 1 to {NAME_LENGTH} letters and digits, and between them blanks, . _ ' or -.",
+            f"A name has 1 to {NAME_LENGTH} letters and digits; spaces, . _ ' and - are allowed after the first.",
             code="staff_name_invalid",
         )
     return cleaned
@@ -166,5 +170,5 @@ def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, 
     return staff
 
 
-def _taken(name: str) -> ConflictError:
-    return ConflictError(f"There is already a staff member named {name!r}: give another name.", code="staff_exists")
+def _exists_error(name: str) -> ConflictError:
+    return ConflictError(f"There is already a staff member named {name!r}: use another name.", code="staff_exists")

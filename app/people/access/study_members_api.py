@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/members: an owner decides who works in the study, and as what."""
+"""/v1/studies/{study}/members: the study's owners give, change and remove roles of staff."""
 
 from fastapi import APIRouter, Request, Response
 
@@ -25,13 +25,13 @@ def get_members(
 
 @router.put("/{name}", responses=problem_responses(401, 403, 404, 409, 422))
 def put_member(study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff) -> MemberOut:
-    """Give somebody a role in the study, or another one. The last owner stays."""
+    """Give a staff member a role in the study or change it. The last owner keeps the role."""
     member = study_members.set_member(state.database, caller, study, name, body.role)
     return MemberOut.model_validate(member, from_attributes=True)
 
 
 @router.delete("/{name}", status_code=204, responses=problem_responses(401, 403, 404, 409, 422))
 def delete_member(study: StudyCode, name: StaffName, state: State, caller: CurrentStaff) -> Response:
-    """Take somebody out of the study; their tokens reach it no more. The last owner stays."""
+    """Remove a member from the study, which their tokens no longer reach. The last owner cannot be removed."""
     study_members.remove_member(state.database, caller, study, name)
     return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""/v1/tokens: personal API tokens of whoever is signed in. A token makes no tokens."""
+"""/v1/tokens: personal API tokens of the signed-in staff member. Tokens cannot create tokens."""
 
 import uuid
 from typing import Annotated
@@ -16,14 +16,14 @@ router = APIRouter(prefix="/v1/tokens", tags=["tokens"], route_class=ListRoute)
 
 @router.get("", responses=problem_responses(401, 403))
 def get_tokens(state: State, caller: CurrentStaff) -> TokenList:
-    """The caller's own tokens that are valid, without their secrets."""
-    found = access_tokens.list_tokens(state.database, caller)
-    return TokenList(items=[TokenOut.model_validate(row, from_attributes=True) for row in found])
+    """The caller's valid tokens, without their secrets."""
+    tokens = access_tokens.list_tokens(state.database, caller)
+    return TokenList(items=[TokenOut.model_validate(token, from_attributes=True) for token in tokens])
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
 def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued:
-    """Make a token; it is shown once. It may do what its maker may at the time of each call, within scope and study."""
+    """Create a token; it is shown once. At each call it has its creator's rights, restricted by scope and study."""
     token, view = access_tokens.create_token(
         state.database, caller, name=body.name, scope=body.scope, study_code=body.study, days=body.days
     )
@@ -34,6 +34,6 @@ def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued
 def delete_token(
     token_id: Annotated[uuid.UUID, Path(description="The token's id.")], state: State, caller: CurrentStaff
 ) -> Response:
-    """End one of the caller's own tokens."""
+    """End one of the caller's tokens."""
     access_tokens.revoke_token(state.database, caller, token_id)
     return Response(status_code=204)

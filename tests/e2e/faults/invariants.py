@@ -221,7 +221,7 @@ class Checker:
         with self._database.read() as session:
             self.orphans_before = session.scalar(sa.select(sa.func.count()).select_from(SpentKey))
         deleter = BlobDeleter(self._database, self._blobs)
-        deleter.delete_wanted()
+        deleter.delete_scheduled()
         self.orphans = deleter.delete_orphans(grace=timedelta(0))
         with self._database.read() as session:
             named = set(session.scalars(sa.select(MealImage.blob_key).where(MealImage.erased_at.is_(None))))

@@ -53,7 +53,7 @@ def delete_orphans_soon():
 
     BlobDeleter.orphan_batches = functools.partialmethod(BlobDeleter.orphan_batches, ORPHAN_GRACE)
     orphan_rounds.FILES = orphan_rounds.BUCKET = orphan_rounds.Pace(
-        every=timedelta(seconds=ORPHAN_ROUND_SECONDS), first_after=timedelta(0)
+        interval=timedelta(seconds=ORPHAN_ROUND_SECONDS), first_after=timedelta(0)
     )
     worker_chores = worker.worker_chores
 

@@ -240,7 +240,7 @@ def test_only_the_requester_or_an_owner_removes_an_export_with_its_file(client, 
     owner = make_staff(client, admin, "olga", pilot="owner")
     assert owner.delete(path).status_code == 204
     assert owner.get(path).status_code == 404
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
     assert [event.details["was"] for event in events(state, "export.remove")] == ["done"]
 
@@ -263,7 +263,7 @@ def test_expired_file_is_deleted_and_its_row_a_month_later(viewer, run, state):
     assert expire_exports(state.database, week) == 1
     gone = viewer.get(path + "/file")
     assert (gone.status_code, gone.json()["code"]) == (410, "export_expired")
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
     expire_exports(state.database, week + timedelta(days=31))
     assert viewer.get(path).status_code == 404
@@ -334,7 +334,7 @@ def test_withdrawal_expires_files_with_the_participant_and_deletes_exports_that_
     answer = viewer.get(export["file"])
     assert (answer.status_code, answer.json()["code"]) == (410, "export_expired")
     assert viewer.get(f"{PATH}/{named['id']}").status_code == 404
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
     with state.database.read() as session:
         assert session.scalar(sa.select(sa.func.count()).select_from(BlobDeletion)) == 0

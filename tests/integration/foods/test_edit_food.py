@@ -167,7 +167,7 @@ def test_the_same_key_twice_is_a_conflict(database):
 
 
 def test_a_study_s_density_goes_by_the_key_in_force(database):
-    study = create_study(database, code="pilot", name="pilot", marker=None, location_policy="drop")
+    study = create_study(database, code="pilot", name="pilot")
     density = Density(0.6, 0.05, "raw", "solid", "study", "scale")
     row = add_study_density(database, "pilot", Measurement("09003", density), EDITOR)
     assert row.food_key == "apple"

@@ -37,7 +37,7 @@ def test_job_whose_meal_is_erased_while_it_is_computed_leaves_nothing_and_the_wo
 
     def is_swept():
         deleter.delete_orphans()
-        deleter.delete_wanted()
+        deleter.delete_scheduled()
         return jobs.database.empty_log() and not any(
             needle in database_bytes(jobs.database)
             for one in (meal_id, job_id)

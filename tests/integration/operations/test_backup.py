@@ -424,7 +424,7 @@ def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, e
     def erase(words):
         if words.startswith("item_measure"):  # the rows that name the blobs have been read
             assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2)) == 1
-            assert BlobDeleter(state.database, state.blobs).delete_wanted() == 3
+            assert BlobDeleter(state.database, state.blobs).delete_scheduled() == 3
 
     with (tmp_path / "one.tar").open("wb") as file:
         done = write_backup(source.database, source.blobs, source.box, file, erase)

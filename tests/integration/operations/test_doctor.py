@@ -371,7 +371,7 @@ def test_metrics_without_a_token_behind_a_proxy_are_a_note(deployment):
 def erasure(box):
     return Erasure(
         kind="meal",
-        deed="erase",
+        policy="erase",
         digest=box.digest("meal", str(uuid.uuid4())),
         receipt_id=uuid.uuid4(),
         at=datetime.now(UTC),

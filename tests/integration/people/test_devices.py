@@ -145,7 +145,7 @@ def test_app_version_that_no_database_keeps_is_left_out(enrol, client, admin, st
 
 
 def test_callers_remembered_are_bounded(state, monkeypatch):
-    monkeypatch.setattr("app.people.access.last_use.REMEMBERED", 3)
+    monkeypatch.setattr("app.people.access.last_use.MAX_REMEMBERED", 3)
     uses = LastUse(state.database)
     try:
         from app.people.access.caller import DeviceCaller

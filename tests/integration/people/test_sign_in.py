@@ -13,7 +13,7 @@ from app.main import create_app
 from app.metrics.instruments import REGISTRY
 from app.people.access.caller import SESSION_IDLE
 from app.people.access.last_use import LastUse
-from app.people.access.passwords import AT_ONCE, WAITING, Passwords, _hash_of_nobody, _hasher
+from app.people.access.passwords import MAX_CONCURRENT, MAX_WAITING, Passwords, _hasher, _random_hash
 from app.people.models import AccessToken, Staff
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
@@ -76,11 +76,11 @@ def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatc
 
 
 @pytest.mark.usefixtures("full_password_cost")
-def test_hash_of_nobody_is_no_way_in():
+def test_no_password_matches_the_dummy_hash():
     passwords = Passwords()
     assert not passwords.check("nobody has this password", None).is_right
-    assert not _hasher().current_hasher.check_needs_rehash(_hash_of_nobody())
-    assert _hash_of_nobody() != _hash_of_nobody()
+    assert not _hasher().current_hasher.check_needs_rehash(_random_hash())
+    assert _random_hash() != _random_hash()
 
 
 def test_sign_out_ends_the_session(olga):
@@ -295,8 +295,8 @@ def test_hashing_is_bounded_and_too_many_hear_to_come_back(monkeypatch):
             go.set()  # the room is full: let those in it go on
             return error
 
-    callers = AT_ONCE + WAITING + 1
+    callers = MAX_CONCURRENT + MAX_WAITING + 1
     with ThreadPoolExecutor(callers) as pool:
         answers = list(pool.map(attempt, range(callers)))
-    assert most == AT_ONCE
+    assert most == MAX_CONCURRENT
     assert sum(isinstance(answer, UnavailableError) for answer in answers) == 1

@@ -8,7 +8,7 @@ import pytest
 from app.people import privacy_queries as privacy
 from app.people.privacy_models import BlobDeletion
 from app.privacy import delete_blobs
-from app.privacy.delete_blobs import FAULTS_IN_A_ROW, BlobDeleter
+from app.privacy.delete_blobs import MAX_CONSECUTIVE_FAULTS, BlobDeleter
 from app.storage.local import LocalBlobStore
 
 KEYS = [f"study/meal/left/{number}" for number in range(8)]
@@ -43,19 +43,19 @@ def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tm
     deleter = BlobDeleter(database, blobs)
     for _ in range(3):
         with pytest.raises(OSError, match="input/output"):
-            deleter.delete_wanted()
+            deleter.delete_scheduled()
     assert [blob.key for blob in blobs.keys()] == [KEYS[0]]  # noqa: SIM118  # no mapping
     with database.read() as session:
-        assert privacy.wanted_deletions(session, 10) == [KEYS[0]]
+        assert privacy.scheduled_deletions(session, 10) == [KEYS[0]]
     blobs.stubborn.clear()
-    assert deleter.delete_wanted() == 1
+    assert deleter.delete_scheduled() == 1
     assert list(blobs.keys()) == []
 
 
 def test_store_that_deletes_nothing_is_left_alone_for_a_while(database, tmp_path):
     blobs = stubborn_store(tmp_path / "blobs", database, set(KEYS))
     with pytest.raises(OSError, match="input/output"):
-        BlobDeleter(database, blobs).delete_wanted()
-    assert len(blobs.asked) == FAULTS_IN_A_ROW
+        BlobDeleter(database, blobs).delete_scheduled()
+    assert len(blobs.asked) == MAX_CONSECUTIVE_FAULTS
     with database.read() as session:
-        assert privacy.wanted_deletions(session, 10) == KEYS
+        assert privacy.scheduled_deletions(session, 10) == KEYS

@@ -122,8 +122,8 @@ def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, s
         keys = list(session.scalars(sa.select(MealImage.blob_key)))
         study_id = session.scalars(sa.select(Study.id)).one()
         wanted = [*keys, f"{study_id}/{person.meal_id}/"]
-        people_privacy.want_deleted(session, wanted, datetime.now(UTC))
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+        people_privacy.schedule_deletion(session, wanted, datetime.now(UTC))
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert all(state.blobs.has(key) for key in keys)
     with state.database.read() as session:
         assert session.scalars(sa.select(BlobDeletion)).all() == []
@@ -150,7 +150,7 @@ def test_photograph_of_an_upload_that_lost_goes_though_its_meal_stays(how, perso
     else:
         client.post("/v1/me/withdrawal", headers=person.phone.headers)
     deleter = BlobDeleter(state.database, state.blobs)
-    deleter.delete_wanted()
+    deleter.delete_scheduled()
     make_old(state.blobs)
     assert deleter.delete_orphans() == 1
     assert not state.blobs.has(stray)
@@ -162,7 +162,7 @@ def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, s
         session.execute(sa.update(Study).values(retention_days=1))
     erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2))
     deleter = BlobDeleter(state.database, state.blobs)
-    deleter.delete_wanted()
+    deleter.delete_scheduled()
     for key, content in saved.items():
         state.blobs.put_bytes(key, content)
     make_old(state.blobs)
@@ -240,16 +240,16 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
         else:
             with state.database.write() as session:
                 found = privacy.ids_in(list(session.scalars(sa.select(Meal.id))))
-                people_privacy.want_deleted(
+                people_privacy.schedule_deletion(
                     session, privacy.mark_images_erased(session, found, datetime.now(UTC)), datetime.now(UTC)
                 )
-        BlobDeleter(state.database, state.blobs).delete_wanted()
+        BlobDeleter(state.database, state.blobs).delete_scheduled()
 
     work = EstimateMeal(state.database, state.blobs, ErasingChildren(erase), settings)
     with pytest.raises(JobFailure) as caught:
         work.compute(job_id)
     assert caught.value.failure == PHOTOGRAPH_ERASED
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert list(state.blobs.keys()) == []
     assert stored_names(state.blobs) == []
 
@@ -264,7 +264,7 @@ def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(ph
     monkeypatch.setattr(state.blobs, "put_files", put_and_leave)
     answer = phone.post(pair())
     assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert list(state.blobs.keys()) == []
 
 

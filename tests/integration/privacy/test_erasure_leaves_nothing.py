@@ -59,7 +59,7 @@ def subject(state, enrol, bystander):
 def finish(state):
     state.part(LastUse).settle()
     assert make_files(state) == ["done", "done"]  # both releases without what was erased
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert state.database.empty_log()
 
 
@@ -119,7 +119,7 @@ def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, by
     answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
     assert answer.status_code == 200, answer.text
     state.part(LastUse).settle()
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert state.database.empty_log()
     assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
     finish(state)

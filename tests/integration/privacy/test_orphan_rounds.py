@@ -15,7 +15,7 @@ from app.storage.opening import open_blob_store
 from tests.integration.people.persons import Person
 from tests.stores import make_old
 
-HOURLY = Pace(every=timedelta(hours=1), first_after=timedelta(0))
+HOURLY = Pace(interval=timedelta(hours=1), first_after=timedelta(0))
 
 
 @pytest.fixture
@@ -48,23 +48,23 @@ def workers(monkeypatch, *alive):
 def test_oldest_worker_deletes_orphans_and_the_others_leave_it_to_it(state, orphans, clock, monkeypatch):
     us, other = (socket.gethostname(), os.getpid()), ("another-host", os.getpid())
     workers(monkeypatch, other, us)
-    assert rounds(state, clock).go_on() == 0
+    assert rounds(state, clock).run_slice() == 0
     workers(monkeypatch, us, other)
-    assert rounds(state, clock).go_on() == 3
+    assert rounds(state, clock).run_slice() == 3
     assert not any(state.blobs.has(key) for key in orphans)
 
 
 def test_round_begins_when_it_is_due_and_not_before(state, orphans, clock):
-    late = rounds(state, clock, Pace(every=timedelta(days=1), first_after=timedelta(hours=1)))
-    assert late.go_on() == 0
+    late = rounds(state, clock, Pace(interval=timedelta(days=1), first_after=timedelta(hours=1)))
+    assert late.run_slice() == 0
     clock.seconds += 3601
-    assert late.go_on() == 3
+    assert late.run_slice() == 3
     state.blobs.put_bytes(orphans[0], b"x")
     make_old(state.blobs, orphans[:1])
     clock.seconds += 86_000
-    assert late.go_on() == 0
+    assert late.run_slice() == 0
     clock.seconds += 401
-    assert late.go_on() == 1
+    assert late.run_slice() == 1
 
 
 def test_long_round_is_done_in_slices(state, orphans, clock, monkeypatch):
@@ -77,7 +77,7 @@ def test_long_round_is_done_in_slices(state, orphans, clock, monkeypatch):
         return delete(keys, before)
 
     monkeypatch.setattr(ours._deleter, "_delete_orphans", slow)
-    assert [ours.go_on() for _ in range(4)] == [1, 1, 1, 0]
+    assert [ours.run_slice() for _ in range(4)] == [1, 1, 1, 0]
 
 
 def test_round_that_fails_is_begun_again_when_it_is_due(state, orphans, clock, monkeypatch):
@@ -85,9 +85,9 @@ def test_round_that_fails_is_begun_again_when_it_is_due(state, orphans, clock, m
     with monkeypatch.context() as patch:
         patch.setattr(state.blobs, "delete", lambda _: (_ for _ in ()).throw(TimeoutError("no answer")))
         with pytest.raises(TimeoutError):
-            ours.go_on()
+            ours.run_slice()
     clock.seconds += 3601
-    assert ours.go_on() == 3
+    assert ours.run_slice() == 3
 
 
 def test_missing_blobs_are_found_by_one_listing(state, orphans, settings):

@@ -246,7 +246,7 @@ def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person,
         before = [(row.food_id, row.volume_ml, row.consumed_g) for row in records(session)]
         keys = [*session.scalars(sa.select(MealImage.blob_key)), *session.scalars(sa.select(RunArtefact.blob_key))]
     client.post("/v1/me/withdrawal", headers=person.phone.headers)
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     state.part(LastUse).settle()
     assert state.database.empty_log()
     with state.database.read() as session:
@@ -305,7 +305,7 @@ def test_photographs_past_retention_go_and_records_stay(person, state, client, a
     before = client.get("/v1/records", headers=admin).json()
     assert erase_old_pictures(state.database, received_at + timedelta(days=31)) == 1
     assert erase_old_pictures(state.database, received_at + timedelta(days=31)) == 0
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert not any(state.blobs.has(key) for key in keys)
     assert client.get("/v1/records", headers=admin).json() == before
     with state.database.read() as session:

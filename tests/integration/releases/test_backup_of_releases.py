@@ -99,7 +99,7 @@ def test_release_rewritten_during_the_backup_is_reported_to_lack_files(frozen, s
         if words.startswith("webhook_delivery:") and phone is not None:
             phone.client.delete(f"/v1/meals/{meal}", headers=phone.headers)
             run(source)
-            BlobDeleter(source.database, source.blobs).delete_wanted()
+            BlobDeleter(source.database, source.blobs).delete_scheduled()
 
     source.back_up(tmp_path / "backup.tar", change_behind_the_rows)
     machine.restore(tmp_path / "backup.tar")

@@ -360,7 +360,7 @@ def test_erased_meal_is_removed_and_its_day_equals_the_studys_current_day(owner,
     assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
     told = json.loads(fetch(owner, after, "release.json"))
     assert [one["checksum"] for one in told["altered"]] == [release["checksum"]]
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     needles = (str(eaten["meals"][meal]).encode(), eaten["meals"][meal].hex.encode())
     assert not any(needle in store_bytes(state.blobs) for needle in needles)
     assert len([name for name in stored_names(state.blobs) if "/releases/" in name]) == len(after["files"])
@@ -407,7 +407,7 @@ def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner
                     assert (same["meal_id"], same["participant"]) == (row["meal_id"], row["participant"])
     else:
         assert {row["food_key"] for row in rows(owner, after, "foods")} == {"apple"}
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     held = store_bytes(state.blobs)
     assert MARKED.lower().encode() not in held
     state.part(LastUse).settle()
@@ -542,7 +542,7 @@ def test_release_with_a_file_lost_for_three_days_fails_and_keeps_no_file(owner, 
     assert (release["state"], release["failure"]) == ("failed", LOST[how])
     assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_failed"
     assert owner.post(PATH, json={"name": "baseline"}).json()["code"] == "release_exists"
-    BlobDeleter(state.database, state.blobs).delete_wanted()  # what is left of it still holds what was erased
+    BlobDeleter(state.database, state.blobs).delete_scheduled()  # what is left of it still holds what was erased
     assert not [name for name in stored_names(state.blobs) if "/releases/" in name]
     with state.database.read() as session:
         for table in (ReleaseFile, ReleaseChange):
@@ -571,7 +571,7 @@ def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_
     states = {asked: owner.get(path).json()["state"] for asked, path in paths.items()}
     assert states == {("meals", "csv"): "expired", ("items", "geojson"): "expired", ("items", "csv"): "done"}
     assert owner.get(paths["meals", "csv"] + "/file").json()["code"] == "export_expired"
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert len([name for name in stored_names(state.blobs) if "/exports/" in name]) == 1
     assert "48.1374" in fetch(owner, before, "meals.csv").decode()
     after = frozen(owner, run, "after")

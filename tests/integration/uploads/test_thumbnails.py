@@ -127,6 +127,6 @@ def test_thumbnails_go_with_the_photographs(phone, state, kept):
         session.execute(sa.update(Study).values(retention_days=1))
     assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2)) == 1
     assert phone.get(f"{kept}/left", width=THUMBNAIL_PX).status_code == 410
-    BlobDeleter(state.database, state.blobs).delete_wanted()
+    BlobDeleter(state.database, state.blobs).delete_scheduled()
     meal_id = kept.split("/")[3]
     assert [blob.key for blob in state.blobs.keys(f"x/{meal_id}/")] == []

@@ -21,7 +21,7 @@ from app.outbox.write import announce
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
-from app.privacy.announce import participant_withdrawn
+from app.privacy.announce import announce_withdrawal
 from app.webhooks import deliver_webhooks
 from app.webhooks import queries as sql
 from app.webhooks.deliver_webhooks import MOST_ATTEMPTS, PAUSES, DeliverWebhooks
@@ -432,7 +432,7 @@ def test_notice_of_a_withdrawal_names_the_participant_until_it_is_delivered_only
     with receiver() as there:
         sending.hook(there.url)
         with sending.database.write() as session:
-            participant_withdrawn(session, participant, "erase")
+            announce_withdrawal(session, participant, "erase")
             session.execute(sa.delete(Participant))  # the notice does not hold the row back
         sending.clock.catch_up()
         sending.deliver()

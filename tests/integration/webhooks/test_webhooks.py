@@ -23,7 +23,7 @@ from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
-from app.privacy.announce import meal_deleted, participant_withdrawn
+from app.privacy.announce import announce_meal_deletion, announce_withdrawal
 from app.webhooks import safe_address
 from app.webhooks.deliver_webhooks import DeliverWebhooks
 from app.webhooks.webhook_post import WebhookPost
@@ -403,7 +403,7 @@ def test_deleted_meal_is_named_by_digest_only(owner, phone, state):
     meal_id = str(uuid.uuid4())
     phone.post({"left": photograph(1), "right": photograph(2)}, id=meal_id)
     with state.database.write() as session:
-        meal_deleted(session, session.scalars(sa.select(Meal)).one())
+        announce_meal_deletion(session, session.scalars(sa.select(Meal)).one())
     deleted = owner.call("GET", f"{path}/deliveries").json()["items"][0]
     assert deleted["event"] == "meal.deleted"
     assert meal_id not in json.dumps(deleted)
@@ -433,7 +433,7 @@ def test_redelivery_of_a_notice_that_was_forgotten_is_refused(owner, phone, stat
     with receiver() as there:
         path = f"/{owner.made(there.url)}"
         with state.database.write() as session:
-            participant_withdrawn(session, session.scalars(sa.select(Participant)).one(), "keep")
+            announce_withdrawal(session, session.scalars(sa.select(Participant)).one(), "keep")
         deliver(state)
         (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
         assert "data" not in row["payload"]
