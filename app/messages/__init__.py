@@ -1,1 +1,1 @@
-"""Sentences for participants in four languages, and the code that reads them (catalogue.py)."""
+"""Messages for participants in four languages (TOML files), and the code that reads them (catalogue.py)."""

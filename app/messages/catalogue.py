@@ -1,6 +1,6 @@
-"""Sentences for participants in their language: about photographs (sentences.toml), of the feedback (feedback.toml).
+"""Sentences for participants in their language: about photographs (sentences.toml) and of feedback (feedback.toml).
 
-`{where}` in a sentence of sentences.toml names the photograph; those of feedback.toml take the values of their figures.
+`{where}` in sentences.toml names the photograph; placeholders in feedback.toml are values of the feedback.
 """
 
 import functools
@@ -12,30 +12,30 @@ from typing import Literal, cast
 from app.people.models import LOCALES, Locale
 
 FALLBACK: Locale = "en"
-ANY_PHOTO = "any"  # where the code alone is known: which of the two is not
+ANY_PHOTO = "any"  # if it is unknown which of the two photographs is meant
 
 Side = Literal["left", "right"]
 
 
 @functools.cache
 def catalogue(name: Literal["sentences", "feedback"]) -> Mapping[str, Mapping[str, str]]:
-    """Code -> language -> sentence."""
+    """Return the sentences by code and language."""
     text = resources.files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return cast("Mapping[str, Mapping[str, str]]", tomllib.loads(text))
 
 
-def known_codes() -> frozenset[str]:
-    """The codes that have a sentence about photographs."""
+def photograph_codes() -> frozenset[str]:
+    """Return the codes that have a sentence about photographs."""
     return frozenset(catalogue("sentences")) - {f"where_{place}" for place in ("left", "right", ANY_PHOTO)}
 
 
 def feedback_sentence(code: str, locale: Locale, **values: object) -> str:
-    """The feedback's sentence of a code. Raises KeyError for an unknown code or a missing value."""
+    """Return the feedback's sentence of a code. Raises KeyError for an unknown code or a missing value."""
     return catalogue("feedback")[code][locale].format(**values)
 
 
 def sentence(code: str, locale: Locale, side: Side | None = None) -> str | None:
-    """The sentence about a photograph of a code; None if the code has none."""
+    """Return the sentence of a code about a photograph; None if the code has none."""
     sentences = catalogue("sentences")
     if code not in sentences:
         return None
@@ -43,13 +43,13 @@ def sentence(code: str, locale: Locale, side: Side | None = None) -> str | None:
     return text[:1].upper() + text[1:]
 
 
-def choose_locale(asked: str | None, accept_language: str | None, of_study: str) -> Locale:
-    """Return the language that is asked for, else the header's best that there is, else the study's.
+def choose_locale(requested: str | None, accept_language: str | None, study_locale: str) -> Locale:
+    """Return the requested language if it is supported, else the header's best supported one, else the study's.
 
-    accept_language: RFC 9110, section 12.5.4; its malformed parts are skipped.
+    accept_language: RFC 9110, section 12.5.4; malformed parts are skipped.
     """
-    for wanted in (asked, *_by_preference(accept_language or ""), of_study):
-        primary = (wanted or "").strip().lower().replace("_", "-").partition("-")[0]
+    for language in (requested, *_by_preference(accept_language or ""), study_locale):
+        primary = (language or "").strip().lower().replace("_", "-").partition("-")[0]
         for locale in LOCALES:
             if locale == primary:
                 return locale

@@ -1,4 +1,4 @@
-"""Events for webhooks, written in the transaction of the event: the rows of webhooks and of their deliveries.
+"""The outbox: tables of webhooks and deliveries, which are written in the transaction of their event.
 
-Sending, retrying and managing webhooks belongs to webhooks.
+Sending, retrying and managing webhooks belong to app/webhooks.
 """

@@ -1,17 +1,17 @@
-"""A study's webhooks and what was, or is to be, delivered to them."""
+"""A study's webhooks and their deliveries."""
 
 import uuid
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal, one_of
+from app.db.base import Base, JsonValue, Personal, one_of
 
 DeliveryState = Literal["waiting", "delivered", "given_up"]
 DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
-PING: Literal["ping"] = "ping"  # a test; it cannot be subscribed to
+PING: Literal["ping"] = "ping"  # a test, which cannot be subscribed to
 ALL_EVENTS = "*"
 Event = Literal[
     "meal.received",
@@ -29,9 +29,9 @@ DeliveredEvent = Literal[Event, "ping"]
 
 
 class Webhook(Base):
-    """An address of a study that is told of its events. secret_sealed: encrypted under TADA_SECRET_KEY.
+    """A subscription to a study's events. secret_sealed: encrypted under TADA_SECRET_KEY.
 
-    version grows with every change of what the API shows of it.
+    version grows with every change that the API shows.
     """
 
     __tablename__ = "webhook"
@@ -39,7 +39,7 @@ class Webhook(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
     url: Mapped[str] = mapped_column(sa.String(500))
-    events: Mapped[list[Any]]
+    events: Mapped[list[str]]
     secret_sealed: Mapped[str] = mapped_column(sa.String(300))
     author: Mapped[str] = mapped_column(sa.String(200))
     version: Mapped[int] = mapped_column(default=1)
@@ -48,9 +48,9 @@ class Webhook(Base):
 
 
 class WebhookDelivery(Base):
-    """One event for one webhook: its payload frozen when it happened, and how far its delivery is.
+    """The delivery of one event to one webhook; the payload is fixed when the event happens.
 
-    meal_id, participant_id: whose it is, so that an erasure finds it.
+    meal_id, participant_id: the subject of the event, by which an erasure finds the delivery.
     """
 
     __tablename__ = "webhook_delivery"
@@ -59,7 +59,7 @@ class WebhookDelivery(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))
     event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
-    payload: Mapped[dict[str, Any]]
+    payload: Mapped[dict[str, object]] = mapped_column(JsonValue)
     meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
     participant_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("participant.id"), index=True)
     state: Mapped[DeliveryState] = mapped_column(sa.String(16))

@@ -1,7 +1,7 @@
-"""The outbox of webhooks: an event becomes a delivery for each webhook that wants it, in the event's own transaction.
+"""Write deliveries for each webhook that subscribes to an event, in the event's own transaction.
 
-What is delivered is frozen here, so a receiver learns how it was when it happened; nothing is sent if the transaction
-fails. Sending is the worker's (webhooks/deliver_webhooks.py).
+The payload is fixed here, so that it describes the state at the time of the event; if the transaction fails, nothing is
+sent. Workers send deliveries (webhooks/deliver_webhooks.py).
 """
 
 import uuid
@@ -24,13 +24,15 @@ def announce(
     meal_id: uuid.UUID | None = None,
     participant_id: uuid.UUID | None = None,
 ) -> None:
-    """Tell the study's webhooks of an event. data: ids, codes, days and counts only.
+    """Announce an event to the study's webhooks. data: ids, codes, days and counts only.
 
-    meal_id, participant_id: whose it is, so that an erasure finds it; None where their rows are about to go.
+    meal_id, participant_id: the subject, by which an erasure finds the delivery; None if its row is about to be erased.
     """
-    wanting = [hook for hook in enabled_webhooks(session, study_id) if _wants(hook, event)]
-    if wanting:
-        deliver_to(session, wanting, event, data, meal_id=meal_id, participant_id=participant_id)
+    subscribers = [
+        hook for hook in enabled_webhooks(session, study_id) if event in hook.events or ALL_EVENTS in hook.events
+    ]
+    if subscribers:
+        deliver_to(session, subscribers, event, data, meal_id=meal_id, participant_id=participant_id)
 
 
 def deliver_to(
@@ -42,7 +44,7 @@ def deliver_to(
     meal_id: uuid.UUID | None = None,
     participant_id: uuid.UUID | None = None,
 ) -> list[WebhookDelivery]:
-    """A delivery for each of these webhooks, of one study, whatever events they want; due at once."""
+    """Add a delivery, due at once, to each of these webhooks of one study, whatever events they subscribe to."""
     now, event_id = datetime.now(UTC), uuid.uuid4()
     rows = []
     for hook in hooks:
@@ -83,11 +85,7 @@ def add_delivery(
     return row
 
 
-def _wants(hook: Webhook, event: str) -> bool:
-    return event in hook.events or ALL_EVENTS in hook.events
-
-
 def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
-    """A study's webhooks that are told of events, the oldest first."""
+    """Return a study's enabled webhooks, the oldest first."""
     query = sa.select(Webhook).where(Webhook.study_id == study_id, Webhook.disabled_at.is_(None))
     return list(session.scalars(query.order_by(Webhook.created_at, Webhook.id)))

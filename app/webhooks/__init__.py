@@ -1,1 +1,1 @@
-"""Webhooks: managing a study's subscriptions, and sending what the outbox holds, signed, to checked addresses."""
+"""Webhooks: manage a study's subscriptions, and send the outbox's deliveries, signed, to checked addresses."""

@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/webhooks: who is told of a study's events, and what came of telling them."""
+"""/v1/studies/{study}/webhooks: subscriptions to a study's events, and the log of deliveries."""
 
 import uuid
 from typing import Annotated
@@ -39,7 +39,7 @@ Hooks = Annotated[Webhooks, Depends(_webhooks)]
 
 @router.post("", status_code=201, responses=WRITE)
 def post_webhook(hooks: Hooks, body: WebhookIn, response: Response) -> WebhookSecretOut:
-    """Make a webhook. Its secret is shown here and never again."""
+    """Create a webhook. Its secret is shown only once."""
     issued = hooks.create(body.url, body.events)
     response.headers["Location"] = f"/v1/studies/{hooks.study_code}/webhooks/{issued.webhook.id}"
     return _secret_out(issued)
@@ -47,13 +47,13 @@ def post_webhook(hooks: Hooks, body: WebhookIn, response: Response) -> WebhookSe
 
 @router.get("", responses=READ)
 def get_webhooks(hooks: Hooks) -> WebhookList:
-    """The study's webhooks, disabled ones too."""
+    """The study's webhooks, including disabled ones."""
     return WebhookList(items=[_webhook_out(hook) for hook in hooks.list()])
 
 
 @router.get("/{webhook}", responses=READ)
 def get_webhook(hooks: Hooks, webhook: WebhookId, response: Response) -> WebhookOut:
-    """One webhook. `ETag` names its version, for `If-Match`."""
+    """A webhook. Send its `ETag` in `If-Match` to change it."""
     return _tagged(hooks.read(webhook), response)
 
 
@@ -61,7 +61,7 @@ def get_webhook(hooks: Hooks, webhook: WebhookId, response: Response) -> Webhook
 def patch_webhook(
     hooks: Hooks, webhook: WebhookId, body: WebhookChangeIn, response: Response, if_match: IfMatch = None
 ) -> WebhookOut:
-    """Change address or events, disable or enable."""
+    """Change the address or events, disable or enable the webhook."""
     expected = expected_versions(if_match)
     changed = hooks.change(webhook, expected=expected, url=body.url, events=body.events, is_enabled=body.is_enabled)
     return _tagged(changed, response)
@@ -69,20 +69,20 @@ def patch_webhook(
 
 @router.delete("/{webhook}", status_code=204, responses=READ)
 def delete_webhook(hooks: Hooks, webhook: WebhookId) -> Response:
-    """Disable: nothing more is sent, what waits is given up; the log stays for its 30 days."""
+    """Disable the webhook: waiting deliveries are given up; the log stays for its 30 days."""
     hooks.disable(webhook)
     return Response(status_code=204)
 
 
 @router.post("/{webhook}/secret", responses=READ)
 def post_secret(hooks: Hooks, webhook: WebhookId) -> WebhookSecretOut:
-    """A fresh secret, shown once. For a day deliveries carry a signature by the old one too."""
+    """Create a new secret, shown once. For a day deliveries also carry a signature with the old one."""
     return _secret_out(hooks.rotate_secret(webhook))
 
 
 @router.post("/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
 def post_test(hooks: Hooks, webhook: WebhookId) -> DeliveryOut:
-    """Send a `ping`; its delivery stands in the log."""
+    """Send a `ping`; its delivery appears in the log."""
     return _delivery_out(hooks.test(webhook))
 
 
@@ -95,7 +95,7 @@ def get_deliveries(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> DeliveryPage:
-    """The log, the newest first. Deliveries that ended stay for 30 days."""
+    """The log of deliveries, the newest first. Deliveries that have ended are kept for 30 days."""
     page = hooks.list_deliveries(webhook, state=only, cursor=cursor, limit=limit)
     return DeliveryPage(items=[_delivery_out(row) for row in page.rows], next=next_page(request, page.cursor))
 
@@ -106,7 +106,7 @@ def get_deliveries(
 def post_replay(
     hooks: Hooks, webhook: WebhookId, delivery: Annotated[uuid.UUID, Path(description="The delivery's id.")]
 ) -> DeliveryOut:
-    """Send the payload once more, as it was then, as a new delivery."""
+    """Send the same payload again, as a new delivery."""
     return _delivery_out(hooks.replay(webhook, delivery))
 
 

@@ -1,8 +1,9 @@
-"""Sends what waits in the outbox, at least once, signed, with pauses that grow over three days; then gives up.
+"""Send the outbox's deliveries at least once, signed, with retries at growing intervals over three days.
 
-A worker's chore starts deliveries and returns; each runs in a thread of its own, few at a time and one a webhook, so
-that a slow receiver holds up neither the others nor the other chores. A claim lasts a little longer than a try can: if
-the worker dies, another sends it again. After a failure a webhook rests a while in this worker, whatever waits for it.
+A worker's chore starts deliveries and returns. Each runs in a thread of its own, a few at a time and one per webhook,
+so that a slow receiver delays neither other webhooks nor other chores. A claim lasts a little longer than an attempt
+can: if the worker dies, another sends the delivery again. After a failure this worker pauses all deliveries to the
+webhook for a while.
 """
 
 import json
@@ -35,17 +36,17 @@ PAUSES = tuple(
         {"seconds": 5}, {"minutes": 5}, {"minutes": 30}, {"hours": 2}, {"hours": 5},
         {"hours": 10}, {"hours": 14}, {"hours": 20}, {"hours": 24},
     )
-)  # fmt: skip  # between tries: the schedule that Standard Webhooks gives as its example, 75 hours in all
-MOST_ATTEMPTS = len(PAUSES) + 1
-JITTER = 0.1  # of a pause, either way: what failed together is not tried again together
+)  # fmt: skip  # between attempts: the example schedule of Standard Webhooks, 75 hours in all
+MAX_ATTEMPTS = len(PAUSES) + 1
+JITTER = 0.1  # of a pause, in both directions, so that deliveries that failed together are not retried together
 LONGEST_RETRY_AFTER = timedelta(days=1)
-GIVEN_UP_IN_A_ROW = 5  # then the webhook is disabled
-CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # a try and writing down what came of it take less
-AT_ONCE = 8  # deliveries in one worker
-TURN_SECONDS = 10.0  # then a webhook with many deliveries makes room for another
-ROWS_AT_ONCE = 1000  # a transaction: short ones, on SQLite nobody else writes meanwhile
+MAX_CONSECUTIVE_GIVEN_UP = 5  # then the webhook is disabled
+CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # longer than an attempt and storing its outcome take
+MAX_CONCURRENT = 8  # deliveries in one worker
+TURN_SECONDS = 10.0  # then a webhook with many deliveries lets another one go first
+ROWS_PER_TRANSACTION = 1000  # keeps transactions short, since SQLite has one writer
 FIRST_REST_SECONDS, LONGEST_REST_SECONDS = 5.0, 300.0
-KEPT = timedelta(days=30)  # of a delivery that has ended
+KEPT = timedelta(days=30)  # after the event, once the delivery has ended
 GONE = 410
 WITHDRAWN = "participant.withdrawn"
 SECRET_UNREADABLE = "The webhook's secret cannot be opened: TADA_SECRET_KEY is not the one it was sealed with."  # noqa: S105
@@ -53,7 +54,7 @@ SECRET_UNREADABLE = "The webhook's secret cannot be opened: TADA_SECRET_KEY is n
 
 @dataclass(frozen=True, slots=True)
 class _Claimed:
-    """A delivery that is ours for a while; attempt: its number, from 1. meal_id: whose news it is, for the log."""
+    """A delivery that this worker has claimed. attempt: its number, from 1. meal_id: for the log."""
 
     delivery_id: uuid.UUID
     event: str
@@ -66,7 +67,7 @@ class _Claimed:
 
 
 class DeliverWebhooks:
-    """The use case; one a worker. now: another clock in tests."""
+    """Delivers webhooks; one per worker. now, chance: replaced in tests."""
 
     def __init__(
         self,
@@ -84,64 +85,64 @@ class DeliverWebhooks:
         self._chance = chance or random.SystemRandom()
         self._lock = threading.Condition()
         self._busy: set[uuid.UUID] = set()
-        self._rests: dict[uuid.UUID, tuple[float, float]] = {}  # webhook -> (rest in seconds, until, monotonic)
+        self._rests: dict[uuid.UUID, tuple[float, float]] = {}  # webhook -> (length in seconds, end by monotonic clock)
 
     def run(self) -> int:
-        """Begin with each webhook that something is due to, as far as there is room. Returns with how many."""
+        """Start a thread for each webhook with a due delivery, up to MAX_CONCURRENT. Returns the number started."""
         started = 0
         while (claimed := self._claim_any()) is not None:
             try:
                 threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
-            except RuntimeError:  # the machine has no thread left: the claim runs out
-                self._be_done_with(claimed)
+            except RuntimeError:  # no thread is available: the claim expires
+                self._release_webhook(claimed)
                 raise
             started += 1
         return started
 
     def wait_until_idle(self, seconds: float) -> bool:
-        """Whether no delivery is under way any more within that time."""
+        """Wait for running deliveries to end. Returns whether they ended in time."""
         with self._lock:
             return self._lock.wait_for(lambda: not self._busy, seconds)
 
     def give_up_unsendable(self) -> None:
-        """Give up what waits for a disabled webhook, and what a worker died over at its last try."""
-        found = ROWS_AT_ONCE
-        while found == ROWS_AT_ONCE:
+        """Give up deliveries to disabled webhooks, and those whose worker died during the last attempt."""
+        count = ROWS_PER_TRANSACTION
+        while count == ROWS_PER_TRANSACTION:
             with self._database.write() as session:
-                rows = webhooks.unsendable(session, self._now(), MOST_ATTEMPTS, ROWS_AT_ONCE)
+                rows = webhooks.unsendable(session, self._now(), MAX_ATTEMPTS, ROWS_PER_TRANSACTION)
                 for delivery in rows:
                     _give_up(delivery)
-                found = len(rows)
+                count = len(rows)
 
     def remove_old(self) -> None:
         """Remove deliveries that have ended, KEPT after their event."""
-        removed = ROWS_AT_ONCE
-        while removed == ROWS_AT_ONCE:
+        removed = ROWS_PER_TRANSACTION
+        while removed == ROWS_PER_TRANSACTION:
             with self._database.write() as session:
-                removed = webhooks.remove_ended(session, self._now() - KEPT, ROWS_AT_ONCE)
+                removed = webhooks.remove_ended(session, self._now() - KEPT, ROWS_PER_TRANSACTION)
 
     def _claim_any(self) -> _Claimed | None:
-        """A delivery to a webhook that is free, which is busy from here on; None if there is none, or no room."""
+        """Claim a delivery to a webhook that is neither busy nor resting; None if there is none, or no free slot."""
         with self._lock:
-            if len(self._busy) >= AT_ONCE:
+            if len(self._busy) >= MAX_CONCURRENT:
                 return None
             resting = {hook for hook, (_, until) in self._rests.items() if time.monotonic() < until}
-            passed_over = self._busy | resting
-        claimed = self._claim(Due(self._now(), passed_over=frozenset(passed_over)))
+            excluded = self._busy | resting
+        claimed = self._claim(Due(self._now(), excluded=frozenset(excluded)))
         if claimed is not None:
             with self._lock:
                 self._busy.add(claimed.webhook_id)
         return claimed
 
     def _claim(self, due: Due) -> _Claimed | None:
-        with self._database.read() as session:  # on SQLite a look must not keep those who write waiting
+        with self._database.read() as session:  # usually nothing is due, and no write lock is needed
             if not webhooks.has_due(session, due):
                 return None
         with self._database.write() as session:
-            found = webhooks.claim_due(session, due, until=due.now + CLAIM)
-            if found is None:
+            row = webhooks.claim_due(session, due, until=due.now + CLAIM)
+            if row is None:
                 return None
-            delivery, hook = found
+            delivery, hook = row
             body = json.dumps(delivery.payload, sort_keys=True, separators=(",", ":")).encode()
             return _Claimed(
                 delivery.id,
@@ -155,32 +156,32 @@ class DeliverWebhooks:
             )
 
     def _deliver(self, claimed: _Claimed) -> None:
-        """Send it and, as long as the receiver takes them and others need not wait, what is due to the same webhook."""
-        following: _Claimed | None = claimed
+        """Send a delivery, then further ones to the same webhook until one fails or TURN_SECONDS have passed."""
+        current: _Claimed | None = claimed
         turn_ends = time.monotonic() + TURN_SECONDS
         try:
-            while following is not None:
-                answer = self._send(following)
-                self._rest_or_go_on(following.webhook_id, answer)
-                self._note(following, answer)
-                _tell(following, answer)
-                goes_on = answer.is_success and time.monotonic() < turn_ends
-                following = self._claim(Due(self._now(), only=claimed.webhook_id)) if goes_on else None
-        except Exception as error:  # the worker's edge: the claim runs out, and it is tried again
+            while current is not None:
+                answer = self._send(current)
+                self._update_rest(current.webhook_id, answer)
+                self._store_outcome(current, answer)
+                _log_attempt(current, answer)
+                may_continue = answer.is_success and time.monotonic() < turn_ends
+                current = self._claim(Due(self._now(), only=claimed.webhook_id)) if may_continue else None
+        except Exception as error:  # the worker's edge: the claim expires, and the delivery is sent again
             log.warning("webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error)
         finally:
-            self._be_done_with(claimed)
+            self._release_webhook(claimed)
 
-    def _be_done_with(self, claimed: _Claimed) -> None:
+    def _release_webhook(self, claimed: _Claimed) -> None:
         with self._lock:
             self._busy.discard(claimed.webhook_id)
             self._lock.notify_all()
 
     def _send(self, claimed: _Claimed) -> Answer:
         try:
-            known = open_secrets(self._box, claimed.secret_sealed)
+            signing = open_secrets(self._box, claimed.secret_sealed)
         except SecretKeyError:
-            log.error(  # noqa: TRY400  # the reason is known: no traceback at each try
+            log.error(  # noqa: TRY400  # the cause is clear: no traceback for each attempt
                 "webhook_secret_unreadable", webhook_id=str(claimed.webhook_id), detail=SECRET_UNREADABLE
             )
             return Answer(None, SECRET_UNREADABLE)
@@ -190,35 +191,36 @@ class DeliverWebhooks:
             "User-Agent": f"tada-server/{__version__}",
             "Webhook-Id": str(claimed.delivery_id),
             "Webhook-Timestamp": str(int(now.timestamp())),
-            "Webhook-Signature": known.signatures(str(claimed.delivery_id), now, claimed.body),
+            "Webhook-Signature": signing.signatures(str(claimed.delivery_id), now, claimed.body),
         }
         return self._post.send(claimed.url, headers, claimed.body)
 
-    def _rest_or_go_on(self, webhook_id: uuid.UUID, answer: Answer) -> None:
+    def _update_rest(self, webhook_id: uuid.UUID, answer: Answer) -> None:
+        """End the webhook's rest after a success; start one, twice as long as the last, after a failure."""
         with self._lock:
             if answer.is_success:
                 self._rests.pop(webhook_id, None)
                 return
-            before, _ = self._rests.get(webhook_id, (0.0, 0.0))
-            seconds = min(max(2 * before, FIRST_REST_SECONDS), LONGEST_REST_SECONDS)
+            previous_seconds, _ = self._rests.get(webhook_id, (0.0, 0.0))
+            seconds = min(max(2 * previous_seconds, FIRST_REST_SECONDS), LONGEST_REST_SECONDS)
             self._rests[webhook_id] = (seconds, time.monotonic() + seconds)
 
-    def _note(self, claimed: _Claimed, answer: Answer) -> None:
-        """Write down what came of it. A row that was erased meanwhile, or delivered by another, is left as it is."""
+    def _store_outcome(self, claimed: _Claimed, answer: Answer) -> None:
+        """Store an attempt's outcome, unless the row was erased or another worker delivered it meanwhile."""
         with self._database.write() as session:
-            found = webhooks.lock_delivery(session, claimed.delivery_id)
-            if found is None:
+            row = webhooks.lock_delivery(session, claimed.delivery_id)
+            if row is None:
                 return
-            delivery, hook = found
+            delivery, hook = row
             if delivery.state != "waiting" or (delivery.attempts != claimed.attempt and not answer.is_success):
                 return
             delivery.last_status = answer.status
-            delivery.last_error = None if answer.is_success else _words(answer)
+            delivery.last_error = None if answer.is_success else _error_message(answer)
             if answer.is_success:
                 delivery.state, delivery.delivered_at, delivery.next_try_at = "delivered", self._now(), None
-                _forget_who_left(delivery)
+                _remove_withdrawal_data(delivery)
                 return
-            is_given_up = answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS
+            is_given_up = answer.status == GONE or claimed.attempt >= MAX_ATTEMPTS
             if is_given_up:
                 _give_up(delivery)
             else:
@@ -226,9 +228,9 @@ class DeliverWebhooks:
             session.flush()
             if hook.disabled_at is not None or not is_given_up:
                 return
-            outcomes = webhooks.last_outcomes(session, hook.id, GIVEN_UP_IN_A_ROW)
-            in_a_row = len(outcomes) == GIVEN_UP_IN_A_ROW and set(outcomes) == {"given_up"}
-            if answer.status == GONE or in_a_row:
+            outcomes = webhooks.last_outcomes(session, hook.id, MAX_CONSECUTIVE_GIVEN_UP)
+            all_given_up = len(outcomes) == MAX_CONSECUTIVE_GIVEN_UP and set(outcomes) == {"given_up"}
+            if answer.status == GONE or all_given_up:
                 hook.disabled_at = self._now()
                 hook.version += 1
                 reason = "gone" if answer.status == GONE else "given_up_in_a_row"
@@ -236,17 +238,17 @@ class DeliverWebhooks:
                 log.warning("webhook_disabled", webhook_id=str(hook.id), reason=reason)
 
     def _pause(self, attempt: int, answer: Answer) -> timedelta:
-        """Until the next try, after this one (from 1) failed."""
+        """Return the time until the next attempt, after an attempt (from 1) failed."""
         pause = PAUSES[attempt - 1] * self._chance.uniform(1 - JITTER, 1 + JITTER)
         if answer.retry_after_seconds is None:
             return pause
-        asked = min(answer.retry_after_seconds, LONGEST_RETRY_AFTER.total_seconds())
-        return max(pause, timedelta(seconds=asked))
+        retry_after = min(answer.retry_after_seconds, LONGEST_RETRY_AFTER.total_seconds())
+        return max(pause, timedelta(seconds=retry_after))
 
 
-def _tell(claimed: _Claimed, answer: Answer) -> None:
-    """What came of a try, into log and figures: ids, the event and the status; never the address or a payload."""
-    is_over = answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS
+def _log_attempt(claimed: _Claimed, answer: Answer) -> None:
+    """Log and count an attempt with ids, event and status; never the address or the payload."""
+    is_over = answer.status == GONE or claimed.attempt >= MAX_ATTEMPTS
     outcome = "delivered" if answer.is_success else "given_up" if is_over else "failed"
     instruments.DELIVERIES.labels(outcome).inc()
     log.info(
@@ -261,17 +263,17 @@ def _tell(claimed: _Claimed, answer: Answer) -> None:
     )
 
 
-def _words(answer: Answer) -> str:
-    """What went wrong, in words of ours: never what the receiver said."""
+def _error_message(answer: Answer) -> str:
+    """Describe a failure without any text of the receiver's."""
     return answer.error or f"The receiver answered {answer.status}."
 
 
 def _give_up(delivery: WebhookDelivery) -> None:
     delivery.state, delivery.next_try_at = "given_up", None
-    _forget_who_left(delivery)
+    _remove_withdrawal_data(delivery)
 
 
-def _forget_who_left(delivery: WebhookDelivery) -> None:
-    """The notice that a participant left was for delivery only: their code does not stay in the log."""
+def _remove_withdrawal_data(delivery: WebhookDelivery) -> None:
+    """Remove the participant's code from the delivered notice of a withdrawal, so that the log does not keep it."""
     if delivery.event == WITHDRAWN:
         delivery.payload = {name: value for name, value in delivery.payload.items() if name != "data"}

@@ -14,41 +14,41 @@ from app.people.models import Participant, Study
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """Deliveries to enabled webhooks that may be sent by now; of one webhook only, or of all but some."""
+    """Selects deliveries to enabled webhooks that are due: of one webhook only, or of all except some."""
 
     now: datetime
-    passed_over: frozenset[uuid.UUID] = frozenset()
+    excluded: frozenset[uuid.UUID] = frozenset()
     only: uuid.UUID | None = None
 
 
 def list_webhooks(session: Session, study_id: uuid.UUID, limit: int) -> list[Webhook]:
-    """A study's webhooks, disabled ones too, the newest first."""
+    """Return a study's webhooks, including disabled ones, the newest first."""
     query = sa.select(Webhook).where(Webhook.study_id == study_id)
     return list(session.scalars(query.order_by(Webhook.created_at.desc(), Webhook.id).limit(limit)))
 
 
 def lock_study(session: Session, study_id: uuid.UUID) -> None:
-    """Hold the study, so that of two changes that count its webhooks the second counts the first's."""
+    """Lock the study until commit, so that concurrent changes count its webhooks one after the other."""
     session.execute(sa.select(Study.id).where(Study.id == study_id).with_for_update(key_share=True))
 
 
 def find_webhook(session: Session, study_id: uuid.UUID, webhook_id: uuid.UUID, *, lock: bool = False) -> Webhook | None:
-    """A webhook of this study."""
+    """Return a webhook of this study, locked until commit if `lock` is set."""
     query = sa.select(Webhook).where(Webhook.id == webhook_id, Webhook.study_id == study_id)
     return session.scalars(query.with_for_update(key_share=True) if lock else query).one_or_none()
 
 
 def find_delivery(session: Session, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery | None:
-    """A delivery of this webhook, to make another from it: erasures end before or wait."""
+    """Return a delivery of this webhook to copy; its participant and meal are locked against erasure."""
     row = WebhookDelivery
     query = sa.select(row).where(row.id == delivery_id, row.webhook_id == webhook_id)
-    found = session.scalars(query).one_or_none()
-    if found is None:
+    delivery = session.scalars(query).one_or_none()
+    if delivery is None:
         return None
-    of_person = sa.select(Participant.id).where(Participant.id == found.participant_id)
-    of_meal = sa.select(Meal.id).where(Meal.id == found.meal_id)
-    for held in (of_person, of_meal):
-        session.execute(held.with_for_update(read=True, key_share=True))
+    participant = sa.select(Participant.id).where(Participant.id == delivery.participant_id)
+    meal = sa.select(Meal.id).where(Meal.id == delivery.meal_id)
+    for owner in (participant, meal):
+        session.execute(owner.with_for_update(read=True, key_share=True))
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
@@ -60,7 +60,7 @@ def page_of_deliveries(
     before: tuple[datetime, uuid.UUID] | None,
     limit: int,
 ) -> list[WebhookDelivery]:
-    """At most `limit` deliveries, the newest first: those behind `before` in the order of (created_at, id)."""
+    """Return at most `limit` deliveries before `before`, the newest first by (created_at, id)."""
     row = WebhookDelivery
     query = sa.select(row).where(row.webhook_id == webhook_id)
     if state is not None:
@@ -72,21 +72,21 @@ def page_of_deliveries(
 
 
 def has_due(session: Session, due: Due) -> bool:
-    """Whether there is such a delivery."""
+    """Whether a delivery is due."""
     return session.scalar(_due(due).with_only_columns(WebhookDelivery.id).limit(1)) is not None
 
 
 def claim_due(session: Session, due: Due, *, until: datetime) -> tuple[WebhookDelivery, Webhook] | None:
-    """The delivery that has waited longest, with its webhook; nobody else gets it before `until`.
+    """Claim the delivery that has waited longest, with its webhook; no other worker gets it before `until`.
 
-    On PostgreSQL rows that another worker is just claiming are passed over; on SQLite writers are alone.
+    PostgreSQL skips rows that another worker is claiming; SQLite has one writer at a time.
     """
     row = WebhookDelivery
     query = _due(due).order_by(row.next_try_at, row.id).limit(1).with_for_update(of=row, skip_locked=True)
-    found = session.execute(query).one_or_none()
-    if found is None:
+    claimed = session.execute(query).one_or_none()
+    if claimed is None:
         return None
-    delivery, hook = found
+    delivery, hook = claimed
     delivery.attempts += 1
     delivery.next_try_at = until
     session.flush()
@@ -94,26 +94,26 @@ def claim_due(session: Session, due: Due, *, until: datetime) -> tuple[WebhookDe
 
 
 def lock_delivery(session: Session, delivery_id: uuid.UUID) -> tuple[WebhookDelivery, Webhook] | None:
-    """A delivery and its webhook, both locked, webhook first as everywhere; None if it was erased."""
+    """Lock a webhook and then its delivery, in the order used everywhere; None if the delivery was erased."""
     webhook_id = session.scalar(sa.select(WebhookDelivery.webhook_id).where(WebhookDelivery.id == delivery_id))
     if webhook_id is None:
         return None
-    found = sa.select(Webhook).where(Webhook.id == webhook_id).with_for_update(key_share=True)  # announcing goes on
-    hook = session.scalars(found).one()
+    hook_query = sa.select(Webhook).where(Webhook.id == webhook_id)
+    hook = session.scalars(hook_query.with_for_update(key_share=True)).one()  # does not block new deliveries
     query = sa.select(WebhookDelivery).where(WebhookDelivery.id == delivery_id).with_for_update()
     delivery = session.scalars(query).one_or_none()
     return (delivery, hook) if delivery is not None else None
 
 
 def last_outcomes(session: Session, webhook_id: uuid.UUID, limit: int) -> list[str]:
-    """How the newest deliveries ended that have ended."""
+    """Return the final states of the newest deliveries that have ended."""
     row = WebhookDelivery
     query = sa.select(row.state).where(row.webhook_id == webhook_id, row.state != "waiting")
     return list(session.scalars(query.order_by(row.created_at.desc(), row.id.desc()).limit(limit)))
 
 
 def unsendable(session: Session, now: datetime, most_attempts: int, limit: int) -> list[WebhookDelivery]:
-    """Deliveries that wait for what will not come: their webhook is disabled, or their last try died half-way."""
+    """Return waiting deliveries that will not be sent: webhook disabled, or the worker died in the last attempt."""
     row = WebhookDelivery
     query = (
         sa.select(row)
@@ -128,7 +128,7 @@ def unsendable(session: Session, now: datetime, most_attempts: int, limit: int) 
 
 
 def remove_ended(session: Session, before: datetime, limit: int) -> int:
-    """Remove at most `limit` deliveries that have ended and were made before that time. Returns how many."""
+    """Delete at most `limit` deliveries that have ended and were created before a time. Returns the number."""
     row = WebhookDelivery
     old = sa.select(row.id).where(row.state != "waiting", row.created_at < before).limit(limit)
     removed = session.execute(
@@ -146,4 +146,4 @@ def _due(due: Due) -> sa.Select[WebhookDelivery, Webhook]:
     )
     if due.only is not None:
         query = query.where(row.webhook_id == due.only)
-    return query.where(row.webhook_id.not_in(due.passed_over)) if due.passed_over else query
+    return query.where(row.webhook_id.not_in(due.excluded)) if due.excluded else query

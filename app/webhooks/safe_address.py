@@ -1,9 +1,9 @@
-"""Where a webhook may go: https to a public address, and to no other (server-side request forgery).
+"""Check webhook URLs: https to a public address only, against server-side request forgery.
 
-A URL that a study's owner typed in makes the server call out, so it could be turned against what the server can reach
-and the owner cannot: a metadata service, a database, the loopback. A URL is read strictly (what two readers would take
-for two hosts is refused), its name is resolved once, every answer must be public, and who connects uses these very
-addresses: a name that resolves to something else a moment later gains nothing.
+The server connects to a URL that a study's owner entered, which could point at services that the server can reach but
+the owner cannot: a metadata service, a database, the loopback. URLs are parsed strictly (a URL that parsers could read
+as different hosts is refused), the name is resolved once, every address must be public, and the connection goes to
+these addresses, so that a name that resolves differently later has no effect.
 """
 
 import ipaddress
@@ -18,11 +18,11 @@ from app.core.errors import InvalidInputError
 
 MAX_URL_LENGTH = 500
 HTTPS_PORT = 443
-LOWEST_FREE_PORT = 1024  # of those below, only 443: the rest belongs to services that are no webhook's receiver
+LOWEST_FREE_PORT = 1024  # below it only 443 is allowed: the other ports belong to services that receive no webhooks
 RESOLVE_SECONDS = 5.0
 LOOPBACK = "127.0.0.1"
 
-# Addresses that lead nowhere public: IANA's special-purpose registries (RFC 6890 and its successors).
+# Addresses that are not public: IANA's special-purpose registries (RFC 6890 and its successors).
 NOT_PUBLIC_V4 = tuple(
     ipaddress.IPv4Network(network)
     for network in (
@@ -43,7 +43,7 @@ NOT_PUBLIC_V4 = tuple(
         "240.0.0.0/4",  # reserved, broadcast
     )
 )
-# Only this is handed out as global unicast: mapped, NAT64, unique local, link-local, multicast ... lie outside of it.
+# The only range of global unicast addresses: mapped, NAT64, unique local, link-local, multicast ... are outside.
 GLOBAL_UNICAST_V6 = ipaddress.IPv6Network("2000::/3")
 NOT_PUBLIC_V6 = tuple(
     ipaddress.IPv6Network(network)
@@ -57,7 +57,7 @@ NOT_PUBLIC_V6 = tuple(
 ISATAP_MARKS = (b"\x00\x00\x5e\xfe", b"\x02\x00\x5e\xfe")  # RFC 5214: an IPv4 address follows
 
 _VISIBLE_ASCII = re.compile(r"[!-~]+")
-_AMBIGUOUS = frozenset('\\"<>^`{|}')  # RFC 3986 allows none of them; readers of URLs differ about some
+_AMBIGUOUS = frozenset('\\"<>^`{|}')  # not allowed by RFC 3986; URL parsers differ about some of them
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?")
 _NUMBER = re.compile(r"\d+|0x[0-9a-f]*")
 
@@ -65,14 +65,14 @@ Resolver = Callable[[str, int], list[str]]
 
 
 class AddressError(InvalidInputError):
-    """A webhook cannot go there."""
+    """A webhook's URL is refused."""
 
     code = "webhook_address_refused"
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A URL taken apart. host: a name or an address, lower case; path: with the query, as it goes over the wire."""
+    """A parsed URL. host: a name or an address, lower case; path: with the query, as it is sent."""
 
     scheme: str
     host: str
@@ -81,16 +81,16 @@ class Target:
 
     @property
     def host_header(self) -> str:
-        """The header `Host`."""
+        """The value of the header `Host`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         standard = HTTPS_PORT if self.scheme == "https" else 80
         return host if self.port == standard else f"{host}:{self.port}"
 
 
 def parse_target(url: str, *, allow_loopback: bool) -> Target:
-    """The URL's parts. Raises AddressError for anything but https to a host, and for what can be read in two ways.
+    """Parse a URL. Raises AddressError for anything but https to a host, and for ambiguous URLs.
 
-    allow_loopback: http://127.0.0.1 is taken too.
+    allow_loopback: also accept http://127.0.0.1.
     """
     if len(url) > MAX_URL_LENGTH:
         raise AddressError(f"The URL is longer than {MAX_URL_LENGTH} characters.")
@@ -102,7 +102,7 @@ def parse_target(url: str, *, allow_loopback: bool) -> Target:
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
-        raise AddressError("This is no URL.") from None
+        raise AddressError("This is not a URL.") from None
     if "#" in url:
         raise AddressError("The URL may not have a fragment (#).")
     if "@" in parts.netloc:
@@ -122,64 +122,62 @@ def parse_target(url: str, *, allow_loopback: bool) -> Target:
 
 
 def resolve_safely(target: Target, *, allow_loopback: bool, resolve: Resolver | None = None) -> tuple[str, ...]:
-    """The addresses of the target, all of them public; connect to these and resolve no more.
+    """Return the target's addresses, all public; connect to these without resolving again.
 
-    allow_loopback: 127.0.0.1 passes too. Raises AddressError if there is none, or if one of them is not public.
+    allow_loopback: also accept 127.0.0.1. Raises AddressError if there is no address, or one of them is not public.
     """
     addresses = (resolve or system_resolver)(target.host, target.port)
     if not addresses:
         raise AddressError("The name in the URL does not resolve.")
     for address in addresses:
         if not is_public(address) and not (allow_loopback and address == LOOPBACK):
-            # the address itself is not told: it would draw a map of the network behind the server
+            # the message leaves out the address, which would reveal the network behind the server
             raise AddressError("The URL leads to an address that is not public.")
     return tuple(addresses)
 
 
 def is_public(address: str) -> bool:
-    """Whether an address is of the public internet. False for what is no address in its usual form."""
+    """Whether an address is public; False for text that is not an address in canonical form."""
     try:
-        found = ipaddress.ip_address(address)
+        ip = ipaddress.ip_address(address)
     except ValueError:
         return False
-    if isinstance(found, ipaddress.IPv4Address):
-        return not any(found in network for network in NOT_PUBLIC_V4)
-    if found.scope_id is not None or found not in GLOBAL_UNICAST_V6 or found.packed[8:12] in ISATAP_MARKS:
+    if isinstance(ip, ipaddress.IPv4Address):
+        return not any(ip in network for network in NOT_PUBLIC_V4)
+    if ip.scope_id is not None or ip not in GLOBAL_UNICAST_V6 or ip.packed[8:12] in ISATAP_MARKS:
         return False
-    return not any(found in network for network in NOT_PUBLIC_V6)
+    return not any(ip in network for network in NOT_PUBLIC_V6)
 
 
 def system_resolver(host: str, port: int) -> list[str]:
-    """The host's addresses in the system's order; none where it does not resolve, or not within RESOLVE_SECONDS."""
-    found: list[str] = []
+    """Return the host's addresses in the system's order; none if it does not resolve within RESOLVE_SECONDS."""
+    addresses: list[str] = []
 
-    def ask() -> None:
+    def resolve() -> None:
         try:
             answers = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         except (OSError, UnicodeError):
             return
-        found.extend(dict.fromkeys(str(answer[4][0]) for answer in answers))
+        addresses.extend(dict.fromkeys(str(answer[4][0]) for answer in answers))
 
-    asking = threading.Thread(target=ask, name="resolve", daemon=True)  # getaddrinfo takes no time-out
-    asking.start()
-    asking.join(RESOLVE_SECONDS)
-    return list(found)
+    thread = threading.Thread(target=resolve, name="resolve", daemon=True)  # getaddrinfo has no time-out
+    thread.start()
+    thread.join(RESOLVE_SECONDS)
+    return list(addresses)
 
 
 def _read_host(host: str) -> str:
-    """A name of two labels or more, or an address in its one usual form. Raises AddressError."""
+    """Return a name of at least two labels, or an address in canonical form. Raises AddressError."""
     if ":" in host:
         try:
-            found = ipaddress.IPv6Address(host)
+            ip = ipaddress.IPv6Address(host)
         except ValueError:
-            raise AddressError("The URL's host is no IPv6 address.") from None
-        if found.scope_id is not None:
+            raise AddressError("The URL's host is not an IPv6 address.") from None
+        if ip.scope_id is not None:
             raise AddressError("The URL's address may not have a zone.")
-        return str(found)
+        return str(ip)
     labels = host.split(".")
-    if _NUMBER.fullmatch(
-        labels[-1]
-    ):  # "ends in a number": some readers take 127.1, 0x7f000001 or 017700000001 for IPv4
+    if _NUMBER.fullmatch(labels[-1]):  # some parsers read 127.1, 0x7f000001 or 017700000001 as IPv4
         try:
             return str(ipaddress.IPv4Address(host))
         except ValueError:

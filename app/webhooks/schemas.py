@@ -1,8 +1,8 @@
-"""Webhooks and their deliveries over the wire."""
+"""HTTP schemas of webhooks and their deliveries."""
 
 import uuid
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -12,7 +12,9 @@ from app.outbox.models import DeliveredEvent, DeliveryState, Event
 
 EventName = Literal["*", Event]
 Url = Annotated[Text, Field(min_length=1, max_length=500, description="https, to a public address.")]
-Events = Annotated[list[EventName], Field(min_length=1, max_length=20, description="`*`: all, later ones too.")]
+Events = Annotated[
+    list[EventName], Field(min_length=1, max_length=20, description="`*`: all events, including future kinds.")
+]
 
 
 class WebhookIn(BaseModel):
@@ -30,13 +32,13 @@ class WebhookIn(BaseModel):
 
 
 class WebhookChangeIn(BaseModel):
-    """What to change; what is left out stays."""
+    """A change of a webhook; fields that are left out stay unchanged."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_enabled": True}})
 
-    url: Url | None = Field(default=None, description="The new address, https and public; null: as it is.")
-    events: Events | None = Field(default=None, description="The new list of events; null: as it is.")
-    is_enabled: bool | None = Field(default=None, description="Whether deliveries are sent; null: as it is.")
+    url: Url | None = Field(default=None, description="The new address, https and public; null: unchanged.")
+    events: Events | None = Field(default=None, description="The new list of events; null: unchanged.")
+    is_enabled: bool | None = Field(default=None, description="Whether deliveries are sent; null: unchanged.")
 
     @model_validator(mode="after")
     def _changes_something(self) -> "WebhookChangeIn":
@@ -46,15 +48,15 @@ class WebhookChangeIn(BaseModel):
 
 
 class WebhookOut(BaseModel):
-    """A webhook. disabled_at: since then nothing is sent to it."""
+    """A webhook."""
 
     id: uuid.UUID = Field(description="The webhook's id.")
     url: str = Field(description="Where deliveries are sent.")
-    events: list[EventName] = Field(description="Events that it is sent; `*`: all, later ones too.")
-    author: str = Field(description="Name of the staff member who made it.")
+    events: list[EventName] = Field(description="The subscribed events; `*`: all, including future kinds.")
+    author: str = Field(description="Name of the staff member who created it.")
     version: int = Field(description="Grows with every change of the webhook; the ETag names it.")
-    created_at: datetime = Field(description="When it was made.")
-    disabled_at: datetime | None = Field(description="Since when nothing is sent to it; null: it is enabled.")
+    created_at: datetime = Field(description="When it was created.")
+    disabled_at: datetime | None = Field(description="When it was disabled; null: it is enabled.")
 
 
 class WebhookList(BaseModel):
@@ -68,26 +70,28 @@ class WebhookSecretOut(BaseModel):
 
     webhook: WebhookOut = Field(description="The webhook that the secret is for.")
     secret: str = Field(description="whsec_ and the key in base64, as libraries for Standard Webhooks take it.")
-    previous_until: datetime | None = Field(description="Until then the old secret signs along; null: there is none.")
+    previous_until: datetime | None = Field(
+        description="Until when deliveries are also signed with the old secret; null: there is none."
+    )
 
 
 class DeliveryOut(BaseModel):
-    """One event for one webhook, and how far its delivery is."""
+    """The delivery of one event to one webhook."""
 
-    id: uuid.UUID = Field(description="The header Webhook-Id; the same at every try.")
+    id: uuid.UUID = Field(description="The header Webhook-Id, the same for every attempt.")
     event: DeliveredEvent = Field(description="The event's name, such as meal.estimated; `ping` for a test.")
-    payload: dict[str, Any] = Field(description="The body that is sent.")
-    state: DeliveryState = Field(description="waiting: to be sent, or tried again. given_up: it failed too often.")
-    attempts: int = Field(description="How often it was tried.")
-    next_try_at: datetime | None = Field(description="When it is tried next; null: it is not.")
+    payload: dict[str, object] = Field(description="The body that is sent.")
+    state: DeliveryState = Field(description="waiting: to be sent or retried. given_up: it failed too often.")
+    attempts: int = Field(description="The number of attempts.")
+    next_try_at: datetime | None = Field(description="When the next attempt is due; null: there is none.")
     last_status: int | None = Field(description="HTTP status of the last answer; null: there was none.")
-    last_error: str | None = Field(description="Why the last try failed; null: it did not.")
+    last_error: str | None = Field(description="Why the last attempt failed; null: it did not.")
     created_at: datetime = Field(description="When the event happened.")
     delivered_at: datetime | None = Field(description="When it was accepted; null: it was not.")
 
 
 class DeliveryPage(BaseModel):
-    """Deliveries, the newest first. next: the following page."""
+    """A page of deliveries, the newest first; `next` is the address of the next page, or null."""
 
     items: list[DeliveryOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)

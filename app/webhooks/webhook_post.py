@@ -1,7 +1,7 @@
-"""One HTTP POST to a webhook's receiver: to an address that was checked, within a total time, and no more than a look.
+"""One HTTP POST to a webhook's receiver, at a checked address and within a total time.
 
-The connection goes to the checked address itself, while `Host`, SNI and the certificate's check go by the name. No
-redirect is followed, no proxy of the environment is used, no body is read: the answer is its status line and headers.
+The connection goes to the checked address, while `Host`, SNI and certificate verification use the name. Redirects and
+proxies of the environment are ignored, and the response's body is not read: only status and headers count.
 """
 
 import asyncio
@@ -14,16 +14,16 @@ import httpx2
 
 from app.webhooks.safe_address import AddressError, Resolver, Target, parse_target, resolve_safely
 
-TOTAL_SECONDS = 10.0  # connecting, handshake, sending and the answer's head, together
-STEP_SHARE = 0.9  # of them, for one step
-MOST_HEADERS = 100  # of an answer; one that has more is none
+TOTAL_SECONDS = 10.0  # for connecting, handshake, sending and the response's head together
+STEP_SHARE = 0.9  # of the total time, for one step
+MAX_HEADERS = 100  # a response with more is refused
 
 ErrorT = TypeVar("ErrorT", bound=BaseException)
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came of it. status: of the answer; None: there was none, and error says why in a few words of ours."""
+    """The result of a POST. status: of the response; None if there was none, and error tells why."""
 
     status: int | None
     error: str | None = None
@@ -31,12 +31,12 @@ class Answer:
 
     @property
     def is_success(self) -> bool:
-        """Whether the receiver has taken it."""
+        """Whether the receiver accepted the delivery."""
         return self.status is not None and 200 <= self.status < 300
 
 
 class WebhookPost:
-    """Sends; one per process, safe to share between threads. resolve, tls, transport: others in tests."""
+    """Sends; one per process, safe to share between threads. resolve, tls, transport: replaced in tests."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class WebhookPost:
         self._transport = transport
 
     def send(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
-        """POST the body. Never raises for what the receiver or the way to it does."""
+        """POST the body. Failures of the receiver or the network are returned, not raised."""
         try:
             target = parse_target(url, allow_loopback=self._allow_loopback)
             addresses = resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
@@ -71,16 +71,16 @@ class WebhookPost:
     async def _send_in_time(
         self, target: Target, addresses: tuple[str, ...], headers: Mapping[str, str], body: bytes
     ) -> Answer:
-        """To the first address that takes a connection."""
+        """Send to the first address that accepts a connection."""
         async with asyncio.timeout(self._total_seconds), self._open_transport() as transport:
-            for place, address in enumerate(addresses, 1):
+            for number, address in enumerate(addresses, 1):
                 try:
                     response = await transport.handle_async_request(self._request(target, address, headers, body))
                 except httpx2.ConnectError as error:
-                    if place == len(addresses) or _cause(error, ssl.SSLError) is not None:
+                    if number == len(addresses) or _cause(error, ssl.SSLError) is not None:
                         raise
                 else:
-                    await response.aclose()  # its body unread
+                    await response.aclose()  # without reading the body
                     return _answer(response)
         raise AddressError("The name in the URL does not resolve.")
 
@@ -101,14 +101,14 @@ class WebhookPost:
             content=body,
             extensions={
                 "sni_hostname": target.host,
-                # of each step, so that the library ends a stalled one itself and closes its connection
+                # per step, so that the library itself ends a stalled step and closes the connection
                 "timeout": dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds),
             },
         )
 
 
 def _answer(response: httpx2.Response) -> Answer:
-    if len(response.headers.raw) > MOST_HEADERS:
+    if len(response.headers.raw) > MAX_HEADERS:
         return Answer(None, "The answer was not HTTP.")
     return Answer(response.status_code, None, _seconds(response.headers.get("Retry-After")))
 
@@ -125,13 +125,13 @@ def _why_not_connected(error: httpx2.TransportError) -> str:
 
 
 def _cause(error: BaseException, kind: type[ErrorT]) -> ErrorT | None:
-    """What of this kind it goes back to."""
-    at: BaseException | None = error
-    while at is not None and not isinstance(at, kind):
-        at = at.__cause__ or at.__context__
-    return at
+    """Return the error of this kind in the chain of causes, or None."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, kind):
+        cause = cause.__cause__ or cause.__context__
+    return cause
 
 
 def _seconds(retry_after: str | None) -> float | None:
-    """Retry-After in seconds; its other form, a date, is passed over."""
+    """Parse Retry-After in seconds; dates, its other form, are ignored."""
     return float(retry_after) if retry_after is not None and retry_after.isascii() and retry_after.isdigit() else None

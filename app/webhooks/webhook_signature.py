@@ -1,6 +1,6 @@
-"""A webhook's secret and its signatures, as Standard Webhooks 1.0.0 has them (symmetric, `v1`).
+"""A webhook's secret and its signatures by Standard Webhooks 1.0.0 (symmetric, `v1`).
 
-After a rotation the old secret signs along for a day, so that a receiver can change over without losing anything.
+For a day after a rotation, deliveries are also signed with the old secret, so that receivers can switch over.
 """
 
 import base64
@@ -19,18 +19,18 @@ OLD_SECRET_SIGNS = timedelta(days=1)
 
 @dataclass(frozen=True, slots=True)
 class SigningSecrets:
-    """The secret in force and, for a while, the one before it."""
+    """The current secret and, for a while after a rotation, the previous one."""
 
     current: str
     previous: str | None = None
     previous_until: datetime | None = None
 
     def rotated(self, now: datetime) -> "SigningSecrets":
-        """A fresh secret; the one in force until now signs along for OLD_SECRET_SIGNS."""
+        """Return a new current secret with this one as the previous, valid for OLD_SECRET_SIGNS."""
         return SigningSecrets(new_secret(), self.current, now + OLD_SECRET_SIGNS)
 
     def signatures(self, delivery_id: str, now: datetime, body: bytes) -> str:
-        """The header's value: a signature a secret, space between, at this second."""
+        """Return the header's value: one signature per valid secret, separated by spaces."""
         in_force = [self.current]
         if self.previous is not None and self.previous_until is not None and now < self.previous_until:
             in_force.append(self.previous)
@@ -38,22 +38,22 @@ class SigningSecrets:
 
 
 def new_secret() -> str:
-    """A fresh secret in the standard's form."""
+    """Draw a secret in the standard's format."""
     return PREFIX + base64.b64encode(secrets.token_bytes(SECRET_BYTES)).decode()
 
 
-def seal_secrets(box: SecretBox, known: SigningSecrets) -> str:
-    """The secrets as text that only the server's key opens."""
-    parts = [known.current]
-    if known.previous is not None and known.previous_until is not None:
-        parts += [known.previous, known.previous_until.isoformat()]
+def seal_secrets(box: SecretBox, signing: SigningSecrets) -> str:
+    """Encrypt secrets with the server's key."""
+    parts = [signing.current]
+    if signing.previous is not None and signing.previous_until is not None:
+        parts += [signing.previous, signing.previous_until.isoformat()]
     return box.seal(" ".join(parts))
 
 
 def open_secrets(box: SecretBox, sealed: str) -> SigningSecrets:
-    """The secrets again. Raises SecretKeyError where another key sealed them."""
-    current, *before = box.open(sealed).split(" ")
-    if not before:
+    """Decrypt secrets. Raises SecretKeyError if another key sealed them."""
+    current, *rest = box.open(sealed).split(" ")
+    if not rest:
         return SigningSecrets(current)
-    previous, until = before
+    previous, until = rest
     return SigningSecrets(current, previous, datetime.fromisoformat(until))

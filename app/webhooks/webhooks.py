@@ -1,4 +1,4 @@
-"""A study's webhooks: made, changed, disabled, given new secrets and tested; their log read and replayed."""
+"""Manage a study's webhooks: create, change, disable, rotate secrets, test; read and replay the log."""
 
 import uuid
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
-from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
 from app.outbox import write as outbox
 from app.outbox.models import PING, Webhook, WebhookDelivery
 from app.outbox.write import enabled_webhooks
@@ -22,13 +22,13 @@ from app.webhooks import queries as sql
 from app.webhooks.safe_address import parse_target, resolve_safely
 from app.webhooks.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
 
-MOST_ENABLED = 10  # a study
-LISTED = 100
+MAX_ENABLED = 10  # per study
+MAX_LISTED = 100
 
 
 @dataclass(frozen=True, slots=True)
 class IssuedSecret:
-    """A webhook with a fresh secret, shown once. previous_until: so long the old one signs along, if there is any."""
+    """A webhook with a new secret, shown once. previous_until: end of the old secret's validity, if there is one."""
 
     webhook: Webhook
     secret: str
@@ -37,9 +37,9 @@ class IssuedSecret:
 
 @dataclass(frozen=True, slots=True)
 class Webhooks:
-    """The use cases of one study's webhooks, for one caller. A webhook of another study does not exist here.
+    """The use cases of a study's webhooks, for one caller. Webhooks of other studies are not found.
 
-    All raise NotFoundError, for a study or a webhook that is not there, and NotAllowedError.
+    All raise NotFoundError, for a study or a webhook that does not exist, and NotAllowedError.
     """
 
     database: Database
@@ -49,7 +49,7 @@ class Webhooks:
     study_code: str
 
     def create(self, url: str, events: Sequence[str]) -> IssuedSecret:
-        """A new webhook. Raises AddressError (InvalidInputError), ConflictError (too many)."""
+        """Create a webhook. Raises AddressError (InvalidInputError), ConflictError (`webhooks_too_many`)."""
         self._check_url(url)
         secret, now = new_secret(), datetime.now(UTC)
         with self.database.write() as session:
@@ -69,12 +69,12 @@ class Webhooks:
         return IssuedSecret(hook, secret, None)
 
     def list(self) -> list[Webhook]:
-        """The study's webhooks, the newest first."""
+        """Return the study's webhooks, the newest first."""
         with self.database.read() as session:
-            return sql.list_webhooks(session, self._enter(session).id, LISTED)
+            return sql.list_webhooks(session, self._enter(session).id, MAX_LISTED)
 
     def read(self, webhook_id: uuid.UUID) -> Webhook:
-        """One webhook."""
+        """Return a webhook."""
         with self.database.read() as session:
             return self._find(session, webhook_id)
 
@@ -87,9 +87,9 @@ class Webhooks:
         events: Sequence[str] | None = None,
         is_enabled: bool | None = None,
     ) -> Webhook:
-        """Change what is not None. expected: versions that it is a change of; None: whatever is there.
+        """Change the fields that are not None. expected: versions that the change may be made from; None: any.
 
-        Raises AddressError, ConflictError (too many enabled), PreconditionFailedError (changed since).
+        Raises AddressError, ConflictError (`webhooks_too_many`), PreconditionFailedError (changed since).
         """
         if url is not None:
             self._check_url(url)
@@ -117,7 +117,7 @@ class Webhooks:
         return hook
 
     def disable(self, webhook_id: uuid.UUID) -> None:
-        """Send nothing more to it; its log stays to be read. Doing it again changes nothing."""
+        """Disable a webhook; its log stays readable. Repeating it changes nothing."""
         with self.database.write() as session:
             hook = self._find(session, webhook_id, lock=True)
             if hook.disabled_at is None:
@@ -126,7 +126,7 @@ class Webhooks:
                 self._note(session, hook, "disable")
 
     def rotate_secret(self, webhook_id: uuid.UUID) -> IssuedSecret:
-        """A fresh secret. One that TADA_SECRET_KEY does not open any more is replaced without an old one beside it."""
+        """Create a new secret. If TADA_SECRET_KEY does not open the old one, there is no previous secret."""
         with self.database.write() as session:
             hook = self._find(session, webhook_id, lock=True)
             try:
@@ -140,16 +140,13 @@ class Webhooks:
     def list_deliveries(
         self, webhook_id: uuid.UUID, *, state: str | None, cursor: str | None, limit: int
     ) -> Page[WebhookDelivery]:
-        """The log, the newest first. Raises InvalidInputError for a cursor that is broken or of another list."""
-        listed = f"deliveries {webhook_id.hex} {state}"
-        before = decode_cursor(listed, cursor, INSTANT, ID)
+        """Return a page of the log, the newest first. Raises InvalidInputError for an invalid cursor."""
+        list_name = f"deliveries {webhook_id.hex} {state}"
+        before = decode_cursor(list_name, cursor, INSTANT, ID)
         with self.database.read() as session:
             hook = self._find(session, webhook_id)
             rows = sql.page_of_deliveries(session, hook.id, state=state, before=before, limit=limit + 1)
-        if len(rows) <= limit:
-            return Page(rows, None)
-        last = rows[limit - 1]
-        return Page(rows[:limit], encode_cursor(listed, last.created_at, last.id))
+        return page_of(list_name, rows, limit, lambda row: (row.created_at, row.id))
 
     def replay(self, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery:
         """Send the frozen payload again, as a new delivery. Raises ConflictError."""
@@ -160,9 +157,10 @@ class Webhooks:
                 raise NotFoundError("This webhook has no such delivery.")
             if "data" not in old.payload:
                 raise ConflictError(
-                    "What this delivery said of a participant was removed after it.", code="webhook_payload_removed"
+                    "The participant's data were removed from this delivery once it had ended.",
+                    code="webhook_payload_removed",
                 )
-            again = outbox.add_delivery(
+            copy = outbox.add_delivery(
                 session,
                 hook,
                 old.event,
@@ -172,7 +170,7 @@ class Webhooks:
                 participant_id=old.participant_id,
             )
             self._note(session, hook, "replay", delivery=str(old.id))
-        return again
+        return copy
 
     def test(self, webhook_id: uuid.UUID) -> WebhookDelivery:
         """Send a `ping`. Raises ConflictError (disabled)."""
@@ -191,11 +189,11 @@ class Webhooks:
             raise NotFoundError("The study has no such webhook.")
         return hook
 
-    def _note(self, session: Session, hook: Webhook, deed: str, **details: object) -> None:
-        audit.note(session, self.caller, f"webhook.{deed}", study_id=hook.study_id, subject=hook.id, **details)
+    def _note(self, session: Session, hook: Webhook, action: str, **details: object) -> None:
+        audit.note(session, self.caller, f"webhook.{action}", study_id=hook.study_id, subject=hook.id, **details)
 
     def _check_url(self, url: str) -> None:
-        """Before any transaction: a name's resolution takes its time."""
+        """Check a URL. Call it outside any transaction, since resolving a name takes time."""
         allow = self.allow_loopback
         resolve_safely(parse_target(url, allow_loopback=allow), allow_loopback=allow)
 
@@ -208,7 +206,7 @@ def _enabled(hook: Webhook) -> Webhook:
 
 def _require_room(session: Session, study_id: uuid.UUID) -> None:
     sql.lock_study(session, study_id)
-    if len(enabled_webhooks(session, study_id)) >= MOST_ENABLED:
+    if len(enabled_webhooks(session, study_id)) >= MAX_ENABLED:
         raise ConflictError(
-            f"The study has {MOST_ENABLED} webhooks already: disable one first.", code="webhooks_too_many"
+            f"The study already has {MAX_ENABLED} enabled webhooks: disable one first.", code="webhooks_too_many"
         )

@@ -24,7 +24,7 @@ from app.people.privacy_models import AuditEvent
 from app.privacy.announce import announce_withdrawal
 from app.webhooks import deliver_webhooks
 from app.webhooks import queries as sql
-from app.webhooks.deliver_webhooks import MOST_ATTEMPTS, PAUSES, DeliverWebhooks
+from app.webhooks.deliver_webhooks import MAX_ATTEMPTS, PAUSES, DeliverWebhooks
 from app.webhooks.queries import Due
 from app.webhooks.webhook_post import WebhookPost
 from app.webhooks.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
@@ -195,14 +195,14 @@ def test_delivery_is_given_up_after_three_days_and_its_receiver_is_called_no_mor
     with receiver(answer=503) as there:
         sending.hook(there.url)
         sending.announce()
-        for attempt in range(MOST_ATTEMPTS):
+        for attempt in range(MAX_ATTEMPTS):
             assert sending.deliver() == 1, attempt
             sending.clock.now = sending.rows()[0].next_try_at or sending.clock()
         sending.wait(timedelta(days=30))
         assert sending.deliver() == 0
     (row,) = sending.rows()
-    assert (row.state, row.attempts, row.next_try_at) == ("given_up", MOST_ATTEMPTS, None)
-    assert len(there.received) == MOST_ATTEMPTS == 10
+    assert (row.state, row.attempts, row.next_try_at) == ("given_up", MAX_ATTEMPTS, None)
+    assert len(there.received) == MAX_ATTEMPTS == 10
     assert timedelta(days=2.8) < sending.clock() - timedelta(days=30) - begin < timedelta(days=3.5)
 
 
@@ -235,7 +235,7 @@ def test_answer_410_disables_the_webhook_and_is_noted(sending):
 
 
 def test_webhook_that_gave_up_five_in_a_row_is_disabled(sending, monkeypatch):
-    monkeypatch.setattr(deliver_webhooks, "MOST_ATTEMPTS", 1)
+    monkeypatch.setattr(deliver_webhooks, "MAX_ATTEMPTS", 1)
     with receiver(answer=lambda number: 200 if number == 3 else 500) as there:
         hook = sending.hook(there.url)
         for number in range(1, 9):
@@ -284,7 +284,7 @@ def test_worker_that_dies_at_the_last_try_leaves_nothing_waiting_for_ever(sendin
     sending.announce()
     with sending.database.write() as session:
         row, _ = sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
-        row.attempts = MOST_ATTEMPTS
+        row.attempts = MAX_ATTEMPTS
     sending.chore.give_up_unsendable()
     assert sending.rows()[0].state == "waiting"  # it may be under way
     sending.wait(deliver_webhooks.CLAIM)
@@ -347,10 +347,10 @@ def test_webhook_that_fails_rests_whatever_waits_for_it(sending):
 def test_no_more_than_a_few_are_under_way_at_once(sending):
     with receiver() as slow:
         slow.may_answer.clear()
-        for _ in range(deliver_webhooks.AT_ONCE + 3):
+        for _ in range(deliver_webhooks.MAX_CONCURRENT + 3):
             sending.hook(slow.url)
         sending.announce()
-        assert sending.chore.run() == deliver_webhooks.AT_ONCE
+        assert sending.chore.run() == deliver_webhooks.MAX_CONCURRENT
         assert sending.chore.run() == 0
         slow.may_answer.set()
         assert sending.chore.wait_until_idle(PATIENCE_SECONDS)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.messages.catalogue import choose_locale, known_codes, sentence
+from app.messages.catalogue import choose_locale, photograph_codes, sentence
 from app.people.models import LOCALES
 
 ROOT = Path(__file__).parents[3]
@@ -36,18 +36,18 @@ def test_code_has_all_languages_with_the_same_placeholders(code):
 
 def test_every_code_of_pairs_and_meals_has_a_sentence():
     wanted = codes_in("errors.md", "## Pairs that could be better") | codes_in("errors.md", "## Meals that cannot")
-    missing = wanted - known_codes() - {"photograph_erased"}  # the privacy page's, told to nobody
+    missing = wanted - photograph_codes() - {"photograph_erased"}  # the privacy page's, told to nobody
     assert not missing
 
 
 def test_every_sentence_is_of_a_code_in_the_documents():
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (ROOT / "docs" / "errors.md").read_text(), re.MULTILINE))
-    assert known_codes() <= listed
+    assert photograph_codes() <= listed
 
 
 @pytest.mark.parametrize("locale", LOCALES)
 def test_sentence_is_one_names_the_photograph_and_begins_with_a_capital(locale):
-    for code in known_codes():
+    for code in photograph_codes():
         told = {side: sentence(code, locale, side) for side in (None, "left", "right")}
         assert "{" not in "".join(told.values())
         assert len(set(told.values())) == (3 if "where" in placeholders(CATALOGUE[code][locale]) else 1)
@@ -61,7 +61,7 @@ def test_sentence_is_one_names_the_photograph_and_begins_with_a_capital(locale):
 def test_unknown_code_has_no_sentence():
     assert sentence("no_such_code", "en") is None
     assert sentence("where_left", "en", "left") is not None  # a part of sentences, and not among the codes
-    assert "where_left" not in known_codes()
+    assert "where_left" not in photograph_codes()
 
 
 @pytest.mark.parametrize(
