@@ -198,21 +198,21 @@ def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMeal:
 
 
 def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
-    known = [(getattr(record, column), record) for record in eaten if getattr(record, column) is not None]
-    if not known:
+    amounts = [(getattr(record, column), record) for record in eaten if getattr(record, column) is not None]
+    if not amounts:
         return EatenAmount(None, None, None)
-    ends = [_ends(amount, record) for amount, record in known]
+    ends = [_ends(amount, record) for amount, record in amounts]
     interval = None
     if None not in ends:
         low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
-        if high > 0.0 or all(record.eaten_g == NOTHING for _, record in known):
+        if high > 0.0 or all(record.eaten_g == NOTHING for _, record in amounts):
             interval = (low, high)  # otherwise the foods contain none of it, and the grams' interval does not apply
     coverage = None
     if all(record.consumed_g is not None for record in eaten):
         whole_g = sum(_positive_g(record) for record in eaten)
-        known_g = sum(_positive_g(record) for _, record in known)
-        coverage = known_g / whole_g if whole_g > 0.0 else float(len(known) == len(eaten))
-    return EatenAmount(max(sum(amount for amount, _ in known), 0.0), interval, coverage)
+        known_g = sum(_positive_g(record) for _, record in amounts)
+        coverage = known_g / whole_g if whole_g > 0.0 else float(len(amounts) == len(eaten))
+    return EatenAmount(max(sum(amount for amount, _ in amounts), 0.0), interval, coverage)
 
 
 def _positive_g(record: EffectiveRecord) -> float:

@@ -98,7 +98,7 @@ class StudyOverview:
     @property
     def histograms(self) -> list[Bin]:
         """The bins of all components, in order."""
-        return [one_bin for nutrient in self.nutrients for one_bin in nutrient.bins()]
+        return [histogram_bin for nutrient in self.nutrients for histogram_bin in nutrient.bins()]
 
 
 def study_overview(

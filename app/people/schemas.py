@@ -1,4 +1,4 @@
-"""Studies, participants, phones and their enrolment over the wire."""
+"""HTTP schemas of studies, participants, phones and their enrolment."""
 
 import uuid
 from datetime import date, datetime
@@ -20,13 +20,13 @@ DayStart = Annotated[
     str,
     Field(
         pattern=r"^(?:(?:0\d|1[01]):[0-5]\d|12:00)$",
-        description="HH:MM, 00:00 to 12:00: a meal before it belongs to the day before. Fixed once a meal is in.",
+        description="HH:MM, 00:00 to 12:00: an earlier meal belongs to the day before. Fixed once there is a meal.",
     ),
 ]
 
 
 class ProtocolIn(BaseModel):
-    """How a study measures. In a PATCH only the fields that are named change."""
+    """A study's protocol. A PATCH changes only the named fields."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -34,20 +34,22 @@ class ProtocolIn(BaseModel):
         default=None, max_length=64, description="The board that participants are given, such as plain:9x7:11."
     )
     camera: CameraIn | None = Field(
-        default=None, description="Intrinsics that hold where neither the meal nor its phone has any."
+        default=None, description="Intrinsics for meals that neither their metadata nor their phone provides any for."
     )
     expects_after_pair: bool = Field(default=False, description="Whether a second pair is taken after the meal.")
-    after_window_minutes: int = Field(default=240, ge=5, le=2880, description="How long it is waited for.")
+    after_window_minutes: int = Field(
+        default=240, ge=5, le=2880, description="How long the after-meal pair is expected, in minutes."
+    )
     location_policy: LocationPolicy = Field(
         default="drop",
-        description="What is kept of where a meal was. With `drop` places of before are told no more, and exports with "
-        "them expire; a release that was frozen with them keeps them.",
+        description="What is kept of a meal's place. With `drop` earlier places are no longer shown, and exports with "
+        "them expire; frozen releases keep them.",
     )
     location_decimals: int | None = Field(
-        default=None, ge=0, le=4, description="Of a degree, with `round` only: 2 are about a kilometre."
+        default=None, ge=0, le=4, description="Decimals of a degree, with `round` only: 2 are about a kilometre."
     )
     retention_days: int | None = Field(
-        default=None, ge=1, le=36_500, description="Photographs go so many days after upload; null: they stay."
+        default=None, ge=1, le=36_500, description="Photographs are deleted so many days after upload; null: never."
     )
     withdrawal_policy: WithdrawalPolicy = Field(
         default="erase", description="What happens to the data of a participant who leaves."
@@ -59,8 +61,8 @@ class ProtocolIn(BaseModel):
     day_starts: DayStart = "00:00"
     shares_index: bool = Field(
         default=False,
-        description="Whether all studies of this server learn from its confirmed items: from figures of what a food "
-        "looked like, which food it was, its volume. Never photographs, nothing of persons.",
+        description="Whether all studies of this server learn from its confirmed items: features of a food's "
+        "appearance, the food and its volume; never photographs or personal data.",
     )
 
 
@@ -76,7 +78,7 @@ class StudyIn(ProtocolIn):
 
 
 class StudyPatch(ProtocolIn):
-    """A change of a study: only the fields that are named."""
+    """A change of a study's named fields."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"location_policy": "round", "location_decimals": 2, "gives_feedback": True}},
@@ -92,7 +94,7 @@ class StudyPatch(ProtocolIn):
 
 
 class StudyOut(BaseModel):
-    """A study and its protocol. version: what its ETag names."""
+    """A study and its protocol."""
 
     code: str = Field(description=STUDY)
     name: str = Field(description="The study's name, for people.")
@@ -100,21 +102,19 @@ class StudyOut(BaseModel):
         description="The board that participants are given, KIND:COLSxROWS:MM; null: each meal must name its own."
     )
     camera: CameraIn | None = Field(
-        description="Intrinsics that hold where neither the meal nor its phone has any; null: none."
+        description="Intrinsics for meals that neither their metadata nor their phone provides any for; null: none."
     )
     expects_after_pair: bool = Field(description="Whether a second pair is taken after the meal.")
     after_window_minutes: int = Field(
         description="How long the after-meal pair is waited for, from when the meal was eaten."
     )
     location_policy: LocationPolicy = Field(
-        description="What is kept of where a meal was: nothing (drop), a rounded place, or the place (keep)."
+        description="What is kept of a meal's place: nothing (drop), a rounded place (round), or the place (keep)."
     )
     location_decimals: int | None = Field(
         description="Decimals of a degree that are kept with `round`; null with another policy."
     )
-    retention_days: int | None = Field(
-        description="Photographs are deleted so many days after upload; null: they stay."
-    )
+    retention_days: int | None = Field(description="Photographs are deleted so many days after upload; null: never.")
     withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
     locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether participants see what they ate.")
@@ -123,7 +123,7 @@ class StudyOut(BaseModel):
         description="Whether all studies of this server learn from its confirmed items (figures only, no photographs)."
     )
     version: int = Field(description="Grows with every change of the study; the ETag names it.")
-    created_at: datetime = Field(description="When the study was made.")
+    created_at: datetime = Field(description="When the study was created.")
 
 
 class StudyList(BaseModel):
@@ -134,27 +134,27 @@ class StudyList(BaseModel):
 
 
 class ProfileIn(BaseModel):
-    """What reference intakes and plausibility need to know of a participant; all of it may be left out."""
+    """What reference intakes and plausibility depend on; all fields are optional."""
 
     model_config = ConfigDict(extra="forbid")
 
-    sex: Sex | None = Field(default=None, description="Sex by which reference intakes are chosen; null: not known.")
-    birth_year: int | None = Field(default=None, ge=1900, le=2200, description="Year of birth; null: not known.")
+    sex: Sex | None = Field(default=None, description="Sex by which reference intakes are chosen; null: unknown.")
+    birth_year: int | None = Field(default=None, ge=1900, le=2200, description="Year of birth; null: unknown.")
     height_cm: Number | None = Field(
         default=None,
         ge=100 * HEIGHT_LIMITS_M[0],
         le=100 * HEIGHT_LIMITS_M[1],
-        description="Body height; null: not known.",
+        description="Body height; null: unknown.",
     )
     weight_kg: Number | None = Field(
         default=None, ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, the weight before it."
     )
-    activity: Activity | None = Field(default=None, description="Physical activity level; null: not known.")
-    is_pregnant: bool | None = Field(default=None, description="Whether pregnant; null: not known.")
+    activity: Activity | None = Field(default=None, description="Physical activity level; null: unknown.")
+    is_pregnant: bool | None = Field(default=None, description="Whether pregnant; null: unknown.")
     trimester: Trimester | None = Field(
-        default=None, description="Trimester of the pregnancy; null: not known, or not pregnant."
+        default=None, description="Trimester of the pregnancy; null: unknown, or not pregnant."
     )
-    is_lactating: bool | None = Field(default=None, description="Whether breastfeeding; null: not known.")
+    is_lactating: bool | None = Field(default=None, description="Whether breastfeeding; null: unknown.")
     lactation_months: int | None = Field(default=None, ge=0, le=60, description="Completed months since birth.")
 
 
@@ -167,11 +167,11 @@ class ParticipantIn(BaseModel):
     starts_on: LocalDay | None = Field(
         default=None, description="Local day that is day 1; null: that of the first meal."
     )
-    profile: ProfileIn = Field(default_factory=ProfileIn, description="What is known of the person; empty by default.")
+    profile: ProfileIn = Field(default_factory=ProfileIn, description="The person's profile; empty by default.")
 
 
 class ParticipantPatch(BaseModel):
-    """A change of a participant: only what is named. A key of the profile that is null is taken away."""
+    """A change of a participant's named fields. null removes a key of the profile."""
 
     model_config = ConfigDict(
         extra="forbid", json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}}
@@ -180,22 +180,22 @@ class ParticipantPatch(BaseModel):
     starts_on: LocalDay | None = Field(
         default=None, description="Local day that is day 1; null: that of the first meal."
     )
-    profile: ProfileIn = Field(default_factory=ProfileIn, description="Only the keys that are named change.")
+    profile: ProfileIn = Field(default_factory=ProfileIn, description="Only the named keys change.")
 
 
 class ParticipantRow(BaseModel):
-    """A participant in a list. withdrawn_at: since when they have left the study."""
+    """A participant in a list."""
 
     code: str = Field(description=PARTICIPANT)
     starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
     withdrawn_at: datetime | None = Field(description="When they left the study; null: they are in it.")
-    created_at: datetime = Field(description="When the participant was made.")
+    created_at: datetime = Field(description="When the participant was created.")
 
 
 class ParticipantOut(ParticipantRow):
     """A participant with their profile."""
 
-    profile: ProfileIn = Field(description="What is known of the person.")
+    profile: ProfileIn = Field(description="The person's profile.")
 
 
 class ParticipantList(BaseModel):
@@ -206,15 +206,12 @@ class ParticipantList(BaseModel):
 
 
 class EnrolmentCodeOut(BaseModel):
-    """A one-time code for a participant's next device, shown once.
-
-    qr_text: what the QR code says, JSON with server and code; qr_svg: the QR code itself, to stand in a page.
-    """
+    """A one-time code for a participant's next device, shown once."""
 
     code: str = Field(description="The one-time code, to be typed in.")
     expires_at: datetime = Field(description="Until when it can be used.")
-    qr_text: str = Field(description="What the QR code says: JSON with server and code.")
-    qr_svg: str = Field(description="The QR code as SVG, to be put in a page.")
+    qr_text: str = Field(description="The text of the QR code: JSON with server and code.")
+    qr_svg: str = Field(description="The QR code as SVG, to embed in a page.")
 
 
 class EnrolmentIn(BaseModel):
@@ -231,9 +228,9 @@ class EnrolmentIn(BaseModel):
 
 
 class EnrolmentOut(BaseModel):
-    """The device's token, shown once; marker: the study's board."""
+    """The device's token, shown once."""
 
-    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once; keep it safe.")
+    token: str = Field(description="Send it as `Authorization: Bearer TOKEN`. Shown once; keep it safe.")
     device_id: uuid.UUID = Field(description="The phone's id.")
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
@@ -241,22 +238,22 @@ class EnrolmentOut(BaseModel):
 
 
 class PhoneOut(BaseModel):
-    """A phone. clock_skew_seconds: its clock minus the server's when it was last used, to a second; null: not told."""
+    """A phone. clock_skew_seconds is accurate to a second."""
 
     id: uuid.UUID = Field(description="The phone's id.")
     name: str = Field(description="The name that it was enrolled with.")
     model: str | None = Field(description=PHONE_MODEL)
     app_version: str | None = Field(description=APP_VERSION)
     clock_skew_seconds: float | None = Field(
-        description="The phone's clock minus the server's when it was last used; null: not known."
+        description="The phone's clock minus the server's when it was last used; null: unknown."
     )
-    last_used_at: datetime | None = Field(description="To five minutes.")
+    last_used_at: datetime | None = Field(description="When it was last used, accurate to five minutes.")
     enrolled_at: datetime = Field(description="When it was enrolled.")
     revoked_at: datetime | None = Field(description="When its token was ended; null: it is valid.")
 
 
 class DeviceOut(PhoneOut):
-    """A phone and whose it is."""
+    """A phone and its participant."""
 
     participant: str = Field(description=PARTICIPANT)
 
@@ -269,7 +266,7 @@ class DeviceList(BaseModel):
 
 
 class PhoneProtocol(BaseModel):
-    """What of a study's protocol concerns the phone."""
+    """The part of a study's protocol that concerns the phone."""
 
     code: str = Field(description=STUDY)
     name: str = Field(description="The study's name, for people.")
@@ -287,9 +284,9 @@ class PhoneProtocol(BaseModel):
 
 
 class MeOut(BaseModel):
-    """Who the phone is."""
+    """The phone, its participant and study."""
 
     participant: str = Field(description=PARTICIPANT)
     starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
-    study: PhoneProtocol = Field(description="What of the study concerns the phone.")
+    study: PhoneProtocol = Field(description="The part of the study's protocol that concerns the phone.")
     device: PhoneOut = Field(description="This phone.")

@@ -1,4 +1,4 @@
-"""/v1/staff: an admin makes, changes and disables the people who work with the data."""
+"""/v1/staff: admins create, change and disable staff."""
 
 from fastapi import APIRouter, Request
 from pydantic import SecretStr
@@ -25,8 +25,8 @@ def get_staff(request: Request, state: State, _: CurrentStaff, limit: Limit = 10
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422, 503))
 def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
-    """Make a staff member."""
-    made = staff.create_staff(
+    """Create a staff member."""
+    row = staff.create_staff(
         state.database,
         state.part(Passwords),
         body.name,
@@ -34,12 +34,12 @@ def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
         password=_secret(body.password),
         caller=caller,
     )
-    return _render(made)
+    return _render(row)
 
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
 def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut:
-    """One staff member."""
+    """A staff member."""
     return _render(staff.read_staff(state.database, name))
 
 
@@ -47,8 +47,8 @@ def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut
 def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
     """Change a staff member.
 
-    Disabling ends their sessions and personal tokens for good, and so does a password in place of another one: `ended`
-    tells which. A first password ends nothing.
+    Disabling them, or replacing their password, ends their sessions and personal tokens permanently; `ended` lists them.
+    A first password ends nothing.
     """
     change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
     changed = staff.change_staff(state.database, state.part(Passwords), name, change, caller)

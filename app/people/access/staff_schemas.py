@@ -1,4 +1,4 @@
-"""Staff, their sessions, tokens and roles over the wire. Passwords never come back."""
+"""HTTP schemas of staff, their sessions, tokens and roles. Passwords are never returned."""
 
 import uuid
 from datetime import datetime
@@ -27,58 +27,58 @@ class SessionIn(BaseModel):
 
 
 class SessionIssued(BaseModel):
-    """A session's token, shown once. It ends at expires_at, or when it was not used for idle_minutes."""
+    """A session's token, shown once. It ends at expires_at, or after idle_minutes without use."""
 
-    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once.")
+    token: str = Field(description="Send it as `Authorization: Bearer TOKEN`. Shown once.")
     name: str = Field(description=STAFF_NAME)
     is_admin: bool = Field(description="Whether they may do everything in every study.")
     expires_at: datetime = Field(description="When the session ends at the latest.")
-    idle_minutes: int = Field(description="The session ends when it was not used for so many minutes.")
+    idle_minutes: int = Field(description="The session ends after so many minutes without use.")
 
 
 class SessionOut(BaseModel):
-    """Who is signed in. roles: study -> role; an admin may do everything in every study."""
+    """The signed-in staff member."""
 
     name: str = Field(description=STAFF_NAME)
     is_admin: bool = Field(description="Whether they may do everything in every study.")
-    roles: dict[str, Role] = Field(description="Study code -> role.")
+    roles: dict[str, Role] = Field(description="Role by study code.")
     expires_at: datetime = Field(description="When the session or token ends at the latest.")
 
 
 class PasswordChangeIn(BaseModel):
-    """The password that is, and the one that shall be."""
+    """The current and the new password."""
 
     model_config = ConfigDict(extra="forbid")
 
-    current_password: Password = Field(description="The password until now.")
+    current_password: Password = Field(description="The current password.")
     new_password: NewPassword
 
 
 class StaffIn(BaseModel):
-    """A new staff member. Without a password they cannot sign in until they are given one."""
+    """A new staff member, who cannot sign in without a password."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"name": "m.keller"}})
 
     name: StaffName = Field(description=STAFF_NAME)
     is_admin: bool = Field(default=False, description="Whether they may do everything in every study.")
     password: NewPassword | None = Field(
-        default=None, description="The first password; null: they cannot sign in until they are given one."
+        default=None, description="The first password; null: they cannot sign in until they get one."
     )
 
 
 class StaffPatch(BaseModel):
-    """A change of a staff member; null leaves as it is. Disabling ends sessions and tokens for good."""
+    """A change of a staff member; null leaves a field unchanged. Disabling ends sessions and tokens permanently."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_disabled": True}})
 
     is_admin: bool | None = Field(
-        default=None, description="Whether they may do everything in every study; null: as it is."
+        default=None, description="Whether they may do everything in every study; null: unchanged."
     )
     is_disabled: bool | None = Field(
         default=None,
-        description="true ends all sessions and tokens for good; false lets them sign in again; null: as it is.",
+        description="true ends all sessions and tokens permanently; false lets them sign in again; null: unchanged.",
     )
-    password: NewPassword | None = Field(default=None, description="A new password; null: as it is.")
+    password: NewPassword | None = Field(default=None, description="A new password; null: unchanged.")
 
 
 class StaffOut(BaseModel):
@@ -87,19 +87,19 @@ class StaffOut(BaseModel):
     name: str = Field(description=STAFF_NAME)
     is_admin: bool = Field(description="Whether they may do everything in every study.")
     has_password: bool = Field(description="Whether they have a password; without one they cannot sign in.")
-    disabled_at: datetime | None = Field(description="Since when they may not sign in; null: they may.")
-    created_at: datetime = Field(description="When the staff member was made.")
+    disabled_at: datetime | None = Field(description="When they were disabled; null: they may sign in.")
+    created_at: datetime = Field(description="When the staff member was created.")
 
 
 class EndedAccessOut(BaseModel):
-    """What a new password or the end of an account has ended."""
+    """The sessions and tokens that a new password or a disabled account has ended."""
 
-    sessions: int = Field(description="How many sessions.")
-    tokens: list[str] = Field(description="The names of the personal tokens that open nothing any more.")
+    sessions: int = Field(description="Number of sessions ended.")
+    tokens: list[str] = Field(description="Names of the personal tokens ended.")
 
 
 class StaffChangedOut(StaffOut):
-    """A staff member after a change, and what they had open that it ended."""
+    """A staff member after a change, and the sessions and tokens that it ended."""
 
     ended: EndedAccessOut = Field(description="Sessions and tokens that the change ended.")
 
@@ -112,7 +112,7 @@ class StaffList(BaseModel):
 
 
 class MemberIn(BaseModel):
-    """A role in a study; each may do all that the one before it may."""
+    """A role in a study; each role includes the rights of the one before it."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"role": "reviewer"}})
 
@@ -120,12 +120,12 @@ class MemberIn(BaseModel):
 
 
 class MemberOut(BaseModel):
-    """Somebody's role in a study."""
+    """A staff member's role in a study."""
 
     name: str = Field(description=STAFF_NAME)
     role: Role = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
     is_disabled: bool = Field(description="Whether the staff member may not sign in.")
-    since: datetime = Field(description="When they were given the role.")
+    since: datetime = Field(description="When they became a member.")
 
 
 class MemberList(BaseModel):
@@ -136,39 +136,41 @@ class MemberList(BaseModel):
 
 
 class TokenIn(BaseModel):
-    """A new personal token. study: the only study that it reaches; null: all of its maker's."""
+    """A new personal token."""
 
     model_config = ConfigDict(
         extra="forbid", json_schema_extra={"example": {"name": "nightly export", "scope": "read", "study": "pilot"}}
     )
 
-    name: Text = Field(min_length=1, max_length=100, description="What it is for.")
-    scope: Scope = Field(default="read", description="read: only to read. write: all that its maker may do.")
+    name: Text = Field(min_length=1, max_length=100, description="The token's purpose.")
+    scope: Scope = Field(default="read", description="read: reading only. write: all rights of its creator.")
     study: Text | None = Field(
-        default=None, max_length=64, description="Code of the only study that it reaches; null: all of its maker's."
+        default=None,
+        max_length=64,
+        description="Code of the only study that it gives access to; null: all of its creator's.",
     )
-    days: int = Field(default=90, ge=1, le=MAX_DAYS, description="How long it is valid.")
+    days: int = Field(default=90, ge=1, le=MAX_DAYS, description="How many days it is valid.")
 
 
 class TokenOut(BaseModel):
     """A personal token without its secret."""
 
     id: uuid.UUID = Field(description="The token's id.")
-    name: str = Field(description="What it is for.")
-    scope: Scope = Field(description="read: only to read. write: all that its maker may do.")
-    study: str | None = Field(description="Code of the only study that it reaches; null: all of its maker's.")
-    created_at: datetime = Field(description="When it was made.")
-    expires_at: datetime | None = Field(description="When it ends; null: it does not end by itself.")
-    last_used_at: datetime | None = Field(description="To five minutes.")
+    name: str = Field(description="The token's purpose.")
+    scope: Scope = Field(description="read: reading only. write: all rights of its creator.")
+    study: str | None = Field(description="Code of the only study that it gives access to; null: all of its creator's.")
+    created_at: datetime = Field(description="When it was created.")
+    expires_at: datetime | None = Field(description="When it expires; null: never.")
+    last_used_at: datetime | None = Field(description="When it was last used, accurate to five minutes.")
 
 
 class TokenIssued(TokenOut):
     """A new personal token with its secret, shown once."""
 
-    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once.")
+    token: str = Field(description="Send it as `Authorization: Bearer TOKEN`. Shown once.")
 
 
 class TokenList(BaseModel):
-    """The caller's own tokens that are valid, the newest first."""
+    """The caller's valid tokens, the newest first."""
 
-    items: list[TokenOut] = Field(description="The tokens that are valid.")
+    items: list[TokenOut] = Field(description="The valid tokens.")

@@ -87,7 +87,7 @@ def asked(client, admin, component, **params):
     return answer.json()
 
 
-def test_group_is_judged_by_what_its_foods_hold(group, client, admin):
+def test_group_is_judged_by_the_contents_of_its_foods(group, client, admin):
     body = asked(client, admin, "VITC")
     assert (body["number"], body["unit"], body["persons_without_stage"]) == ("401", "mg", 0)
     (men,) = body["groups"]
@@ -122,7 +122,7 @@ def test_protein_is_judged_a_kilogram_and_carbohydrate_without_fibre(state, clie
         ("NIA", "intake_is_lower_bound"),  # preformed niacin beside a need of equivalents
     ],
 )
-def test_what_cannot_be_judged_so_says_why(client, admin, component, reason):
+def test_component_that_cannot_be_judged_has_a_reason(client, admin, component, reason):
     (men,) = asked(client, admin, component)["groups"]
     assert (men["reason"], men["share_below_ear"], men["persons"]) == (reason, None, 12)
 
@@ -137,7 +137,7 @@ def test_iron_of_menstruating_women_is_not_judged(phone, state, client, admin):
 
 
 @pytest.mark.usefixtures("group")
-def test_days_of_which_too_little_is_known_are_left_out(state, client, admin):
+def test_days_with_low_coverage_are_left_out(state, client, admin):
     add_meal(state, "M000", FIRST, eaten_item(None), device_of=phone_owner(state))
     add_meal(state, "M001", FIRST, eaten_item(5000.0), device_of=phone_owner(state))
     add_meal(state, "M002", FIRST, device_of=phone_owner(state), status="failed")
@@ -148,7 +148,7 @@ def test_days_of_which_too_little_is_known_are_left_out(state, client, admin):
 
 
 @pytest.mark.usefixtures("group")
-def test_single_days_and_people_without_a_profile_are_told_apart(state, client, admin):
+def test_single_days_and_people_without_a_profile_have_their_own_results(state, client, admin):
     add_people(state, [[100.0]], None, prefix="X")
     body = asked(client, admin, "VITC", to=str(FIRST))
     assert body["persons_without_stage"] == 1

@@ -46,7 +46,7 @@ def eaten(phone, state):
 
 
 @pytest.mark.usefixtures("eaten")
-def test_sums_have_their_coverage_and_what_is_not_known_is_null(client, admin):
+def test_sums_have_coverage_and_unknown_values_are_null(client, admin):
     summed, unmeasured, nothing, left_open = rows_of(client, admin)
     assert (summed["meals"], summed["items"], summed["provisional_items"]) == (2, 3, 1)
     assert (summed["consumed_g"], summed["energy_kcal"], summed["fat_g"]) == (500.0, 196.0, 3.5)
@@ -81,7 +81,7 @@ def test_closed_day_without_a_meal_is_not_a_day_of_nothing(phone, client, admin)
 
 
 @pytest.mark.parametrize("status", ["receiving", "queued", "processing", "failed", "needs_review"])
-def test_meal_of_which_nothing_is_measured_makes_the_days_sums_lower_bounds(phone, state, client, admin, status):
+def test_unmeasured_meal_makes_the_days_coverage_null(phone, state, client, admin, status):
     set_profile(state, **MAN)
     add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=1000.0))
     add_meal(state, "P001", "2026-11-01", hour=18, status=status)
@@ -102,7 +102,7 @@ def test_meal_that_is_confirmed_without_foods_is_measured(phone, state, client, 
     assert (day["unmeasured_meals"], day["energy_kcal_coverage"], day["plausibility"]) == (0, 1.0, "low")
 
 
-def test_what_was_left_untouched_is_a_day_of_nothing_measured_whole(phone, state, client, admin):
+def test_day_with_all_food_left_is_whole_with_nothing_eaten(phone, state, client, admin):
     add_meal(state, "P001", "2026-11-01", eaten_item(-2.0, energy_kcal=-1.0, protein_g=None))
     add_meal(state, "P001", "2026-11-02", eaten_item(100.0, energy_kcal=500.0))
     close(phone, "2026-11-01", "2026-11-02")
@@ -224,7 +224,7 @@ def test_mean_intake_is_over_closed_days_and_counts_the_open_ones(client, admin)
     assert (plausibility["verdict"], plausibility["days"]) == ("unknown", 1)  # the day of nothing: one is not final
 
 
-def test_what_nobody_knows_the_leftovers_of_is_counted_where_a_pair_is_expected(phone, state, client, admin):
+def test_items_with_unknown_leftovers_are_counted_where_a_pair_is_expected(phone, state, client, admin):
     seen = {"origin": "added"}
     of_declared_meal = add_meal(state, "P001", "2026-11-01", eaten_item(**seen), hour=8)
     add_meal(

@@ -39,7 +39,7 @@ def review(client, admin):
     return review
 
 
-def test_closed_day_is_listed_with_its_version_and_who_decided(phone):
+def test_closed_day_is_listed_with_its_version_and_decider(phone):
     answer = say(phone, CLOSED, 0)
     assert (answer.status_code, answer.headers["etag"]) == (200, '"1"')
     assert answer.json() == days_of(phone)[0]
@@ -48,14 +48,14 @@ def test_closed_day_is_listed_with_its_version_and_who_decided(phone):
     assert (day["decided_by"], day["study_day"], day["meals"]) == ("participant", 1, 0)
 
 
-def test_day_that_nobody_has_said_a_word_about_is_open_and_listed_only_with_a_meal(phone, state):
+def test_day_without_an_entry_is_open_and_listed_only_with_a_meal(phone, state):
     assert days_of(phone) == []
     add_meal(state, "P001", DAY)
     day = days_of(phone)[0]
     assert (day["status"], day["version"], day["decided_by"], day["meals"]) == ("open", 0, None, 1)
 
 
-def test_closed_day_can_be_opened_again_and_all_words_are_kept(phone, state):
+def test_closed_day_can_be_reopened_and_all_events_are_kept(phone, state):
     say(phone, CLOSED, 0)
     answer = say(phone, OPEN, 1)
     assert (answer.json()["status"], answer.json()["version"]) == ("open", 2)
@@ -69,7 +69,7 @@ def test_closed_day_can_be_opened_again_and_all_words_are_kept(phone, state):
         assert sorted(noted) == ["day.closed", "day.reopened"]
 
 
-def test_word_over_an_older_version_is_refused(phone):
+def test_change_of_an_older_version_is_refused(phone):
     say(phone, CLOSED, 0)
     answer = say(phone, OPEN, 0)
     assert (answer.status_code, answer.json()["code"], answer.json()["version"]) == (412, "precondition_failed", 1)
@@ -77,18 +77,18 @@ def test_word_over_an_older_version_is_refused(phone):
     assert phone.put(PATH, json=OPEN, headers={"If-Match": "*"}).json()["status"] == "open"
 
 
-def test_word_whose_answer_was_lost_may_be_sent_again(phone, state):
+def test_request_whose_response_was_lost_may_be_repeated(phone, state):
     first, again = say(phone, CLOSED, 0), say(phone, CLOSED, 0)
     assert (again.status_code, again.json()) == (200, first.json())
     with state.database.read() as session:
         assert session.query(DayEvent).count() == 1
 
 
-def test_word_over_a_version_that_never_was_is_refused(phone):
+def test_change_of_a_version_that_never_existed_is_refused(phone):
     assert say(phone, CLOSED, 1).status_code == 412
 
 
-def test_nothing_eaten_is_refused_where_there_are_meals(phone, state):
+def test_nothing_eaten_is_refused_on_a_day_with_meals(phone, state):
     add_meal(state, "P001", DAY)
     answer = say(phone, NOTHING, 0)
     assert (answer.status_code, answer.json()["code"], answer.json()["meals"]) == (409, "day_has_meals", 1)
@@ -106,7 +106,7 @@ def test_deleted_meal_does_not_stand_against_nothing_eaten(phone):
     assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
 
 
-def test_meal_on_a_day_when_nothing_was_eaten_says_more_than_the_word(phone, state):
+def test_meal_overrides_the_entry_that_nothing_was_eaten(phone, state):
     assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
     add_meal(state, "P001", DAY, delay=timedelta(days=400))
     day = days_of(phone)[0]
@@ -128,12 +128,12 @@ def test_meal_that_comes_late_marks_the_closed_day_until_it_is_closed_again(phon
     "body",
     [{}, {"status": "shut"}, {"status": "open", "ate_nothing": True}, {"status": "closed", "why": "x"}, [], "closed"],
 )
-def test_what_is_no_word_is_refused(phone, body):
+def test_invalid_entry_is_refused(phone, body):
     assert say(phone, body, 0).status_code == 422
 
 
 @pytest.mark.parametrize("day", ["1999-12-31", "0001-01-01", "9999-12-31"])
-def test_day_that_cannot_be_is_refused(phone, day):
+def test_impossible_day_is_refused(phone, day):
     answer = say(phone, CLOSED, 0, path=f"/v1/me/days/{day}")
     assert (answer.status_code, answer.json()["code"]) == (422, "day_impossible")
 
@@ -145,7 +145,7 @@ def test_today_of_the_easternmost_zone_may_be_closed_and_no_day_after_it(phone):
     assert say(phone, CLOSED, 0, path="/v1/me/days/yesterday").status_code == 422
 
 
-def test_reviewers_word_goes_over_the_participants_before_and_after_it(phone, review):
+def test_reviewers_entry_overrides_earlier_and_later_ones_of_the_participant(phone, review):
     say(phone, CLOSED, 0)
     answer = review(OPEN, 1)
     assert (answer.status_code, answer.json()["status"], answer.json()["decided_by"]) == (200, "open", "reviewer")
@@ -153,7 +153,7 @@ def test_reviewers_word_goes_over_the_participants_before_and_after_it(phone, re
     assert (later["status"], later["decided_by"], later["version"]) == ("open", "reviewer", 3)
 
 
-def test_newest_word_of_the_highest_layer_counts():
+def test_newest_event_of_the_highest_layer_is_effective():
     def event(kind, layer):
         return DayEvent(kind=kind, layer=layer)
 
@@ -221,7 +221,7 @@ def test_study_day_counts_from_the_start_or_the_first_day(phone, state):
     assert [day["study_day"] for day in days_of(phone)] == [0, 2]
 
 
-def test_day_of_somebody_who_has_left_is_not_changed_any_more(phone, state, review):
+def test_day_of_a_withdrawn_participant_cannot_be_changed(phone, state, review):
     say(phone, CLOSED, 0)
     with state.database.write() as session:
         session.execute(sa.update(Participant).values(withdrawn_at=datetime(2026, 11, 20, tzinfo=UTC)))

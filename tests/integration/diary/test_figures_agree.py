@@ -25,7 +25,7 @@ def told(value):
 
 
 @pytest.mark.parametrize("talked_over", range(4), indirect=True)
-def test_figures_agree_whatever_was_said(talked_over, client, admin, state):
+def test_figures_agree_after_any_entries(talked_over, client, admin, state):
     phone = talked_over
     assert rebuild_records(state.database, write=False).different == 0
     records = phone.get("/v1/records", limit=1000).json()["items"]

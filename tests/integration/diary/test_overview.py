@@ -67,7 +67,7 @@ def told_from(request, state):
 
 
 @pytest.mark.usefixtures("eaten")
-def test_every_day_of_the_window_is_told_with_those_who_are_silent(client, admin, told_from):
+def test_window_lists_each_day_with_silent_participants(client, admin, told_from):
     told_from()
     found = overview(client, admin)
     assert (found["first_day"], found["last_day"], len(found["days"])) == ("2026-10-09", "2026-11-05", 28)
@@ -116,7 +116,7 @@ def test_days_of_participants_add_up_to_the_days_of_the_study(client, admin, tol
 
 
 @pytest.mark.usefixtures("eaten")
-def test_statuses_are_of_the_window_and_what_waits_is_of_the_study(client, admin, told_from):
+def test_statuses_are_of_the_window_and_waiting_meals_of_the_study(client, admin, told_from):
     told_from()
     found = overview(client, admin, **{"from": "2026-11-01", "to": "2026-11-03"})
     meals = {row["status"]: row["meals"] for row in found["statuses"]}
@@ -128,9 +128,7 @@ def test_statuses_are_of_the_window_and_what_waits_is_of_the_study(client, admin
     assert found["failures"] == [{"failure_code": "marker_not_found", "meals": 1}]
 
 
-def test_after_meal_pairs_that_are_waited_for_or_failed_are_told_whatever_the_meal_s_status(
-    enrol, state, client, admin
-):
+def test_pending_and_failed_after_meal_pairs_are_counted_for_meals_of_any_status(enrol, state, client, admin):
     enrol("P001")
     due = datetime(2026, 11, 1, 16, tzinfo=UTC)
     for after_status, after_due_at in (
@@ -149,7 +147,7 @@ def test_after_meal_pairs_that_are_waited_for_or_failed_are_told_whatever_the_me
 
 
 @pytest.mark.usefixtures("eaten")
-def test_nutrients_are_those_of_days_of_which_all_is_known(client, admin, told_from):
+def test_nutrients_are_those_of_whole_days(client, admin, told_from):
     told_from()
     found = overview(client, admin)
     nutrients = {row["component"]: row for row in found["nutrients"]}
@@ -181,7 +179,7 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
 
 
 @pytest.mark.usefixtures("eaten")
-def test_nobody_is_expected_or_told_on_a_day_that_has_not_come(state, told_from):
+def test_no_participant_is_expected_on_a_future_day(state, told_from):
     """A phone whose clock is ahead: its meals are there, and no day has more who told than were expected."""
     told_from()
     caller, day = StaffCaller(uuid.uuid4(), "admin", True, uuid.uuid4()), date(2026, 11, 5)
@@ -192,7 +190,7 @@ def test_nobody_is_expected_or_told_on_a_day_that_has_not_come(state, told_from)
     assert (found.completeness.expected, found.completeness.told, found.completeness.meals) == (2, 2, 5)
 
 
-def test_places_are_told_only_where_the_study_keeps_them(enrol, state, client, admin, told_from):
+def test_places_are_shown_only_if_the_study_keeps_them(enrol, state, client, admin, told_from):
     enrol("P001", location_policy="keep")
     for day, latitude in (("2026-11-01", 48.20849), ("2026-11-02", -33.9)):
         meal_id = add_meal(state, "P001", day)
@@ -224,7 +222,7 @@ def test_study_without_a_meal_has_an_overview_of_nothing(enrol, client, admin):
 
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize("part", ROWS)
-def test_each_table_is_had_as_csv_with_the_rows_of_the_json(state, client, admin, part):
+def test_each_table_as_csv_has_the_rows_of_the_json(state, client, admin, part):
     with state.database.write() as session:
         person = session.scalars(sa.select(Participant).where(Participant.code == "P001")).one()
         person.code = "=P001"
@@ -272,7 +270,7 @@ def test_window_at_the_end_of_the_calendar_is_empty(enrol, state, client, admin,
     assert overview(client, admin, **params)["completeness"]["meals"] == 0
 
 
-def test_overview_of_another_study_is_not_there(enrol, client, admin):
+def test_overview_of_another_study_is_not_found(enrol, client, admin):
     phone = enrol("P001")
     assert phone.get(DAY_PATH).status_code == 403
     assert client.get("/v1/studies/other/overview", headers=admin).status_code == 404

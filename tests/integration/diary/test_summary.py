@@ -67,7 +67,7 @@ def test_day_of_foods_without_fat_by_their_table_has_no_interval_of_fat(feedback
     assert fat["interval"] == [pytest.approx(0.9 * 8.0), pytest.approx(1.1 * 8.0)]
 
 
-def test_without_a_date_it_is_the_last_day_and_without_a_day_it_says_so(feedback, state):
+def test_summary_without_a_date_is_of_the_last_day_and_without_days_an_error(feedback, state):
     assert feedback.get(PATH).json()["code"] == "no_day_yet"
     eat(state, feedback, 17, 18)
     assert feedback.get(PATH).json()["date"] == "2026-11-18"
@@ -114,7 +114,7 @@ def test_without_age_and_sex_nothing_is_compared(feedback, state):
     assert feedback.get(PATH).json()["comparison"]["why_not"] == "profile_needed"
 
 
-def test_partly_known_contents_never_tell_that_it_is_too_little(feedback, state):
+def test_partly_known_contents_never_give_the_verdict_below(feedback, state):
     set_profile(state, **WOMAN)
     eat(state, feedback, 15, 16, 17)
     add_meal(state, "P001", "2026-11-16", eaten_item(50.0, energy_kcal=10.0))
@@ -125,7 +125,7 @@ def test_partly_known_contents_never_tell_that_it_is_too_little(feedback, state)
     assert found["protein_g"]["verdict"] == "reaches"
 
 
-def test_meal_that_failed_is_told_and_its_day_compared_with_nothing(feedback, state):
+def test_failed_meal_is_reported_and_its_day_not_compared(feedback, state):
     set_profile(state, **WOMAN)
     eat(state, feedback, 15, 16, 17)
     add_meal(state, "P001", "2026-11-17", hour=19, status="failed")
@@ -150,7 +150,7 @@ def test_day_with_a_provisional_record_is_left_out_of_the_comparison(feedback, s
     assert left_out in body["sentences"]
 
 
-def test_leftovers_that_nobody_told_are_told_where_a_pair_is_expected(feedback, state):
+def test_unknown_leftovers_are_reported_where_a_pair_is_expected(feedback, state):
     items = eaten_item(100.0, origin="added"), eaten_item(50.0, origin="added", left_g=5.0), eaten_item(30.0)
     add_meal(state, "P001", "2026-11-19", *items)
     assert feedback.get(PATH).json()["leftovers_unknown_items"] == 0
@@ -161,7 +161,7 @@ def test_leftovers_that_nobody_told_are_told_where_a_pair_is_expected(feedback, 
     assert "Foods counted as eaten up, since it is not known what was left of them: 1." in body["sentences"]
 
 
-def test_day_when_nothing_was_eaten_has_zeros_and_says_so(feedback):
+def test_day_with_nothing_eaten_has_zeros_and_a_sentence(feedback):
     body = {"status": "closed", "ate_nothing": True}
     feedback.put("/v1/me/days/2026-11-19", json=body, headers={"If-Match": '"0"'})
     found = feedback.get(PATH).json()

@@ -1,4 +1,4 @@
-"""Staff as the tests use them: made with a password that is known, signed in over HTTP."""
+"""Staff for tests, created with a known password and signed in over HTTP."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ PASSWORD = "correct horse battery"
 
 @dataclass(frozen=True)
 class Person:
-    """A staff member who is signed in."""
+    """A signed-in staff member."""
 
     client: TestClient
     name: str
@@ -32,11 +32,11 @@ def sign_in(client, name, password=PASSWORD):
 
 
 def make_staff(client, admin, name, *, is_admin=False, **roles):
-    """A staff member with roles by study, signed in."""
+    """Create a staff member with roles by study and sign them in."""
     body = {"name": name, "is_admin": is_admin, "password": PASSWORD}
-    made = client.post("/v1/staff", headers=admin, json=body)
-    assert made.status_code == 201, made.text
+    answer = client.post("/v1/staff", headers=admin, json=body)
+    assert answer.status_code == 201, answer.text
     for study, role in roles.items():
-        put = client.put(f"/v1/studies/{study}/members/{name}", headers=admin, json={"role": role})
-        assert put.status_code == 200, put.text
+        answer = client.put(f"/v1/studies/{study}/members/{name}", headers=admin, json={"role": role})
+        assert answer.status_code == 200, answer.text
     return Person(client, name, bearer(sign_in(client, name).json()["token"]))

@@ -275,7 +275,7 @@ def fault_of(role, route, answer, promised):
 
 
 @pytest.mark.parametrize("role", ROLES, ids=lambda role: role.name.replace(" ", "-"))
-def test_every_route_answers_as_its_rule_says(client, state, role):
+def test_each_route_enforces_its_rule(client, state, role):
     paths = client.app.openapi()["paths"]
     faults, world = [], make_world(state)
     for method, path in sorted(routes_of(client.app)):

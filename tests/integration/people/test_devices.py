@@ -19,7 +19,7 @@ def devices(client, admin, **params):
     return client.get(DEVICES, headers=admin, params=params).json()["items"]
 
 
-def test_phone_learns_who_it_is_and_what_the_study_wants(enrol):
+def test_me_returns_phone_participant_and_protocol(enrol):
     phone = enrol(expects_after_pair=True, locale="de", day_starts="04:00")
     me = phone.get("/v1/me").json()
     assert (me["participant"], me["study"]["code"], me["study"]["marker"]) == ("P001", "pilot", "plain:9x7:11")
@@ -93,7 +93,7 @@ def test_phone_signs_out_and_its_token_opens_nothing_any_more(enrol, client, adm
     assert devices(client, admin)[0]["revoked_at"] is not None
 
 
-def test_owner_revokes_a_phone_and_again_is_no_error(enrol, client, admin):
+def test_owner_revokes_a_phone_and_repeating_it_succeeds(enrol, client, admin):
     phone = enrol()
     device = phone.get("/v1/me").json()["device"]["id"]
     for _ in range(2):
@@ -101,7 +101,7 @@ def test_owner_revokes_a_phone_and_again_is_no_error(enrol, client, admin):
     assert phone.get("/v1/me").status_code == 401
 
 
-def test_phone_of_another_study_is_no_phone_of_this_one(enrol, client, admin):
+def test_phone_of_another_study_is_not_found(enrol, client, admin):
     enrol()
     other = enrol(study="other").get("/v1/me").json()["device"]["id"]
     owner = make_staff(client, admin, "olga", pilot="owner")

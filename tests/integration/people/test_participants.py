@@ -31,7 +31,7 @@ def withdraw(state):
         session.query(Participant).one().withdrawn_at = datetime.now(UTC)
 
 
-def test_participant_is_made_with_profile_and_first_day(owner):
+def test_participant_is_created_with_profile_and_first_day(owner):
     body = {"code": "P1", "starts_on": "2026-11-20", "profile": PROFILE}
     made = owner.post(PEOPLE, json=body)
     assert (made.status_code, made.headers["location"]) == (201, f"{PEOPLE}/P1")
@@ -107,7 +107,7 @@ def test_new_code_ends_the_earlier_one(owner, participant, client):
     assert [answer.status_code for answer in answers] == [404, 201]
 
 
-def test_qr_code_says_server_and_code(owner, participant):
+def test_qr_code_contains_server_and_code(owner, participant):
     issued = owner.post(f"{participant}/enrolment-codes")
     body = issued.json()
     assert json.loads(body["qr_text"]) == {"tada": 1, "server": "http://testserver", "code": body["code"]}

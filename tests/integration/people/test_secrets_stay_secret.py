@@ -150,7 +150,7 @@ def test_secrets_stay_secret(session, log, state, settings):
             assert found_in(path.read_bytes(), secrets) == [], path
 
 
-def test_secrets_are_told_once_and_nowhere_else(session):
+def test_secrets_are_shown_once_and_nowhere_else(session):
     call, secrets = session
     told = [secret for answer in call.answers for secret in found_in(answer.content, secrets)]
     assert len(told) == len(set(told))

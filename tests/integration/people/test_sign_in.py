@@ -32,7 +32,7 @@ def olga(client, admin):
     return make_staff(client, admin, "olga", pilot="viewer")
 
 
-def test_session_is_told_once_with_its_end(client, olga):
+def test_session_token_is_shown_once_with_its_expiry(client, olga):
     answer = sign_in(client, "olga")
     body = answer.json()
     assert answer.headers["cache-control"] == "private, no-store"
@@ -133,7 +133,7 @@ def test_own_password_changes_and_all_sessions_and_personal_tokens_end(client, o
         ({"current_password": PASSWORD, "new_password": "short"}, 422, "password_refused"),
     ],
 )
-def test_password_change_that_is_refused_leaves_all_as_it_is(client, olga, change, status, code):
+def test_refused_password_change_changes_nothing(client, olga, change, status, code):
     answer = olga.post("/v1/sessions/current/password", json=change)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
     assert olga.get("/v1/studies").status_code == 200
@@ -168,7 +168,7 @@ def test_common_password_is_refused(client, admin, olga, password):
     assert sign_in(client, "olga").status_code == 201
 
 
-def test_same_word_from_another_keyboard_is_the_same_password(client, admin):
+def test_unicode_forms_of_a_password_are_equal(client, admin):
     client.post("/v1/staff", headers=admin, json={"name": "rene", "password": "cr\u00e8me br\u00fbl\u00e9e au four"})
     assert sign_in(client, "rene", "cre\u0300me bru\u0302le\u0301e au four").status_code == 201
 
@@ -186,7 +186,7 @@ def test_hash_of_older_cost_is_renewed_at_the_next_sign_in(client, admin, olga, 
     assert sign_in(client, "olga").status_code == 201
 
 
-def test_sessions_and_sign_outs_stand_in_the_audit_log_and_refusals_name_nobody(client, olga, state):
+def test_audit_log_has_sessions_and_sign_outs_and_no_name_of_a_refused_sign_in(client, olga, state):
     sign_in(client, "my password by mistake", OTHER)
     olga.delete("/v1/sessions/current")
     with state.database.read() as session:

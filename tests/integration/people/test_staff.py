@@ -16,7 +16,7 @@ def study(client, admin):
     return "/v1/studies/pilot"
 
 
-def test_admin_makes_staff_who_sign_in(client, admin):
+def test_admin_creates_staff_who_can_sign_in(client, admin):
     made = client.post("/v1/staff", headers=admin, json={"name": "olga", "password": PASSWORD})
     assert made.status_code == 201
     body = made.json()
@@ -32,7 +32,7 @@ def test_staff_without_a_password_cannot_sign_in_until_they_have_one(client, adm
     assert sign_in(client, "olga").status_code == 201
 
 
-def test_name_is_taken_however_it_is_typed(client, admin):
+def test_unicode_forms_of_a_name_are_equal(client, admin):
     client.post("/v1/staff", headers=admin, json={"name": "Ren\u00e9"})
     again = client.post("/v1/staff", headers=admin, json={"name": " Rene\u0301 "})
     assert (again.status_code, again.json()["code"]) == (409, "staff_exists")
@@ -40,7 +40,7 @@ def test_name_is_taken_however_it_is_typed(client, admin):
 
 
 @pytest.mark.parametrize("name", ["olga@example.org", "a/b", "..", " ", "x" * 101, "a\nb", "<b>", "a?b"])
-def test_name_that_no_address_should_hold_is_refused(client, admin, name):
+def test_name_unfit_for_urls_is_refused(client, admin, name):
     answer = client.post("/v1/staff", headers=admin, json={"name": name})
     assert (answer.status_code, answer.json()["code"]) == (422, "staff_name_invalid")
 
@@ -49,7 +49,7 @@ def test_name_that_no_address_should_hold_is_refused(client, admin, name):
     ("name", "password"),
     [("olga", "short pass"), ("olga", "x" * 201), ("olga-petrova", "OLGA-Petrova"), ("olga", "aaaaaaaaaaaaaa")],
 )
-def test_password_that_is_too_easy_or_too_long_is_refused(client, admin, name, password):
+def test_weak_or_overlong_password_is_refused(client, admin, name, password):
     answer = client.post("/v1/staff", headers=admin, json={"name": name, "password": password})
     assert (answer.status_code, answer.json()["code"]) == (422, "password_refused")
     assert password not in answer.text
@@ -74,7 +74,7 @@ def test_disabling_ends_sessions_and_tokens_for_good(client, admin, study):
     assert sign_in(client, "olga").status_code == 201
 
 
-def test_the_last_admin_is_neither_disabled_nor_made_less(client, admin):
+def test_last_admin_cannot_be_disabled_or_lose_the_role(client, admin):
     for change in ({"is_disabled": True}, {"is_admin": False}):
         answer = client.patch("/v1/staff/admin", headers=admin, json=change)
         assert (answer.status_code, answer.json()["code"]) == (409, "last_admin")
@@ -96,7 +96,7 @@ def test_staff_page_by_name_and_unknown_ones_are_404(client, admin):
     assert client.patch("/v1/staff/nobody", headers=admin, json={}).status_code == 404
 
 
-def test_owner_gives_a_role_changes_it_and_takes_it(client, admin, study):
+def test_owner_gives_changes_and_removes_a_role(client, admin, study):
     olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita")
     assert rita.get(study).status_code == 404
     assert olga.put(f"{study}/members/rita", json={"role": "viewer"}).json()["role"] == "viewer"
@@ -110,7 +110,7 @@ def test_owner_gives_a_role_changes_it_and_takes_it(client, admin, study):
     assert olga.get(study).status_code == 404
 
 
-def test_the_last_owner_is_neither_removed_nor_made_less(client, admin, study):
+def test_last_owner_cannot_be_removed_or_lose_the_role(client, admin, study):
     olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
     client.patch("/v1/staff/rita", headers=admin, json={"is_disabled": True})  # one who cannot act is no owner left
     del rita
@@ -122,7 +122,7 @@ def test_the_last_owner_is_neither_removed_nor_made_less(client, admin, study):
     assert olga.put(f"{study}/members/olga", json={"role": "owner"}).status_code == 200
 
 
-def test_member_must_be_somebody(client, admin, study):
+def test_unknown_staff_cannot_become_a_member(client, admin, study):
     make_staff(client, admin, "gone")
     client.patch("/v1/staff/gone", headers=admin, json={"is_disabled": True})
     for name in ("nobody", "gone"):
@@ -131,7 +131,7 @@ def test_member_must_be_somebody(client, admin, study):
     assert client.delete(f"{study}/members/admin", headers=admin).status_code == 404  # no member, though an admin
 
 
-def test_every_change_of_people_stands_in_the_audit_log_without_secrets(client, admin, study, state):
+def test_audit_log_has_each_change_of_staff_and_no_secrets(client, admin, study, state):
     make_staff(client, admin, "olga", pilot="owner")
     client.patch("/v1/staff/olga", headers=admin, json={"password": "another " + PASSWORD})
     client.delete(f"{study}/members/olga", headers=admin)  # refused: the last owner
@@ -160,7 +160,7 @@ def at_once(*calls):
         return list(pool.map(run, calls))
 
 
-def test_of_two_admins_who_disable_each_other_one_stays(client, admin):
+def test_two_admins_who_disable_each_other_leave_one_admin(client, admin):
     second = make_staff(client, admin, "second", is_admin=True)
     answers = at_once(
         lambda: client.patch("/v1/staff/second", headers=admin, json={"is_disabled": True}),
@@ -171,7 +171,7 @@ def test_of_two_admins_who_disable_each_other_one_stays(client, admin):
     assert statuses[1] in (401, 409)  # shut out before the call, or the last one by then
 
 
-def test_of_two_owners_who_remove_each_other_one_stays(client, admin, study):
+def test_two_owners_who_remove_each_other_leave_one_owner(client, admin, study):
     olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
     answers = at_once(
         lambda: olga.delete(f"{study}/members/rita"),
@@ -181,6 +181,6 @@ def test_of_two_owners_who_remove_each_other_one_stays(client, admin, study):
     assert len(client.get(f"{study}/members", headers=admin).json()["items"]) == 1
 
 
-def test_of_two_who_make_the_same_name_one_hears_that_it_is_taken(client, admin):
+def test_second_of_two_concurrent_creations_of_a_name_conflicts(client, admin):
     answers = at_once(*[lambda: client.post("/v1/staff", headers=admin, json={"name": "olga"})] * 4)
     assert sorted(answer.status_code for answer in answers) == [201, 409, 409, 409]

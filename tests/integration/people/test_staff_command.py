@@ -36,7 +36,7 @@ def database(prepared_database_url):
     database.dispose()
 
 
-def test_staff_is_made_with_a_password_from_a_file(tada, database, tmp_path):
+def test_staff_is_created_with_a_password_from_a_file(tada, database, tmp_path):
     file = tmp_path / "password"
     file.write_bytes(PASSWORD.encode() + b"\r\nsecond line\n")
     assert "olga can sign in" in tada("staff", "create", "olga", "--password-file", str(file))
@@ -69,13 +69,13 @@ def test_the_last_admin_is_not_disabled_from_the_command_line_either(tada):
         tada("staff", "disable", "admin")
 
 
-def test_without_anybody_to_ask_the_command_says_what_to_give(monkeypatch):
+def test_command_without_a_terminal_names_the_missing_option(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(InvalidInputError, match="--password-file"):
         read_password(None)
 
 
-def test_file_that_cannot_be_read_is_told_in_a_sentence(tmp_path):
+def test_unreadable_file_gives_a_message(tmp_path):
     with pytest.raises(InvalidInputError, match="cannot be read"):
         read_password(tmp_path / "absent")
     (tmp_path / "bytes").write_bytes(b"\xff\xfe")

@@ -22,7 +22,7 @@ def make(person, **body):
     return bearer(answer.json()["token"])
 
 
-def test_token_reads_only_unless_it_is_made_for_writing(client, olga):
+def test_token_is_read_only_unless_created_for_writing(client, olga):
     reader, writer = make(olga), make(olga, scope="write")
     body = {"code": "P1"}
     refused = client.post("/v1/studies/pilot/participants", headers=reader, json=body)
@@ -38,7 +38,7 @@ def test_token_for_one_study_reaches_no_other(client, olga):
     assert [row["code"] for row in client.get("/v1/studies", headers=token).json()["items"]] == ["pilot"]
 
 
-def test_token_of_an_admin_for_one_study_is_no_admins_token(client, admin, olga):
+def test_admin_token_for_one_study_has_no_admin_rights(client, admin, olga):
     root = make_staff(client, admin, "root", is_admin=True)
     token = make(root, study="pilot", scope="write")
     assert client.get("/v1/studies/pilot/members", headers=token).status_code == 200
@@ -46,7 +46,7 @@ def test_token_of_an_admin_for_one_study_is_no_admins_token(client, admin, olga)
     assert client.post("/v1/studies", headers=token, json={"code": "x", "name": "x"}).json()["code"] == "admin_only"
 
 
-def test_token_loses_what_its_maker_loses(client, admin, olga):
+def test_token_loses_rights_that_its_creator_loses(client, admin, olga):
     token = make(olga, scope="write")
     client.put("/v1/studies/other/members/olga", headers=admin, json={"role": "reviewer"})
     make_staff(client, admin, "rita", pilot="owner")
@@ -66,7 +66,7 @@ def test_token_makes_lists_and_ends_no_tokens(client, olga):
         assert (answer.status_code, answer.json()["code"]) == (403, "session_needed")
 
 
-def test_token_is_made_only_for_a_study_of_ones_own(olga):
+def test_token_for_a_study_without_a_role_is_refused(olga):
     for study in ("foreign", "nowhere"):
         assert olga.post("/v1/tokens", json={"name": "x", "study": study}).status_code == 404
 
@@ -92,7 +92,7 @@ def test_ended_token_opens_nothing_and_is_not_listed(client, olga):
     assert olga.get("/v1/tokens").json()["items"] == []
 
 
-def test_nobody_ends_anothers_token(client, admin, olga):
+def test_token_of_another_person_cannot_be_revoked(client, admin, olga):
     token = make(olga)
     (listed,) = olga.get("/v1/tokens").json()["items"]
     rita = make_staff(client, admin, "rita", pilot="owner")

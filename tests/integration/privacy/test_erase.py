@@ -49,20 +49,20 @@ def test_erasure_that_died_before_its_transaction_is_finished_by_the_next_start(
     assert reapply_erasures(state.part(Eraser), state.blobs) == 0
 
 
-def test_erasure_asked_for_just_now_is_left_to_the_one_who_was_asked(person, state):
+def test_recent_erasure_of_the_ledger_is_left_to_its_process(person, state):
     state.part(Eraser).intend("meal", "erase", person.meal_id)
     assert reapply_erasures(state.part(Eraser), state.blobs, before=datetime.now(UTC) - timedelta(minutes=10)) == 0
     assert person.phone.get(person.path).status_code == 200
 
 
-def test_erasure_of_one_who_is_in_no_row_is_looked_for_once(state):
+def test_erasure_without_rows_is_searched_for_once(state):
     erasure = state.part(Eraser).intend("participant", "erase", uuid.uuid4())
     assert reapply_erasures(state.part(Eraser), state.blobs) == 0
     with state.database.read() as session:
         assert people_privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
 
 
-def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(person, state):
+def test_two_policies_for_a_restored_person_are_both_applied(person, state):
     state.part(Eraser).intend("participant", "erase", person.participant_id)
     state.part(Eraser).intend("participant", "keep", person.participant_id)
     assert reapply_erasures(state.part(Eraser), state.blobs) == 2
@@ -82,7 +82,7 @@ def test_ledger_holds_no_id_in_the_clear(person, state, settings):
     assert set(entry) == {"deed", "receipt", "at", "key"}
 
 
-def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
+def test_two_erasures_of_a_meal_give_one_receipt(person, state):
     first = state.part(Eraser).intend("meal", "erase", person.meal_id)
     second = state.part(Eraser).intend("meal", "erase", person.meal_id)
     assert state.part(Eraser).carry_out_on_meal(first, person.meal_id, None) is not None
@@ -94,7 +94,7 @@ def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
     )  # what a restore would bring back
 
 
-def test_two_who_erase_the_same_meal_at_the_same_moment_get_one_receipt(person, state, monkeypatch):
+def test_concurrent_erasures_of_a_meal_give_one_receipt(person, state, monkeypatch):
     """Each looked into the ledger before the other had written; the one who wrote first is the one who erases."""
 
     def not_there_yet(_, kind, digest):
@@ -117,7 +117,7 @@ def test_erasure_that_died_before_its_transaction_keeps_its_receipt_when_it_is_a
     assert answer.json()["id"] == str(first.receipt_id)
 
 
-def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, state):
+def test_blob_that_a_row_names_is_not_deleted_by_a_scheduled_deletion(person, state):
     with state.database.write() as session:
         keys = list(session.scalars(sa.select(MealImage.blob_key)))
         study_id = session.scalars(sa.select(Study.id)).one()
@@ -171,7 +171,7 @@ def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, s
     assert {blob.key.split("/")[-2] for blob in state.blobs.keys()} == {"result.json"}  # noqa: SIM118
 
 
-def test_what_a_job_under_way_has_sealed_is_no_orphan_however_old(person, state, settings):
+def test_blobs_sealed_by_a_live_job_are_never_orphans(person, state, settings):
     sealed = seal_stray(state, f"runs/{uuid.uuid4()}/topview.jpg")
     with state.database.write() as session:
         session.execute(sa.update(Job).values(state="queued", finished_at=None))
@@ -293,7 +293,7 @@ def test_photographs_past_retention_stay_while_the_clock_is_in_doubt(person, sta
     assert chores["erase_old_pictures"].run() == 1
 
 
-def test_digest_of_each_deed_differs(state):
+def test_digests_of_policies_differ(state):
     one = uuid.uuid4()
     digests = {digest_of(state.part(SecretBox), "participant", deed, one) for deed in ("keep", "anonymise", "erase")}
     assert len(digests | {digest_of(state.part(SecretBox), "meal", "erase", one)}) == 4

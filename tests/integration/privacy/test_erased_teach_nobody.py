@@ -53,7 +53,7 @@ def learned_by(state, looks):
 
 
 @pytest.mark.parametrize("way", ["withdrawal", "meal"])
-def test_erased_food_drops_out_of_its_study_and_of_those_that_it_was_shared_with(
+def test_erased_food_is_unlearned_in_its_study_and_in_studies_it_was_shared_with(
     way, state, enrol, client, looks, meal_of, learned_by
 ):
     leaving, staying = enrol("leaving", "sharing"), enrol("staying", "sharing")
@@ -75,9 +75,7 @@ def test_erased_food_drops_out_of_its_study_and_of_those_that_it_was_shared_with
     assert [learned_by(asker) for asker in askers] == before
 
 
-def test_food_of_a_study_that_takes_its_sharing_back_teaches_others_no_more(
-    state, enrol, looks, meal_of, learned_by, client, admin
-):
+def test_study_that_stops_sharing_is_unlearned_by_others(state, enrol, looks, meal_of, learned_by, client, admin):
     phone, asker = enrol("P1", "sharing"), meal_of(enrol("P2", "other"), looks)
     before = learned_by(asker)
     taught = meal_of(phone, looks)

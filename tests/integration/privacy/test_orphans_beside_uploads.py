@@ -93,7 +93,7 @@ def sending(phone, state, monkeypatch):
     return Sending(phone, state, monkeypatch)
 
 
-def test_photograph_acknowledged_while_its_orphan_is_just_deleted_stays(sending, state, monkeypatch):
+def test_photograph_acknowledged_during_orphan_deletion_stays(sending, state, monkeypatch):
     """The deletion is on its way to the store: it deletes what it finds there, whenever it gets there."""
     halted = Halted(state.blobs.delete)
     monkeypatch.setattr(state.blobs, "delete", halted)
@@ -122,9 +122,7 @@ def test_deleter_that_was_stopped_and_goes_on_long_after_another_took_its_place_
     sending.assert_kept()
 
 
-def test_photograph_whose_key_is_spent_after_it_was_sealed_is_refused_and_taken_when_it_is_sent_again(
-    sending, state, monkeypatch
-):
+def test_photograph_whose_key_is_spent_after_sealing_is_refused_and_accepted_when_resent(sending, state, monkeypatch):
     put_files = state.blobs.put_files
 
     def put_and_deleted(files):
@@ -173,7 +171,7 @@ def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, mon
     sending.assert_kept()
 
 
-def test_upload_that_meets_a_key_just_being_spent_waits_and_is_refused(sending, monkeypatch):
+def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, monkeypatch):
     spend, uploads, answers = spent_keys.spend, [], []
 
     def while_it_is_sent(session, keys, now):
@@ -207,7 +205,7 @@ def test_listing_without_orphans_writes_nothing(sending, state, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["postgres"])  # SQLite has one writer at a time
-def test_orphan_that_somebody_is_about_to_name_stays_and_the_others_of_its_batch_go(sending, state):
+def test_orphan_about_to_be_named_stays_and_the_rest_of_its_batch_is_deleted(sending, state):
     named, other = sorted(sending.orphans)
     with state.database.write() as session:
         spent_keys.hold(session, [named])
@@ -217,7 +215,7 @@ def test_orphan_that_somebody_is_about_to_name_stays_and_the_others_of_its_batch
         assert spent_keys.spent_among(session, sending.orphans) == {other}
 
 
-def test_deleter_that_died_before_it_deleted_keeps_no_phone_waiting(sending, state, monkeypatch):
+def test_deleter_that_died_before_deleting_blocks_no_phone(sending, state, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(state.blobs, "delete", out_of_order)
         with pytest.raises(UnavailableError):
@@ -260,7 +258,7 @@ def test_photograph_of_an_after_pair_is_refused_once_its_key_is_spent(phone, sta
         assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
 
 
-def test_photograph_that_was_there_when_another_pair_took_its_place_is_not_taken_for_sealed(phone, state, monkeypatch):
+def test_photograph_replaced_by_another_pair_does_not_count_as_sealed(phone, state, monkeypatch):
     """Nothing of it was put into the store by this request, and its row goes with the pair that failed."""
     table = Table(phone, state).measured().send_after()
     table.after_measured(failure={"code": "marker_not_found", "message": "No board.", "advice": ""})
@@ -282,7 +280,7 @@ def test_photograph_that_was_there_when_another_pair_took_its_place_is_not_taken
 
 
 @pytest.mark.parametrize("kind", ["postgres"])  # on SQLite nothing is committed while the deleter looks
-def test_answer_of_a_job_that_ends_between_two_queries_of_one_look_is_no_orphan(phone, state):
+def test_result_of_a_job_that_ends_between_the_two_queries_is_not_an_orphan(phone, state):
     """Its run is not seen by the first, and its job is no longer under way for the second, were they the other way."""
     table, saved = Table(phone, state), []
     with state.database.read() as session:

@@ -50,7 +50,7 @@ def person(state, enrol):
     return Person(state, enrol, "somebody-9Qv", seed=1)
 
 
-def test_deleting_a_meal_gives_a_receipt_that_anybody_with_its_id_can_read(person, client):
+def test_deleting_a_meal_gives_a_receipt_readable_by_id_alone(person, client):
     answer = client.delete(person.path, headers=person.phone.headers)
     receipt = answer.json()
     assert (receipt["what"], receipt["policy"]) == ("meal", "erase")
@@ -109,7 +109,7 @@ def test_what_food_looked_like_stays_with_its_item_and_goes_with_it(policy, stay
 
 
 @pytest.mark.parametrize("policy", ["keep", "anonymise", "erase"])
-def test_after_withdrawal_every_call_of_the_phone_is_410_and_says_nothing_else(policy, person, state, client):
+def test_every_call_of_the_phone_is_410_after_withdrawal(policy, person, state, client):
     set_study(state, withdrawal_policy=policy)
     receipt = client.post("/v1/me/withdrawal", headers=person.phone.headers).json()
     assert (receipt["what"], receipt["policy"]) == ("participant", policy)
@@ -129,7 +129,7 @@ def test_after_withdrawal_every_call_of_the_phone_is_410_and_says_nothing_else(p
     assert answer.status_code == 404
 
 
-def test_word_that_is_on_its_way_while_its_person_is_anonymised_is_not_kept(person, state, client, monkeypatch):
+def test_text_sent_while_its_person_is_anonymised_is_not_kept(person, state, client, monkeypatch):
     set_study(state, withdrawal_policy="anonymise")
     nearly_done, said = threading.Event(), threading.Event()
     note = audit.note
@@ -180,7 +180,7 @@ def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
     assert answer.status_code == 404
 
 
-def test_withdrawal_gets_through_beside_one_who_holds_a_meal_and_wants_the_person(person, state, client):
+def test_withdrawal_succeeds_despite_a_deadlock_with_a_holder_of_a_meal(person, state, client):
     holding = threading.Event()
 
     def save_something():
@@ -197,7 +197,7 @@ def test_withdrawal_gets_through_beside_one_who_holds_a_meal_and_wants_the_perso
         saving.result()
 
 
-def test_phone_whose_person_is_erased_while_it_asks_hears_that_they_left(person, state, client):
+def test_call_of_a_phone_whose_person_is_erased_meanwhile_is_410(person, state, client):
     with state.database.read() as session:
         study_id = session.scalars(sa.select(Study.id)).one()
     phone = DeviceCaller(person.device_id, person.participant_id, study_id, uuid.uuid4())
@@ -218,7 +218,7 @@ def test_erased_participant_still_counts_as_withdrawn(person, state, client, adm
 
 
 @pytest.mark.parametrize("policy", ["erase", "anonymise", "keep"])
-def test_code_of_who_left_is_given_to_nobody_else_of_the_study(policy, person, state, client, admin):
+def test_code_of_a_withdrawn_participant_cannot_be_used_again(policy, person, state, client, admin):
     set_study(state, withdrawal_policy=policy)
     client.post("/v1/me/withdrawal", headers=person.phone.headers)
     again = client.post("/v1/studies/pilot/participants", headers=admin, json={"code": person.mark})
@@ -238,7 +238,7 @@ def test_kept_data_stay_after_withdrawal(person, state, client, admin):
     assert client.get(person.path, headers=admin, params={"participant": person.mark}).status_code == 200
 
 
-def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person, state, settings, client, admin):
+def test_anonymised_data_identify_nobody_and_keep_food_and_times(person, state, settings, client, admin):
     set_study(state, withdrawal_policy="anonymise")
     with state.database.read() as session:
         meal = session.scalars(sa.select(Meal)).one()
@@ -323,7 +323,7 @@ def test_study_without_retention_keeps_its_photographs(person, state):
     assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=10_000)) == 0
 
 
-def test_export_holds_all_that_is_known_and_the_photographs_byte_for_byte(person, state, enrol):
+def test_export_contains_all_data_and_the_original_photographs(person, state, enrol):
     Person(state, enrol, "another-one-3Fd", seed=5)
     answer = person.phone.get("/v1/me/export")
     assert answer.headers["content-disposition"] == 'attachment; filename="my-data.zip"'

@@ -126,7 +126,7 @@ def signatures_fit(got, secret):
     return [signature == wanted for signature in headers["webhook-signature"].split(" ")]
 
 
-def test_event_reaches_the_receiver_signed_and_as_it_was(sending):
+def test_event_is_delivered_signed_with_its_payload_of_the_time(sending):
     with receiver() as there:
         hook = sending.hook(there.url)
         sending.announce("day.closed", participant="P001", local_date="2026-11-20")
@@ -148,7 +148,7 @@ def test_event_reaches_the_receiver_signed_and_as_it_was(sending):
     assert datetime.fromisoformat(body["timestamp"]).tzinfo is not None
 
 
-def test_only_webhooks_of_the_study_that_want_the_event_are_told(sending):
+def test_only_subscribed_webhooks_of_the_study_get_an_event(sending):
     with sending.database.write() as session:
         other = Study(id=uuid.uuid4(), code="other", name="Other", change_seq=0, created_at=sending.clock())
         session.add(other)
@@ -163,7 +163,7 @@ def test_only_webhooks_of_the_study_that_want_the_event_are_told(sending):
     assert len({row.payload["id"] for row in sending.rows()}) == 1  # one event
 
 
-def test_event_of_a_transaction_that_fails_is_not_told(sending):
+def test_event_of_a_failed_transaction_is_not_delivered(sending):
     sending.hook("https://a.example.org/")
     with contextlib.suppress(RuntimeError), sending.database.write() as session:
         announce(session, sending.study.id, "day.closed", {})
@@ -172,7 +172,7 @@ def test_event_of_a_transaction_that_fails_is_not_told(sending):
     assert sending.rows() == []
 
 
-def test_failed_delivery_is_tried_again_with_the_same_id_and_body_until_it_is_taken(sending):
+def test_failed_delivery_is_retried_with_the_same_id_and_body_until_accepted(sending):
     with receiver(answer=lambda number: 500 if number <= 2 else 200) as there:
         hook = sending.hook(there.url)
         sending.announce("day.closed", participant="P001")
@@ -190,7 +190,7 @@ def test_failed_delivery_is_tried_again_with_the_same_id_and_body_until_it_is_ta
     assert all(signatures_fit(got, sending.secrets[hook]) == [True] for got in there.received)
 
 
-def test_delivery_is_given_up_after_three_days_and_its_receiver_is_called_no_more(sending):
+def test_delivery_is_given_up_after_three_days(sending):
     begin = sending.clock()
     with receiver(answer=503) as there:
         sending.hook(there.url)
@@ -279,7 +279,7 @@ def test_delivery_of_a_worker_that_died_is_sent_again_once_its_claim_has_run_out
     assert sending.rows()[0].state == "delivered"
 
 
-def test_worker_that_dies_at_the_last_try_leaves_nothing_waiting_for_ever(sending):
+def test_delivery_whose_worker_dies_in_the_last_attempt_is_given_up(sending):
     sending.hook("https://a.example.org/")
     sending.announce()
     with sending.database.write() as session:
@@ -312,7 +312,7 @@ def test_slow_receiver_holds_up_neither_others_nor_the_chore(sending):
     assert {row.state for row in sending.rows()} == {"delivered"}
 
 
-def test_what_waits_for_one_webhook_goes_out_in_one_turn(sending):
+def test_waiting_deliveries_of_a_webhook_are_sent_in_one_turn(sending):
     with receiver() as there:
         sending.hook(there.url)
         for number in range(20):
@@ -322,7 +322,7 @@ def test_what_waits_for_one_webhook_goes_out_in_one_turn(sending):
     assert {row.state for row in sending.rows()} == {"delivered"}
 
 
-def test_turn_of_a_webhook_ends_so_that_others_get_theirs(sending, monkeypatch):
+def test_turn_of_a_webhook_ends_in_favour_of_others(sending, monkeypatch):
     monkeypatch.setattr(deliver_webhooks, "TURN_SECONDS", 0.0)
     with receiver() as there:
         sending.hook(there.url)
@@ -332,7 +332,7 @@ def test_turn_of_a_webhook_ends_so_that_others_get_theirs(sending, monkeypatch):
         assert len(there.received) == 1
 
 
-def test_webhook_that_fails_rests_whatever_waits_for_it(sending):
+def test_failing_webhook_rests_with_all_its_deliveries(sending):
     with receiver(answer=500) as failing:
         hook = sending.hook(failing.url)
         for _ in range(3):
@@ -357,7 +357,7 @@ def test_no_more_than_a_few_are_under_way_at_once(sending):
         assert sending.deliver() == 3
 
 
-def test_secret_that_the_key_does_not_open_is_told_and_heals_with_the_key(sending):
+def test_unreadable_secret_is_reported_and_works_again_with_its_key(sending):
     """A database restored beside another secret key: nothing is sent unsigned, nothing crashes, nothing is lost."""
     with receiver() as there:
         sending.hook(there.url)
@@ -394,7 +394,7 @@ def test_old_secret_signs_along_for_a_day_after_a_rotation(sending):
     assert signatures_fit(second, known.current) == [True]
 
 
-def test_delivery_that_is_erased_while_it_is_sent_comes_not_back(sending):
+def test_delivery_erased_while_it_is_sent_stays_erased(sending):
     with receiver() as there:
         there.may_answer.clear()
         sending.hook(there.url)

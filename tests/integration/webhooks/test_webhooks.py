@@ -97,7 +97,7 @@ def audited(state):
         return [row.action for row in rows]
 
 
-def test_webhook_is_made_and_shows_its_secret_once(owner, state):
+def test_new_webhook_shows_its_secret_once(owner, state):
     answer = owner.make("https://hooks.example.org/a?b=c", "meal.failed", "meal.failed", "day.closed")
     assert answer.status_code == 201
     body = answer.json()
@@ -135,7 +135,7 @@ def test_each_event_is_known_to_the_api():
         "file:///etc/passwd",
     ],
 )
-def test_address_that_is_not_safe_is_refused_when_made_and_when_changed(owner, url):
+def test_unsafe_address_is_refused_on_creation_and_change(owner, url):
     path = f"/{owner.made()}"
     for answer in (owner.make(url), owner.call("PATCH", path, {"url": url})):
         assert (answer.status_code, answer.json()["code"]) == (422, "webhook_address_refused")
@@ -194,7 +194,7 @@ def test_change_of_an_older_version_is_refused(owner):
     assert owner.call("PATCH", path, {"is_enabled": False}, tag=changed.headers["ETag"]).status_code == 200
 
 
-def test_disabled_webhook_is_told_nothing_and_sends_no_test(owner, state):
+def test_disabled_webhook_gets_no_events_and_no_test(owner, state):
     path = f"/{owner.made()}"
     owner.call("POST", f"{path}/test")
     assert [owner.call("DELETE", path).status_code for _ in range(2)] == [204, 204]
@@ -206,7 +206,7 @@ def test_disabled_webhook_is_told_nothing_and_sends_no_test(owner, state):
     assert audited(state) == ["webhook.create", "webhook.test", "webhook.disable"]
 
 
-def test_ping_is_delivered_logged_and_replayed_as_it_was(owner, state):
+def test_ping_is_delivered_logged_and_replayed_unchanged(owner, state):
     with receiver() as there:
         path = f"/{owner.made(there.url, 'meal.failed')}"
         ping = owner.call("POST", f"{path}/test")
@@ -358,7 +358,7 @@ def test_meal_is_announced_when_it_is_complete_and_when_it_fails(owner, phone, s
         assert None not in {row.participant_id for row in session.scalars(sa.select(WebhookDelivery))}
 
 
-def test_meal_that_is_told_part_by_part_is_received_with_its_last_part(owner, phone):
+def test_meal_sent_in_parts_is_announced_with_its_last_part(owner, phone):
     path = f"/{owner.made()}"
     meal_id = str(uuid.uuid4())
     body = {"captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
@@ -429,7 +429,7 @@ def test_replay_beside_an_erasure_brings_nothing_back(owner, phone, state):
     assert owner.call("GET", f"{path}/deliveries").json()["items"] == []
 
 
-def test_redelivery_of_a_notice_that_was_forgotten_is_refused(owner, phone, state):
+def test_replay_of_a_notice_with_removed_data_is_refused(owner, phone, state):
     with receiver() as there:
         path = f"/{owner.made(there.url)}"
         with state.database.write() as session:

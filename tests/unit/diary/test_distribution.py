@@ -50,7 +50,7 @@ def test_bins_begin_at_zero_and_are_of_a_round_width():
     assert (found.edges[-1], found.days_below_bins, found.days_above_bins) == (3200.0, 0, 0)
 
 
-def test_one_odd_day_among_many_does_not_flatten_the_others():
+def test_outlier_does_not_flatten_the_histogram():
     found = of([2000.0 + number for number in range(200)] + [90_000.0])
     assert (found.days_above_bins, found.maximum, found.edges[-1]) == (1, 90_000.0, 2200.0)
 

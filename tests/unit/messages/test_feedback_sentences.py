@@ -16,7 +16,7 @@ def fields_of(text):
 
 
 @pytest.mark.parametrize("code", sorted(catalogue("feedback")))
-def test_sentence_is_there_in_every_language_with_the_same_values(code):
+def test_each_sentence_has_all_languages_with_the_same_values(code):
     sentences = catalogue("feedback")[code]
     assert set(sentences) == set(LOCALES)
     assert len({tuple(fields_of(text)) for text in sentences.values()}) == 1
@@ -26,7 +26,7 @@ def test_sentence_is_there_in_every_language_with_the_same_values(code):
         assert "{" not in told
 
 
-def test_every_verdict_and_every_nutrient_has_its_words():
+def test_each_verdict_and_nutrient_has_a_sentence():
     codes = set(catalogue("feedback"))
     assert set(Verdict.__args__) <= codes
     assert {f"name_{column}" for column in COMPARED} <= codes

@@ -78,5 +78,5 @@ def test_unknown_code_has_no_sentence():
         (None, None, "tlh", "en"),
     ],
 )
-def test_language_is_the_asked_one_then_the_headers_then_the_studys(asked, header, study, chosen):
+def test_locale_is_the_requested_one_else_the_headers_else_the_studys(asked, header, study, chosen):
     assert choose_locale(asked, header, study) == chosen

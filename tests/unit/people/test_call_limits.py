@@ -84,7 +84,7 @@ def test_phone_past_its_uploads_is_refused_and_may_still_ask():
     counted.count(*phone(), "upload")
 
 
-def test_phone_that_waits_as_it_was_told_is_let_in_however_often_it_was_refused():
+def test_phone_that_waits_retry_after_is_admitted_after_any_number_of_refusals():
     clock = Clock()
     counted, caller = limits(clock, device_uploads_per_minute=1), phone()
     counted.count(*caller, "upload")
@@ -124,7 +124,7 @@ def test_clinic_of_two_hundred_phones_behind_one_address_is_not_refused():
         clock.now += 60
 
 
-def test_phone_that_was_offline_for_weeks_sends_all_in_the_time_that_it_is_told():
+def test_phone_offline_for_weeks_uploads_everything_by_following_retry_after():
     clock = Clock()
     counted, caller = limits(clock), phone()
     for _ in range(4 * 90):
@@ -152,7 +152,7 @@ def test_requests_at_the_same_time_of_one_address_are_bounded_and_forgotten_when
     assert not counted._under_way
 
 
-def test_quota_is_told_as_the_draft_writes_it():
+def test_quota_headers_follow_the_draft():
     clock = Clock()
     told = limits(clock, device_calls_per_minute=60).count(*phone(), "call")
     assert told.headers("call") == {"RateLimit-Policy": '"call";q=60;w=60', "RateLimit": '"call";r=59;t=1'}

@@ -133,7 +133,7 @@ def resolving_to(*addresses):
 
 
 @pytest.mark.parametrize("address", NOT_PUBLIC)
-def test_address_that_is_not_public_is_told_apart(address):
+def test_non_public_address_is_detected(address):
     assert not is_public(address)
 
 
@@ -173,14 +173,14 @@ def test_url_is_refused(url):
 
 
 @pytest.mark.parametrize("url", GOOD_URLS)
-def test_good_url_is_taken_apart(url):
+def test_valid_url_is_parsed(url):
     target = parse_target(url, allow_loopback=False)
     assert (target.host, target.port, target.path, target.host_header) == GOOD_URLS[url]
     assert target.scheme == "https"
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_taken_apart_or_refused(text):
+def test_any_text_is_parsed_or_refused(text):
     for url in (text, f"https://{text}/", f"https://hooks.example.org{text}"):
         try:
             target = parse_target(url, allow_loopback=False)

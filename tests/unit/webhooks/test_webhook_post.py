@@ -90,7 +90,7 @@ def test_certificate_of_another_name_is_refused(tmp_path, name):
     assert hook.received == []
 
 
-def test_certificate_that_nobody_vouches_for_is_refused(tmp_path):
+def test_untrusted_certificate_is_refused(tmp_path):
     server, _ = certificates(tmp_path, "127.0.0.1")
     with receiver(tls=server) as hook:
         answer = post(f"https://127.0.0.1:{hook.port}/")
@@ -98,7 +98,7 @@ def test_certificate_that_nobody_vouches_for_is_refused(tmp_path):
     assert hook.received == []
 
 
-def test_name_that_turns_inward_after_it_was_checked_is_not_called():
+def test_name_that_resolves_to_a_private_address_later_is_not_called():
     """DNS rebinding: a public answer when the webhook was made, the loopback at its delivery."""
     answers = itertools.chain([["8.8.8.8"]], itertools.repeat(["127.0.0.1"]))
     with receiver() as inner:
@@ -129,7 +129,7 @@ def test_stored_url_is_read_anew_by_the_same_rules():
         assert WebhookPost(allow_loopback=False).send(url, {}, BODY).status is None
 
 
-def test_receiver_that_drips_its_answer_gains_no_time():
+def test_slow_response_does_not_extend_the_total_time():
     done = threading.Event()
 
     def drips(connection):
@@ -144,14 +144,14 @@ def test_receiver_that_drips_its_answer_gains_no_time():
     assert (answer.status, answer.error) == (None, "No answer within 0.5 seconds.")
 
 
-def test_receiver_that_says_nothing_is_left_in_time():
+def test_silent_receiver_times_out():
     done = threading.Event()
     answer = posted_to(lambda _: done.wait(20), seconds=0.3)
     done.set()
     assert answer.error == "No answer within 0.3 seconds."
 
 
-def test_receiver_that_does_not_read_is_left_in_time():
+def test_receiver_that_does_not_read_times_out():
     done = threading.Event()
     with raw_receiver(lambda _: done.wait(20)) as port:
         sender = WebhookPost(allow_loopback=True, total_seconds=0.5)
@@ -160,7 +160,7 @@ def test_receiver_that_does_not_read_is_left_in_time():
     assert answer.error == "No answer within 0.5 seconds."
 
 
-def test_tls_handshake_that_stalls_is_left_in_time(tmp_path):
+def test_stalled_tls_handshake_times_out(tmp_path):
     done = threading.Event()
     _, client = certificates(tmp_path, "127.0.0.1")
     with raw_receiver(lambda _: done.wait(20)) as port:
@@ -200,13 +200,13 @@ def test_endless_body_is_not_read():
     ],
     ids=lambda chunks: repr(chunks[0][:20]) + f"x{len(chunks)}",
 )
-def test_answer_that_is_no_http_is_a_failure_in_our_words(chunks):
+def test_answer_that_is_not_http_is_a_failure_with_our_message(chunks):
     answer = posted_to(answering(*chunks))
     assert not answer.is_success
     assert answer.error in ("The answer was not HTTP.", "The connection failed.")
 
 
-def test_words_of_the_receiver_are_never_kept():
+def test_text_of_the_receiver_is_never_stored():
     answer = posted_to(answering(b"HTTP/1.1 500 my secret reason\r\nX-Secret: hidden\r\n\r\nsecret body"))
     assert "secret" not in repr(answer)
     assert answer.status == 500
@@ -232,7 +232,7 @@ def test_retry_after_is_read_in_seconds(header, seconds):
     assert (answer.status, answer.retry_after_seconds) == (503, seconds)
 
 
-def test_refused_connection_is_told():
+def test_refused_connection_is_reported():
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
     assert post(f"http://127.0.0.1:{port}/").error == "The connection was refused."
@@ -258,5 +258,5 @@ def test_request_has_one_host_and_the_bodys_length():
     assert body == BODY
 
 
-def test_target_is_what_the_request_says():
+def test_request_target_is_path_and_query():
     assert parse_target("https://hooks.example.org/x?y", allow_loopback=False).path == "/x?y"

@@ -42,7 +42,7 @@ def test_each_part_is_signed():
     assert len(signatures) == 5
 
 
-def test_old_secret_signs_along_until_its_time_is_over():
+def test_old_secret_also_signs_until_it_expires():
     first = SigningSecrets(new_secret())
     second = first.rotated(NOW)
     within, after = NOW + timedelta(hours=23), NOW + timedelta(hours=25)
