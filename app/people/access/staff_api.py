@@ -47,8 +47,8 @@ def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut
 def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
     """Change a staff member.
 
-    Disabling them, or replacing their password, ends their sessions and personal tokens permanently: see `ended`. A first
-    password ends nothing.
+    Disabling them, or replacing their password, ends their sessions and personal tokens permanently: see `ended`. A
+    first password ends nothing.
     """
     change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
     changed = staff.change_staff(state.database, state.part(Passwords), name, change, caller)
