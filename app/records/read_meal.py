@@ -27,7 +27,7 @@ from app.nutrition.nutrients import (
 )
 from app.people import privacy_queries as privacy
 from app.people.access import audit
-from app.people.access.caller import Caller, DeviceCaller, studies_with_role, require_study
+from app.people.access.caller import Caller, DeviceCaller, require_study, studies_with_role
 from app.people.participants import require_in_study
 from app.records import queries as records
 from app.storage.blob_store import BlobStore
