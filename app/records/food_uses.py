@@ -1,24 +1,24 @@
-"""Where a food stands: in which releases, and in the records and measurements of which studies."""
+"""Where a food is used: its releases, and the records and density measurements of each study."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from app.db.session import Database
 from app.foods import queries as foods
-from app.foods.edits import queries as food_uses
+from app.foods.edits import queries as food_edits
 from app.foods.edits.queries import FoodVersion
 from app.foods.foods import require_food
 from app.foods.models import StudyDensity
 from app.people.access.caller import StaffCaller, studies_with_role
-from app.records.food_use_queries import StudyRecords, records_by_study
+from app.records.queries import StudyRecords, records_by_study
 
-COUNTED = 1000  # records of a study; with more, that there are more is told
+COUNTED = 1000  # records of a study; beyond it, only that there are more
 MOST_STUDIES = 500
 
 
 @dataclass(frozen=True, slots=True)
 class FoodPlace:
-    """A version of a food. is_found: whoever asks for the key gets this one; is_in_force: of a release in force."""
+    """A version of a food. is_found: a look-up by key returns this one; is_in_force: in a release in force."""
 
     version: FoodVersion
     is_found: bool
@@ -27,7 +27,7 @@ class FoodPlace:
 
 @dataclass(frozen=True, slots=True)
 class StudyUse:
-    """A study that has the food. of.records: how many of its records; is_more: there are more than those."""
+    """A study that uses the food. of.records: its records, at most COUNTED; is_more: it has more than those."""
 
     of: StudyRecords
     is_more: bool
@@ -36,7 +36,7 @@ class StudyUse:
 
 @dataclass(frozen=True, slots=True)
 class FoodUses:
-    """Where a food stands. studies: those that the caller knows and that have it; is_cut: not all were looked at."""
+    """Uses of a food. studies: those that the caller may see and that use it; is_cut: not all studies were read."""
 
     places: Sequence[FoodPlace]
     studies: Sequence[StudyUse]
@@ -44,13 +44,13 @@ class FoodUses:
 
 
 def read_uses(database: Database, caller: StaffCaller, key: str) -> FoodUses:
-    """Where the food of this key stands, in any version. Records count that hold: nobody has rejected them.
+    """Return the uses of all versions of the food with this key; rejected records do not count.
 
     Raises NotFoundError.
     """
     with database.read() as session:
         food = require_food(session, key)
-        versions = food_uses.versions_of(session, food.key)
+        versions = food_edits.versions_of(session, food.key)
         in_force = {release.id for release in foods.releases_in_force(session)}
         ids = [version.food.id for version in versions]
         counted = records_by_study(session, ids, studies_with_role(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1)

@@ -1,7 +1,7 @@
-"""SQL of runs, items and effective records. Records page by the immutable (captured_at, item id)."""
+"""SQL of runs, jobs, items and effective records. Records page by the immutable (captured_at, item id)."""
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import NamedTuple
@@ -13,10 +13,12 @@ from app.db.statements import AnyColumn, AnyQuery
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
 from app.meals.day_models import DayStatus, DiaryDay
+from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.queries import first_days
-from app.meals.record_models import EffectiveRecord, Item, ItemFood, Run, RunArtefact
+from app.meals.record_models import EffectiveRecord, Item, ItemFood, Recompute, Run, RunArtefact
 from app.people.models import Participant, Study
+from app.records.conditions import holds
 from app.records.page_queries import Key, search_of
 
 
@@ -75,6 +77,57 @@ def rows_of_records(
 ) -> list[RecordRow]:
     """At most `limit` records that fulfil the conditions, in this order."""
     return _with_days(session, _rows(EffectiveRecord).where(*where).order_by(*order).limit(limit))
+
+
+def runs_of(session: Session, meal_id: uuid.UUID) -> list[Run]:
+    """Return all runs of a meal, of every purpose, oldest first."""
+    return list(session.scalars(sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at, Run.id)))
+
+
+def jobs_of(session: Session, meal_id: uuid.UUID) -> list[Job]:
+    """Return all jobs of a meal, oldest first. A run has its job's id."""
+    return list(session.scalars(sa.select(Job).where(Job.meal_id == meal_id).order_by(Job.enqueued_at, Job.id)))
+
+
+def recomputes_of(session: Session, meal_id: uuid.UUID) -> list[Recompute]:
+    """Return the recomputations that changed the food version, density or edible share of an item of the meal."""
+    ids = (
+        sa.select(ItemFood.recompute_id)
+        .join(Item, Item.id == ItemFood.item_id)
+        .where(Item.meal_id == meal_id, ItemFood.recompute_id.is_not(None))
+    )
+    return list(session.scalars(sa.select(Recompute).where(Recompute.id.in_(ids)).order_by(Recompute.started_at)))
+
+
+@dataclass(frozen=True, slots=True)
+class StudyRecords:
+    """Number of a study's records of a food, without rejected ones."""
+
+    study_id: uuid.UUID
+    code: str
+    name: str
+    records: int
+
+
+def records_by_study(
+    session: Session, food_ids: Collection[int], study_ids: Collection[uuid.UUID] | None, *, most: int, studies: int
+) -> list[StudyRecords]:
+    """Return the first `studies` of these studies (None: of all) by code, with at most `most` records of these foods.
+
+    Rejected records do not count. Each study is read in the index of a food's records, no further than `most`.
+    """
+    counted = (
+        sa.select(sa.literal(1))
+        .where(EffectiveRecord.food_id.in_(food_ids), EffectiveRecord.study_id == Study.id, holds(EffectiveRecord))
+        .limit(most)
+        .correlate(Study)
+        .subquery()
+    )
+    records = sa.select(sa.func.count()).select_from(counted).scalar_subquery()
+    query = sa.select(Study.id, Study.code, Study.name, records).order_by(Study.code).limit(studies)
+    if study_ids is not None:
+        query = query.where(Study.id.in_(study_ids))
+    return [StudyRecords(*row) for row in session.execute(query)]
 
 
 def _with_days(session: Session, query: AnyQuery) -> list[RecordRow]:
