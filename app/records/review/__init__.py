@@ -1,1 +1,1 @@
-"""Events: what participants and reviewers say of a meal, the queue of items that wait for a look, questions."""
+"""Review: events of participants and reviewers about meals, the queue of items to review, questions."""

@@ -1,4 +1,4 @@
-"""/v1/meals/{meal_id}/events: what the participant and reviewers say of a meal, and the history of it."""
+"""/v1/meals/{meal_id}/events: events of the participant and reviewers about a meal, and their history."""
 
 from typing import Any
 
@@ -58,7 +58,7 @@ def get_events(
 
 
 def tagged_meal(view: MealView, status: int) -> JSONResponse:
-    """The meal as the answer to what changed it, with its ETag."""
+    """Return the meal as the answer to a change, with its ETag."""
     headers = {"ETag": f'"{view.meal.version}"'}
     return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)
 

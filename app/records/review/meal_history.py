@@ -1,4 +1,4 @@
-"""A meal's history in pages, and who said what: staff see names, a participant sees whether it was a reviewer."""
+"""Pages of a meal's history. Staff see the authors' names; a participant sees only `participant` or `reviewer`."""
 
 import uuid
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from app.records.review import queries as review
 
 @dataclass(frozen=True, slots=True)
 class HistoryRow:
-    """An event, its author as this caller may know them, and whether it was taken back."""
+    """An event, its author as far as the caller may see, and whether it was undone."""
 
     event: MealEvent
     author: str
@@ -29,16 +29,16 @@ def read_history(
     cursor: str | None,
     limit: int,
 ) -> Page[HistoryRow]:
-    """A page of the meal's events, the oldest first. Raises NotFoundError, ConflictError, InvalidInputError."""
+    """Return a page of the meal's events, oldest first. Raises NotFoundError, ConflictError, InvalidInputError."""
     with database.read() as session:
         meal, code, _ = find_meal(session, caller, client_id, participant_code)
         listed = f"events/{meal.id}"
         after = decode_cursor(listed, cursor, WHOLE_NUMBER)
-        found = review.page_of_events(session, meal.id, after=after or 0, limit=limit + 1)
+        events = review.page_of_events(session, meal.id, after=after or 0, limit=limit + 1)
         undone = review.undone_events(session, meal.id)
     rows = [
         HistoryRow(event, event.layer if isinstance(caller, DeviceCaller) else name or code, str(event.id) in undone)
-        for event, name in found[:limit]
+        for event, name in events[:limit]
     ]
-    is_last = len(found) <= limit
+    is_last = len(events) <= limit
     return Page(rows, None if is_last else encode_cursor(listed, rows[-1].event.sequence))

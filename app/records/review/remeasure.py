@@ -1,7 +1,7 @@
-"""Regions that a person drew, measured by the pipeline: what a job for an event asks it, and what its answer becomes.
+"""Measure regions that a person drew: the hints of an event's job for the pipeline, and how its answer is stored.
 
-The pipeline sees all foods of the meal as they stand, so that neighbours keep their own pixels; only the regions that
-the event drew get a measurement. It never touches what a person has told since, nor the meal's own run.
+The pipeline gets all current foods of the meal, so that neighbours keep their own pixels; only the regions that the
+event drew are measured. Amounts that a person stated since, and the meal's own run, do not change.
 """
 
 import uuid
@@ -34,14 +34,14 @@ Hint = Mapping[str, Any]  # as the phone sends it
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """hints: as the phone sends them, one for each region; items: whose region each is."""
+    """hints: as the phone sends them, one per region; items: the item of each region."""
 
     hints: tuple[Hint, ...]
     items: tuple[uuid.UUID, ...]
 
 
 def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
-    """What the pipeline is asked for the job's event: the regions that it drew, and the other foods as they stand."""
+    """Return the hints for the job's event: the regions that it drew, and the other current foods."""
     stated = read_event(session.get_one(MealEvent, job.event_id))
     states = {state.item.id: state for state in fold_meal(parts_of(session, [meal])[0]).items}
     drawn = {item.id: drawn_region(stated, item) for item in _concerned(session, stated.event)}
@@ -60,9 +60,9 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
 
 
 def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> None:
-    """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so.
+    """Store the measurements of the regions that the job's event drew; an item that was not found is flagged.
 
-    An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
+    An item without a stated food is assigned to the one that the index identifies in its new region, if it is sure.
     """
     stated = read_event(session.get_one(MealEvent, job.event_id))
     found = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
@@ -95,13 +95,13 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
 
 
 def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
-    """Whether the server may take the item for this food: it is none yet, or another by the server's own guess."""
+    """Whether the server may assign this food: the item has none, or another that the server guessed."""
     row = state.food_assignment
     return row is None or (state.is_food_guessed and parts.food_keys[row.food_id] != food.key)
 
 
 def _concerned(session: Session, event: MealEvent) -> list[Item]:
-    """The items that the event is about or made."""
+    """Return the items that the event is about or created."""
     made = list(session.query(Item).where(Item.event_id == event.id).order_by(Item.position, Item.id))
     own = session.get(Item, event.item_id) if event.kind == "redraw" and event.item_id is not None else None
     return [own] if own is not None else made

@@ -1,9 +1,9 @@
-"""How much an item needs a reviewer's look, 0 to 1: the order of the review queue. Pure.
+"""How urgently an item needs review, 0 to 1: the order of the review queue. Pure.
 
-What speaks against a record is taken as independent: that it is another food (its improbability by the server's own
-reckoning, nothing once a person has named it), that the amount is another (the width of the 90 % interval of what was
-eaten, against what was served), and each flag. 1 stands for what nobody knows, so that it comes before all that is
-merely unsure. It measures doubt and not weight: a leaf and a steak that are equally unsure stand side by side.
+Three causes of doubt count as independent: that the food is another (its improbability by the index; 0 once a person
+has named it), that the amount is another (the width of the 90 % interval of what was eaten, relative to what was
+served), and each flag. 1 means unknown, which ranks before everything that is merely uncertain. Grams do not matter: a
+leaf and a steak of equal uncertainty rank equally.
 """
 
 import math
@@ -17,11 +17,11 @@ MOST = math.nextafter(1.0, 0.0)  # of what is known, however badly
 
 
 def review_doubt(probability: float, eaten: Estimate | None, served_g: float, flags: Collection[str]) -> float:
-    """The doubt about an item that counts.
+    """Return the doubt about an item that is not rejected.
 
-    probability: that it is this food, 0 to 1. eaten: edible grams with their interval; None: not known. served_g: the
-    participant's share of what was served, edible grams, > 0. It never falls with a wider interval, a lower probability
-    or a further flag.
+    probability: that it is this food, 0 to 1. eaten: edible grams with their interval; None: unknown. served_g: the
+    participant's share of the edible grams served, > 0. The doubt never falls with a wider interval, a lower
+    probability or a further flag.
     """
     if eaten is None:
         return UNKNOWN

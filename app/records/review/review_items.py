@@ -1,4 +1,4 @@
-"""Items for a reviewer's eyes: what the queue tells of them, and outline, photograph and energy's doubt beside it."""
+"""Items for the review page: their row of the queue, outline, photograph and the interval of their energy."""
 
 import uuid
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ from app.records.review.meal_history import HistoryRow
 from app.records.review.queries import QueueFilter, QueueRow
 from app.records.review.review_queue import read_rows
 
-MOST_WORDS = 20  # that are told of what others said meanwhile; the rest stands in the meal's history
+MOST_EVENTS = 20  # of others since the item was read; the rest is in the meal's history
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewItem:
-    """An item as it stands.
+    """An item to review.
 
-    energy: the 90 % interval of what was eaten. photograph: the left one, None where there is none (any more).
+    energy: the 90 % interval of what was eaten. photograph: the left one, None: there is none, or it was erased.
     last_event: the number of the newest event of the meal.
     """
 
@@ -39,28 +39,28 @@ class ReviewItem:
 
     @property
     def rings(self) -> Sequence[Sequence[Sequence[float]]]:
-        """Its region as it stands, upright pixels of the left photograph."""
+        """Its current outline, upright pixels of the left photograph."""
         rings = self.row.record.details["rings"]
         return self.row.item.rings if rings is None else rings
 
 
 @dataclass(frozen=True, slots=True)
 class ItemNow:
-    """One item as it stands, and what was said of its meal since it was read: the oldest first."""
+    """An item, and the events of its meal since it was read, oldest first."""
 
     item: ReviewItem
     said: tuple[HistoryRow, ...]
 
 
 def read_review_page(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[ReviewItem]:
-    """A page of the queue, the most doubtful first: the same rows as `read_queue`. Raises InvalidInputError."""
+    """Return a page of the queue, most doubtful first: the same rows as `read_queue`. Raises InvalidInputError."""
     with database.read() as session:
         page = read_rows(session, chosen, cursor=cursor, limit=limit)
         return Page(_items(session, page.rows), page.cursor)
 
 
 def count_waiting(database: Database, chosen: QueueFilter, most: int) -> int:
-    """How many items wait, counted up to `most`."""
+    """Count the items in the queue, up to `most`."""
     with database.read() as session:
         return review.count_queue(session, chosen, most)
 
@@ -74,7 +74,7 @@ def read_review_item(
     *,
     seen: int,
 ) -> ItemNow:
-    """An item of a meal, in the queue or not any more; seen: number of the last event that the reader knows.
+    """Read an item, in the queue or not; seen: sequence number of the last event that the reader has.
 
     Raises NotFoundError (`item_not_found`: measured again since, or never there), NotAllowedError, ConflictError.
     """
@@ -85,7 +85,7 @@ def read_review_item(
             raise NotFoundError("This meal has no such item.", code="item_not_found")
         food = session.get(Food, record.food_id) if record.food_id is not None else None
         shown = _items(session, [QueueRow(record, meal, code, food, item)])[0]
-        events = review.page_of_events(session, meal.id, after=seen, limit=MOST_WORDS)
+        events = review.page_of_events(session, meal.id, after=seen, limit=MOST_EVENTS)
         undone = review.undone_events(session, meal.id)
     said = tuple(HistoryRow(event, name or code, str(event.id) in undone) for event, name in events)
     return ItemNow(shown, said)

@@ -1,4 +1,4 @@
-"""What people say of a meal over the wire: one model a kind of event, told apart by `kind`."""
+"""Events as requests and answers carry them: one model per kind, discriminated by `kind`."""
 
 import uuid
 from datetime import datetime
