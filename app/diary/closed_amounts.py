@@ -1,7 +1,7 @@
 """SQL of the amounts of a component that participants ate on their closed days, for usual intakes.
 
 Amounts come from the days' sums if the component is one of their columns; otherwise from records and the contents of
-their foods, which takes twenty times as long in a large study. Both follow one rule, `whole_day_amount`.
+their foods, which takes longer in a large study. Both follow one rule, `whole_day_amount`.
 """
 
 import uuid
