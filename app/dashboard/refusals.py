@@ -5,7 +5,9 @@ The API's problem documents keep pydantic's own messages, for programs and their
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
+
+from pydantic_core import ErrorDetails
 
 A_DAY: Final = "Write a day as 2026-11-30."
 A_MOMENT: Final = "Write a day and a time as 2026-11-30T12:30:00+01:00."
@@ -76,7 +78,7 @@ def sentence(kind: str, message: str) -> str:
     return f"{own_message[:1].upper()}{own_message[1:]}."
 
 
-def sentences(errors: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def sentences(errors: Sequence[ErrorDetails]) -> dict[str, str]:
     """Return field -> sentence for pydantic's errors; a sentence about a part of a field begins with its name."""
     wrong: dict[str, list[str]] = {}
     for error in errors:
@@ -87,7 +89,7 @@ def sentences(errors: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {field: " ".join(dict.fromkeys(texts)) for field, texts in wrong.items()}
 
 
-def sentence_of_request(errors: Sequence[Mapping[str, Any]]) -> str | None:
+def sentence_of_request(errors: Sequence[Mapping[str, object]]) -> str | None:
     """Return the first of a problem document's `errors` as a sentence that names the parameter; None without errors.
 
     The API's "query.from" is "From" on a page.

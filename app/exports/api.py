@@ -16,19 +16,17 @@ from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
 
-ACCEPTED = 202
-
 
 @router.post(
     "",
-    status_code=ACCEPTED,
+    status_code=202,
     responses={
-        200: {"model": ExportOut, "description": "The same is asked for already, and not made yet."},
+        200: {"model": ExportOut, "description": "The same export was requested before and is not finished yet."},
         **problem_responses(401, 403, 404, 422, 429),
     },
 )
 def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
-    """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
+    """Request a file of any size, which a worker makes from one snapshot. Poll `Location` until its state is done."""
     row, is_new = background_exports.request_export(state.database, caller, study, body.as_spec())
     response.headers["Location"] = f"/v1/studies/{study}/exports/{row.export.id}"
     if not is_new:
@@ -40,14 +38,14 @@ def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentS
 def get_exports(
     request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> ExportList:
-    """The study's exports, whoever asked for them, the newest first."""
+    """The study's exports of all staff members, the newest first."""
     page = background_exports.list_exports(state.database, caller, study, cursor=cursor, limit=limit)
     return ExportList(items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor))
 
 
 @router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
 def get_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> ExportOut:
-    """How far an export is."""
+    """An export and its progress."""
     return _out(study, background_exports.read_export(state.database, caller, study, export_id))
 
 
@@ -59,14 +57,14 @@ def get_export(study: StudyCode, export_id: ExportId, state: State, caller: Curr
 def get_export_file(
     request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
 ) -> Response:
-    """The file. A download that broke off goes on with `Range` and `If-Range`: the ETag is the file's SHA-256."""
+    """The file. Interrupted downloads resume with `Range` and `If-Range`; the ETag is the file's SHA-256."""
     file = background_exports.open_export(state.database, caller, study, export_id)
     return answer_stored_file(request, state.blobs, file)
 
 
 @router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
 def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> Response:
-    """Call an export off, or remove what has ended with its file: yours, or as an owner anybody's."""
+    """Cancel an unfinished export, or remove a finished one with its file: your own, or as an owner any."""
     background_exports.remove_export(state.database, caller, study, export_id)
     return Response(status_code=204)
 

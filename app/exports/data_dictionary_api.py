@@ -41,7 +41,7 @@ def get_data_dictionary(
     ] = "json",
     provenance: ProvenanceIn = True,
 ) -> Response:
-    """Every column's name, type, unit, meaning, values, and what an empty cell says."""
+    """Every column's name, type, unit, meaning, possible values, and the meaning of an empty cell."""
     spec = ExportSpec(rows, layout, components=components, filters=RowFilter(study), provenance=provenance)
     columns = columns_for(state.database, caller, spec)
     if output == "table-schema":

@@ -1,4 +1,4 @@
-"""The data dictionary over the wire."""
+"""Schemas of the data dictionary."""
 
 from typing import Any
 
@@ -15,13 +15,13 @@ class DictionaryColumn(BaseModel):
     name: str = Field(description="The column's name in CSV, Parquet and NDJSON files.")
     type: DictionaryType = Field(description="The type of the values; an instant is RFC 3339, a day YYYY-MM-DD.")
     unit: str | None = Field(description="1: a share or a ratio; null: the values have none.")
-    meaning: str = Field(description="What the value says.")
-    values: list[str] = Field(description="All that there can be, where they are few.")
-    empty: str | None = Field(description="What an empty cell (null) says; null: there is none.")
+    meaning: str = Field(description="What the value means.")
+    values: list[str] = Field(description="All possible values, if there are few.")
+    empty: str | None = Field(description="What an empty cell (null) means; null: no cell is empty.")
 
 
 class DataDictionary(BaseModel):
-    """A table's columns from left to right, and those that tell one row from all others."""
+    """A table's columns from left to right, and its key."""
 
     rows: Rows = Field(description="The table: items, meals, days or photographs.")
     layout: Layout = Field(description="wide: one column per component. long: one row per component.")
@@ -38,5 +38,5 @@ class TableSchema(BaseModel):
     fields: list[dict[str, Any]] = Field(
         description="One Frictionless field descriptor per column, from left to right."
     )
-    missingValues: list[str] = Field(description="Cells that stand for a value that is not known.")  # noqa: N815  # named by the standard
+    missingValues: list[str] = Field(description="Cells that stand for an unknown value.")  # noqa: N815  # named by the standard
     primaryKey: list[str] = Field(description="Names of the columns that together identify a row.")  # noqa: N815  # named by the standard

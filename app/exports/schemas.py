@@ -33,7 +33,7 @@ class ExportFiltersIn(BaseModel):
     last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
     food: Words = Field(default=[], description="Keys of foods; any of several.")
     status: Statuses = Field(
-        default=[], description="Statuses: of the item or of the meal, by what a row is; any of several."
+        default=[], description="Statuses, of the item or of the meal, depending on the rows; any of several."
     )
     flag: Words = Field(default=[], description="Only meals with an item that has this flag; any of several.")
     origin: MealOrigin | None = Field(default=None, description="Only meals of this origin.")
@@ -42,7 +42,7 @@ class ExportFiltersIn(BaseModel):
         description="review: an item is in the review queue. answer: a question to the participant is open.",
     )
     failure: Words = Field(default=[], description="Only meals that failed with this code; any of several.")
-    after_status: AfterStatuses = Field(default=[], description="How the after-meal pair stands; any of several.")
+    after_status: AfterStatuses = Field(default=[], description="The after-meal pair's status; any of several.")
 
     def as_filter(self, study: str | None = None) -> RowFilter:
         """Return the filter of these values."""
@@ -62,7 +62,7 @@ class ExportFiltersIn(BaseModel):
 
 
 class ExportIn(BaseModel):
-    """A file that is wanted."""
+    """A request for a file."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -77,48 +77,48 @@ class ExportIn(BaseModel):
         },
     )
 
-    rows: Rows = Field(description="What a row of the file is.")
+    rows: Rows = Field(description="The table.")
     layout: Layout = Field(default="wide", description="wide: one column per component. long: one row per component.")
     format: Output = Field(default="csv", description="The file's format; geojson has meals with a kept location only.")
     components: Components = Field(
         default="headline",
         description="headline: the ten components of every record. all: every component of the foods in use as well.",
     )
-    provenance: bool = Field(default=True, description="Of items and meals: columns of where figures come from.")
+    provenance: bool = Field(default=True, description="Of items and meals: columns with the sources of the figures.")
     filters: ExportFiltersIn = Field(
         default=ExportFiltersIn(), description="Which rows; by default all of the study's."
     )
 
     def as_spec(self, study: str | None = None) -> ExportSpec:
-        """Return the table that is asked for."""
+        """Return the requested table."""
         filters = self.filters.as_filter(study)
         return ExportSpec(self.rows, self.layout, self.format, self.components, filters, self.provenance)
 
 
 class ExportOut(BaseModel):
-    """How far an export is; its file is there while it is done, until expires_at."""
+    """An export and its progress; its file is available while it is done, until expires_at."""
 
     id: uuid.UUID = Field(description="The export's id.")
-    state: ExportState = Field(description="How far it is; expired: its file is deleted.")
-    rows: Rows = Field(description="What a row of the file is.")
+    state: ExportState = Field(description="Its state; expired: its file is deleted.")
+    rows: Rows = Field(description="The table.")
     layout: Layout = Field(description="wide: one column per component. long: one row per component.")
     format: Output = Field(description="The file's format.")
     components: Components = Field(
         description="headline: the ten components of every record. all: every component of the foods in use as well."
     )
-    provenance: bool = Field(description="Whether the file has columns that say where the figures come from.")
-    filters: dict[str, Any] = Field(description="Those that were set.")
-    asked_by: str = Field(description="Name of the staff member who asked for it.")
-    requested_at: datetime = Field(description="When it was asked for.")
-    started_at: datetime | None = Field(description="When a worker began to write it; null: it waits.")
-    finished_at: datetime | None = Field(description="When it was done, failed or was cancelled; null: not yet.")
-    rows_written: int = Field(description="So far; of a file that is done, all.")
-    rows_estimated: int | None = Field(description="Null: not known, or not begun.")
-    bytes: int = Field(description="So far; of a file that is done, its length.")
+    provenance: bool = Field(description="Whether the file has columns with the sources of the figures.")
+    filters: dict[str, Any] = Field(description="The filters that were set.")
+    asked_by: str = Field(description="Name of the staff member who requested it.")
+    requested_at: datetime = Field(description="When it was requested.")
+    started_at: datetime | None = Field(description="When a worker started to write it; null: it waits.")
+    finished_at: datetime | None = Field(description="When it was done, failed or cancelled; null: not yet.")
+    rows_written: int = Field(description="Rows written so far; in the end all.")
+    rows_estimated: int | None = Field(description="Estimated number of rows; null: unknown, or not started.")
+    bytes: int = Field(description="Bytes written so far; in the end the file's length.")
     sha256: str | None = Field(description="SHA-256 of the file, hex; null: it is not done.")
-    change_seq: int | None = Field(description="The study's counter of changes at the moment that the file is of.")
-    failure: str | None = Field(description="Why it failed: a code.")
-    file: str | None = Field(description="Path of the file; null where there is none.")
+    change_seq: int | None = Field(description="The study's change counter at the moment of the file's data.")
+    failure: str | None = Field(description="Why it failed: a code; null: it has not.")
+    file: str | None = Field(description="Path of the file; null: there is none.")
     expires_at: datetime | None = Field(description="When the file is deleted; null: there is no file.")
 
 

@@ -32,7 +32,7 @@ RELEASE_FILES = FILES | {"application/json": {"schema": {"type": "object"}}}
 def post_release(
     study: StudyCode, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response
 ) -> ReleaseOut:
-    """Freeze the study's data as they are now under a name. A worker does it; look at `Location` until it is ready."""
+    """Request a release of the study's current data, which a worker makes. Poll `Location` until it is ready."""
     row = releases.request_release(
         state.database, caller, study, name=body.name, note=body.note, filters=body.as_filters()
     )
@@ -51,7 +51,7 @@ def get_releases(
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
 def get_release(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseOut:
-    """One release with its files."""
+    """A release with its files."""
     return _out(study, releases.read_release(state.database, caller, study, name))
 
 
@@ -75,7 +75,7 @@ def get_release_file(
 
 @router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
 def get_release_check(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
-    """Read all files back and compare them with what was frozen: takes as long as that takes."""
+    """Read all files back and compare them with what was frozen; the time grows with the release's size."""
     check = releases.check_release(state.database, state.blobs, caller, study, name)
     return ReleaseCheckOut(
         is_whole=check.is_whole,

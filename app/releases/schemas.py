@@ -15,7 +15,7 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description=
 
 
 class ReleaseIn(BaseModel):
-    """What is to be frozen."""
+    """A request for a release."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -30,7 +30,7 @@ class ReleaseIn(BaseModel):
     first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
     last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
     statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
-        default=[], description="Of items, any of these; none: all. With some there is no table of days."
+        default=[], description="Statuses of items, any of them; none: all. With a selection there is no table of days."
     )
 
     def as_filters(self) -> ReleaseFilters:
@@ -42,8 +42,8 @@ class ReleaseFileOut(BaseModel):
     """A file of a release."""
 
     name: str = Field(description="The file's name in the release.")
-    rows: int | None = Field(description="Its rows; null: it is no table.")
-    bytes: int = Field(description="Its length, bytes.")
+    rows: int | None = Field(description="Number of rows; null: it is no table.")
+    bytes: int = Field(description="Length, bytes.")
     sha256: str = Field(description="SHA-256 of the file, hex.")
     path: str = Field(description="Path of its content.")
 
@@ -51,30 +51,30 @@ class ReleaseFileOut(BaseModel):
 class FormerChecksum(BaseModel):
     """The checksum that a release had until something in it was erased."""
 
-    checksum: str = Field(description="The checksum as it was.")
-    until: datetime = Field(description="Until when it held.")
+    checksum: str = Field(description="The former checksum.")
+    until: datetime = Field(description="Until when it was valid.")
 
 
 class ReleaseOut(BaseModel):
-    """A release. Its files are there while it is ready."""
+    """A release. Its files are available while it is ready."""
 
     name: str = Field(description="The release's name, unique in the study.")
     note: str = Field(description="What the release is for, for people.")
-    state: ReleaseState = Field(description="changing: something in it was erased; its files come again without it.")
+    state: ReleaseState = Field(description="changing: something in it was erased; its files are being rewritten.")
     filters: dict[str, Any] = Field(description=FILTERS)
-    made_by: str = Field(description="Name of the staff member who asked for it.")
-    requested_at: datetime = Field(description="When it was asked for.")
-    frozen_at: datetime | None = Field(description="The moment that the data are of.")
-    change_seq: int | None = Field(description="The study's counter of changes at that moment.")
+    made_by: str = Field(description="Name of the staff member who requested it.")
+    requested_at: datetime = Field(description="When it was requested.")
+    frozen_at: datetime | None = Field(description="The moment of its data.")
+    change_seq: int | None = Field(description="The study's change counter at that moment.")
     checksum: str | None = Field(description="SHA-256 over the sorted lines `sha256  name` of all but release.json.")
-    altered_at: datetime | None = Field(description="When something was last taken out since it was erased.")
+    altered_at: datetime | None = Field(description="When erased data were last removed; null: never.")
     former_checksums: list[FormerChecksum] = Field(
-        description="Checksums that held before something was erased, the oldest first."
+        description="Checksums before erased data were removed, the oldest first."
     )
-    rows: int = Field(description="Of all its tables.")
+    rows: int = Field(description="Rows of all its tables.")
     bytes: int = Field(description="Length of all its files together, bytes.")
     failure: str | None = Field(description="Why it failed: a code; null: it has not.")
-    files: list[ReleaseFileOut] = Field(description="Its files; empty while it is not ready.")
+    files: list[ReleaseFileOut] = Field(description="Its files; empty if it is not ready.")
 
 
 class ReleaseList(BaseModel):
@@ -88,9 +88,9 @@ class CheckedFileOut(BaseModel):
     """A file, compared with what was frozen."""
 
     name: str = Field(description="The file's name in the release.")
-    sha256: str = Field(description="SHA-256 that was frozen, hex.")
+    sha256: str = Field(description="SHA-256 as frozen, hex.")
     found: Literal["whole", "damaged", "missing"] = Field(
-        description="What the store has of it: the same bytes, other bytes, or nothing."
+        description="The file in the store: the same bytes, other bytes, or missing."
     )
 
 
@@ -98,5 +98,5 @@ class ReleaseCheckOut(BaseModel):
     """Whether all files are what was frozen, read back byte for byte."""
 
     is_whole: bool = Field(description="Whether every file is what was frozen.")
-    checksum: str | None = Field(description="Of what the store has; null where a file lacks.")
+    checksum: str | None = Field(description="Checksum of the files in the store; null: some are missing.")
     files: list[CheckedFileOut] = Field(description="The result for each file.")

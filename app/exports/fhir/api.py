@@ -51,7 +51,7 @@ SEARCH_IN_OPENAPI = {
 
 @router.get("/metadata", responses=_responses("CapabilityStatement", 406))
 def get_capability_statement(request: Request) -> Response:
-    """What this server can do."""
+    """The server's CapabilityStatement."""
     return FhirJson(capability_statement(names_of(request)), headers={"Cache-Control": "public, max-age=3600"})
 
 
@@ -59,7 +59,7 @@ def get_capability_statement(request: Request) -> Response:
 def get_structure_definition(
     request: Request, name: Annotated[str, Path(max_length=200, description="The extension's name.")]
 ) -> Response:
-    """What one of this server's extensions means."""
+    """The definition of one of this server's extensions."""
     for extension in EXTENSIONS:
         if extension.name == name:
             definition = structure_definition(names_of(request), extension)
@@ -73,7 +73,7 @@ def get_structure_definition(
     openapi_extra=SEARCH_IN_OPENAPI,
 )
 def search_nutrition_intakes(request: Request, state: State, caller: CurrentCaller) -> Response:
-    """Records that hold, one a food of a meal, in the order of capture: a searchset, page by page."""
+    """Records that count, one per food of a meal, in the order of capture: a searchset, page by page."""
     names = names_of(request)
     query = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
     page = search_intakes(state.database, caller, query.search, cursor=query.cursor, limit=query.count)
@@ -82,7 +82,7 @@ def search_nutrition_intakes(request: Request, state: State, caller: CurrentCall
 
 @router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
 def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, caller: CurrentCaller) -> Response:
-    """One record."""
+    """A record."""
     try:
         item_id = uuid.UUID(intake_id)
     except ValueError:

@@ -26,7 +26,7 @@ def get_study_changes(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> JSONResponse:
-    """Records and days that changed, and records that are erased, since the page before. Nothing is missed."""
+    """Records and days that changed or were erased since the previous page, without gaps."""
     page = list_changes(state.database, study, cursor=cursor, limit=limit)
     rows = [change.row for change in page.rows]
     body = ChangePage(

@@ -111,7 +111,7 @@ def get_days(
     layout: LayoutIn = "wide",
     components: ComponentsIn = "headline",
 ) -> Response:
-    """A row a participant-day, those without food too. JSON comes in pages; a file has all rows, of one moment."""
+    """One row per participant and day, including days without food, as JSON pages or a file of one moment."""
     spec = file_spec(request, "days", chosen, output, layout, components)
     if spec is not None:
         return answer_file(state, caller, spec, "days")

@@ -20,14 +20,14 @@ from app.meals.models import AfterStatus, MealOrigin, MealStatus
 
 
 class MealLinks(BaseModel):
-    """Paths, to be followed as they stand."""
+    """Paths, to be used unchanged."""
 
     meal: str = Field(description="Path of the meal.")
-    photograph_left: str | None = Field(description="Null where it has not come, or was erased.")
+    photograph_left: str | None = Field(description="Path of the left photograph; null: not arrived, or erased.")
 
 
 class MealListItem(BaseModel):
-    """A meal of a list. Figures are those of the records that hold (not rejected); `GET meal` has the intervals."""
+    """A meal of a list. Figures are of records that count (not rejected); `GET meal` has the intervals."""
 
     id: uuid.UUID = Field(description="The id that the phone made.")
     study: str = Field(description=STUDY)
@@ -35,7 +35,7 @@ class MealListItem(BaseModel):
     status: MealStatus = Field(
         description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
     )
-    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
+    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between attempts.")
     failure_code: str | None = Field(
         description="Why it could not be measured (docs/errors.md); null: it has not failed."
     )
@@ -43,21 +43,19 @@ class MealListItem(BaseModel):
     time_zone: str = Field(description=TIME_ZONE)
     local_date: date = Field(description=LOCAL_DATE)
     received_at: datetime = Field(description=RECEIVED_AT)
-    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
+    upload_delay_seconds: float = Field(description="From eating to the arrival of the meal's first part.")
     origin: MealOrigin = Field(description="photographed or declared")
-    after_status: AfterStatus | None = Field(description="How its after-meal pair stands; null: nothing has come.")
+    after_status: AfterStatus | None = Field(description="Status of its after-meal pair; null: nothing has arrived.")
     provisional: bool = Field(description="An after-meal pair may still come.")
     version: int = Field(description=MEAL_VERSION)
     item_count: int = Field(description="Items that count (not rejected).")
-    foods: list[FoodRef] = Field(description="In the order of the items, each once; an unknown one is left out.")
-    consumed_g: float | None = Field(
-        description="Of the items whose grams are known, signed; null where they are known of none."
-    )
-    energy_kcal: float | None = Field(description="Of the items whose energy is known; null where it is known of none.")
+    foods: list[FoodRef] = Field(description="Known foods in the order of the items, each once.")
+    consumed_g: float | None = Field(description="Of the items whose grams are known, signed; null: of none.")
+    energy_kcal: float | None = Field(description="Of the items whose energy is known; null: of none.")
     unmeasured_items: int = Field(description="Items whose grams are not known; above 0, the sums are incomplete.")
     items_without_energy: int = Field(description="Items whose energy is not known, those without grams included.")
     doubt: float | None = Field(description="The greatest of its items, 0 to 1, as the review queue orders them.")
-    flags: list[str] = Field(description="Of any of its items.")
+    flags: list[str] = Field(description="Flags of its items.")
     links: MealLinks = Field(description="Paths of the meal and its photograph.")
 
 
@@ -69,15 +67,15 @@ class MealPage(BaseModel):
 
 
 class StatusCountOut(BaseModel):
-    """How many meals have a status. `is_more`: there are more than `count`."""
+    """The number of meals with a status. `is_more`: there are more than `count`."""
 
     status: MealStatus = Field(description="The meals' status.")
-    count: int = Field(description="How many meals have it, up to 1,000.")
+    count: int = Field(description="Number of meals, up to 1,000.")
     is_more: bool = Field(description="Whether there are more than `count`.")
 
 
 class MealCounts(BaseModel):
-    """Of each status, in the order of a meal's way; up to 1,000 are counted."""
+    """Counts by status, up to 1,000 each."""
 
     items: list[StatusCountOut] = Field(
         description="One entry per status, in the order in which a meal goes through them."
@@ -85,6 +83,6 @@ class MealCounts(BaseModel):
 
 
 class ChangedMeals(BaseModel):
-    """Those of the meals asked about that have another version by now, as they stand."""
+    """Those of the given meals whose version has changed."""
 
-    items: list[MealListItem] = Field(description="The meals that have changed, each as it stands now.")
+    items: list[MealListItem] = Field(description="The changed meals, in their current state.")

@@ -64,9 +64,9 @@ def get_meals(
     components: ComponentsIn = "headline",
     provenance: ProvenanceIn = True,
 ) -> Response:
-    """Meals by time of capture. Items that were rejected count nowhere: not in the filters, not in the figures.
+    """Meals by time of capture. Rejected items count neither in filters nor in figures.
 
-    A file has all that the filters leave, of one moment, the oldest first.
+    A file has all matching rows of one moment, the oldest first.
     """
     spec = file_spec(request, "meals", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
@@ -78,7 +78,7 @@ def get_meals(
 
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
 def get_meal_counts(study: StudyCode, state: State, _: CurrentStaff) -> MealCounts:
-    """How many meals of the study have each status; of more than 1,000 it is said that there are more."""
+    """The study's number of meals by status, up to 1,000 each."""
     counts = count_meals(state.database, read_study(state.database, study).id)
     return MealCounts(items=[StatusCountOut.model_validate(count, from_attributes=True) for count in counts])
 
@@ -90,10 +90,10 @@ def get_changed_meals(
     caller: CurrentStaff,
     meal: Annotated[
         list[MealVersion] | None,
-        Query(max_length=MOST_WATCHED, description="ID:VERSION, as they are known; several."),
+        Query(max_length=MOST_WATCHED, description="ID:VERSION as the client has it; several."),
     ] = None,
 ) -> ChangedMeals:
-    """Which of these meals have changed, as they stand now: what a page that shows them asks every few seconds."""
+    """Those of these meals that have changed, for pages that poll the meals that they show."""
     versions = [_parse_version(text) for text in meal or ()]
     rows = changed_meals(state.database, read_study(state.database, study).id, versions)
     return ChangedMeals(items=[render_meal_row(row, caller) for row in rows])

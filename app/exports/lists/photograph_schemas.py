@@ -10,7 +10,7 @@ from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PAGE, 
 
 
 class PhotographOut(BaseModel):
-    """One photograph as it arrived and as it is kept."""
+    """A photograph as it arrived and as it is stored."""
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
@@ -21,13 +21,13 @@ class PhotographOut(BaseModel):
     media_type: str = Field(description=PHOTOGRAPH["media_type"])
     width_px: int = Field(description=PHOTOGRAPH["width_px"])
     height_px: int = Field(description=PHOTOGRAPH["height_px"])
-    bytes: int = Field(description="As it is kept.")
-    received_sha256: str = Field(description="Of the bytes that the phone sent.")
-    stored_sha256: str = Field(description="Of the bytes that are kept: others where the location was cut out.")
+    bytes: int = Field(description="Length as stored.")
+    received_sha256: str = Field(description="SHA-256 of the bytes that the phone sent.")
+    stored_sha256: str = Field(description="SHA-256 of the stored bytes, which differ if the location was removed.")
     received_at: datetime = Field(description=PHOTOGRAPH["received_at"])
     erased: bool = Field(description=PHOTOGRAPH["erased"])
     erased_at: datetime | None = Field(description=PHOTOGRAPH["erased_at"])
-    path: str | None = Field(description="Gives the picture, re-encoded as JPEG; null: it was erased.")
+    path: str | None = Field(description="Path of the picture, re-encoded as JPEG; null: it was erased.")
 
 
 class PhotographPage(BaseModel):

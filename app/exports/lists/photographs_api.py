@@ -34,7 +34,7 @@ def get_photographs(
     cursor: Cursor = None,
     output: Format = None,
 ) -> Response:
-    """A row a photograph with its hashes. `limit` is of meals: a page has all photographs of so many."""
+    """One row per photograph with its hashes. `limit` counts meals: a page has all photographs of that many."""
     chosen = day_filter(study, participant, first_day, last_day)
     spec = file_spec(request, "photographs", chosen, output)
     if spec is not None:

@@ -46,7 +46,7 @@ def get_records(
     components: ComponentsIn = "headline",
     provenance: ProvenanceIn = True,
 ) -> Response:
-    """Records in the order of capture. JSON comes in pages; a file has all that the filters leave, of one moment."""
+    """Records in the order of capture, as JSON pages or a file of all matching rows of one moment."""
     spec = file_spec(request, "items", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
         return answer_file(state, caller, spec, "records")
