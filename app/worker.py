@@ -21,7 +21,7 @@ from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
 from app.operations.chores import worker_chores
-from app.operations.in_words import told_in_words
+from app.operations.in_words import explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
 from app.storage.opening import open_blob_store
@@ -39,7 +39,7 @@ def run_worker(settings: Settings) -> int:
     What ends it later keeps its traceback.
     """
     configure_logging(settings)
-    with told_in_words():
+    with explained_errors():
         check_stores(settings)
         database = open_database(settings)
         try:
@@ -58,7 +58,7 @@ def run_worker(settings: Settings) -> int:
         return worker_chores(database, blobs, box, settings)
 
     try:
-        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores, at_start=told_in_words)
+        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores, at_start=explained_errors)
     finally:
         if metrics is not None:
             metrics.stop()

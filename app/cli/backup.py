@@ -1,4 +1,4 @@
-"""`tada backup` and `tada restore`: a deployment into one file, and an empty deployment from it."""
+"""`tada backup` and `tada restore`: back up a deployment to one file, and restore it to an empty deployment."""
 
 import errno
 import json
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.database import JsonOption, database_as_it_is
+from app.cli.database import JsonOption, unmigrated_database
 from app.core.errors import InvalidInputError, StorageFullError, UnavailableError
 from app.core.settings import Settings
 
@@ -20,95 +20,96 @@ if TYPE_CHECKING:
     from app.operations.backup.backup_format import Backup
 
 PROGRESS_SECONDS = 2.0
-LISTED = 20  # damaged blobs told by name; --json tells a thousand, and the backup's lacking.jsonl all
+LISTED = 20  # damaged blobs printed by name; --json has a thousand, the backup's lacking.jsonl all
 KEPT_APART = (
     "TADA_SECRET_KEY is not in it (on SQLite: the file secret.key in TADA_DATA_DIR), nor is the ledger of erasures "
     "(TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
 )
 
 OTHER_LEDGER = (
-    "TADA_ERASURE_URL does not lead to the ledger of then: {} erasures that the backup remembers are not in it. "
+    "TADA_ERASURE_URL is not the ledger that the backup was made with: it lacks {} erasures that the backup records. "
     "Whoever was erased after the backup is back: erase them again before you start a server for others."
 )
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to make; -: standard output.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; -: standard output.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Write database and photographs into one file, as they stand now, while servers and workers go on."""
+    """Write database and photographs to one file, as of this moment, while servers and workers continue."""
     from app.operations.backup.backup import backup_to_file, write_backup
     from app.operations.backup.last_backup import note_backup
     from app.people.access.secret_box import open_secret_box
     from app.storage.opening import open_blob_store
 
     settings, to_pipe = Settings(), str(file) == "-"
-    with _ended_in_order(), database_as_it_is() as database, _told_of_files():
-        blobs, box, tell = open_blob_store(settings.resolved_blob_url, settings), open_secret_box(settings), _progress()
+    with _clean_up_when_terminated(), unmigrated_database() as database, _explain_file_errors():
+        blobs = open_blob_store(settings.resolved_blob_url, settings)
+        box, report_progress = open_secret_box(settings), _progress()
         if to_pipe:
-            done = write_backup(database, blobs, box, sys.stdout.buffer, tell)
+            written = write_backup(database, blobs, box, sys.stdout.buffer, report_progress)
             sys.stdout.buffer.flush()
         else:
-            done = backup_to_file(database, blobs, box, file, tell)
-        note_backup(database, blobs=done.end.blobs, damaged=done.end.damaged, piped=to_pipe)
-    answer = _described(done)
+            written = backup_to_file(database, blobs, box, file, report_progress)
+        note_backup(database, blobs=written.end.blobs, damaged=written.end.damaged, piped=to_pipe)
+    summary = _summary(written)
     if as_json:
-        print(json.dumps(answer), file=sys.stderr if to_pipe else sys.stdout)
+        print(json.dumps(summary), file=sys.stderr if to_pipe else sys.stdout)
     else:
-        print(f"{file}: {_counted(done)}.", file=sys.stderr)
-        _tell_damaged(done)
+        print(f"{file}: {_counts_text(written)}.", file=sys.stderr)
+        _print_damaged(written)
         print(KEPT_APART, file=sys.stderr)
-    raise SystemExit(1 if done.end.damaged else 0)
+    raise SystemExit(1 if written.end.damaged else 0)
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What `tada backup` made.")],
-    check: Annotated[bool, typer.Option("--check", help="Only read it to its end; restore nothing.")] = False,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file of `tada backup`.")],
+    check: Annotated[bool, typer.Option("--check", help="Only read the whole file; restore nothing.")] = False,
     other_key: Annotated[
         bool,
-        typer.Option("--other-key", help="TADA_SECRET_KEY of then is lost: go on without it."),
+        typer.Option("--other-key", help="The TADA_SECRET_KEY of the backup is lost: continue without it."),
     ] = False,
     other_ledger: Annotated[
         bool,
-        typer.Option("--other-ledger", help="The ledger of erasures of then is lost: go on without it."),
+        typer.Option("--other-ledger", help="The ledger of erasures of the backup is lost: continue without it."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a backup, then restore it into an empty deployment that nobody runs: any database, any store."""
+    """Check a backup, then restore it to an empty deployment that is not running: any database, any store."""
     from app.operations.backup.restore import check_only
     from app.operations.backup.restore import restore as run
     from app.storage.opening import open_blob_store
 
-    settings, tell = Settings(), _progress()
+    settings, report_progress = Settings(), _progress()
     if str(file) == "-":
         raise InvalidInputError("A backup is checked before it is restored, so it must be a file: save it first.")
     if check:
-        with _told_of_files():
-            checked = check_only(file, settings, tell, other_key=other_key)
-        _tell_checked(checked, {}, "as it was made" if checked.end.damaged else "whole", as_json=as_json)
+        with _explain_file_errors():
+            checked = check_only(file, settings, report_progress, other_key=other_key)
+        _print_checked(checked, {}, "as it was made" if checked.end.damaged else "whole", as_json=as_json)
         raise SystemExit(1 if checked.end.damaged else 0)
-    with _ended_in_order(), database_as_it_is() as database, _told_of_files():
+    with _clean_up_when_terminated(), unmigrated_database() as database, _explain_file_errors():
         blobs = open_blob_store(settings.resolved_blob_url, settings)
-        done = run(file, database, blobs, settings, tell, other_key=other_key, other_ledger=other_ledger)
-    more = {"queued_again": done.queued_again, "missing_in_ledger": done.missing_in_ledger}
-    _tell_checked(done.checked, more, "restored", as_json=as_json)
-    if done.missing_in_ledger:
-        print(OTHER_LEDGER.format(done.missing_in_ledger), file=sys.stderr)
-    raise SystemExit(1 if done.checked.end.damaged else 0)
+        restored = run(file, database, blobs, settings, report_progress, other_key=other_key, other_ledger=other_ledger)
+    counts = {"queued_again": restored.queued_again, "missing_in_ledger": restored.missing_in_ledger}
+    _print_checked(restored.checked, counts, "restored", as_json=as_json)
+    if restored.missing_in_ledger:
+        print(OTHER_LEDGER.format(restored.missing_in_ledger), file=sys.stderr)
+    raise SystemExit(1 if restored.checked.end.damaged else 0)
 
 
-def _tell_checked(checked: "Backup", more: dict[str, int], deed: str, *, as_json: bool) -> None:
-    answer = _described(checked)
+def _print_checked(checked: "Backup", counts: dict[str, int], outcome: str, *, as_json: bool) -> None:
+    summary = _summary(checked)
     if as_json:
-        print(json.dumps({**answer, **more}))
+        print(json.dumps({**summary, **counts}))
         return
-    print(f"{deed}: {_counted(checked)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
-    if more.get("queued_again"):
-        print(f"{more['queued_again']} meals wait for a worker.")
-    _tell_damaged(checked)
+    print(f"{outcome}: {_counts_text(checked)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
+    if counts.get("queued_again"):
+        print(f"{counts['queued_again']} meals wait for a worker.")
+    _print_damaged(checked)
 
 
-def _described(backup: "Backup") -> dict[str, object]:
+def _summary(backup: "Backup") -> dict[str, object]:
     manifest, end = backup.manifest, backup.end
     return {
         "backup": manifest.backup,
@@ -126,12 +127,12 @@ def _described(backup: "Backup") -> dict[str, object]:
     }
 
 
-def _counted(backup: "Backup") -> str:
+def _counts_text(backup: "Backup") -> str:
     end = backup.end
     return f"{sum(end.rows.values())} rows, {end.blobs} blobs ({end.blob_bytes / 1e6:.1f} MB)"
 
 
-def _tell_damaged(backup: "Backup") -> None:
+def _print_damaged(backup: "Backup") -> None:
     damaged = backup.end.damaged
     if not damaged:
         return
@@ -143,21 +144,21 @@ def _tell_damaged(backup: "Backup") -> None:
 
 
 def _progress() -> Callable[[str], None]:
-    """Tells on standard error how far it is, now and then."""
+    """Return a function that prints progress on standard error, at most every PROGRESS_SECONDS."""
     last = time.monotonic()
 
-    def tell(words: str) -> None:
+    def report(text: str) -> None:
         nonlocal last
         if time.monotonic() - last >= PROGRESS_SECONDS:
             last = time.monotonic()
-            print(f"  {words}", file=sys.stderr, flush=True)
+            print(f"  {text}", file=sys.stderr, flush=True)
 
-    return tell
+    return report
 
 
 @contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """Who is told to end (a scheduler's time limit, a lost terminal) removes what is half written, as after Ctrl-C."""
+def _clean_up_when_terminated() -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into SystemExit, so that partly written files are removed as after Ctrl-C."""
 
     def end(number: int, _frame: object) -> None:
         raise SystemExit(128 + number)
@@ -174,14 +175,14 @@ def _ended_in_order() -> Iterator[None]:
 
 
 @contextmanager
-def _told_of_files() -> Iterator[None]:
-    """What the file or the store does not do, in words."""
+def _explain_file_errors() -> Iterator[None]:
+    """Turn errors of the file or the store into a TadaError with a readable message."""
     try:
         yield
     except BrokenPipeError:
-        raise UnavailableError("Whoever read the backup has gone: it is not whole.") from None
+        raise UnavailableError("The process that reads the backup has ended: the backup is incomplete.") from None
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
+        prefix = f"{error.filename}: " if error.filename else ""
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise StorageFullError(f"{where}there is no room left. Nothing was kept.") from error
-        raise UnavailableError(f"{where}{error.strerror or error}") from error
+            raise StorageFullError(f"{prefix}there is no room left. Nothing was kept.") from error
+        raise UnavailableError(f"{prefix}{error.strerror or error}") from error

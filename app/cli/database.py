@@ -1,4 +1,4 @@
-"""What commands share that need the database: it, opened and up to date; and who runs the command."""
+"""Shared by commands that need the database: open it, read JSON files, name the author of changes."""
 
 import getpass
 import json
@@ -23,24 +23,24 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on s
 
 @contextmanager
 def opened_database() -> Iterator["Database"]:
-    """The configured database, up to date, for one command.
+    """Open the configured database for one command, and bring it up to date.
 
-    Raises StorageFullError or UnavailableError, in words, where it, its rights, a store or a disk are out of order.
+    Raises StorageFullError or UnavailableError with a readable message if database, permissions, store or disk fail.
     """
     from app.operations.prepare import prepare
 
-    with database_as_it_is() as database:
+    with unmigrated_database() as database:
         prepare(database, Settings())
         yield database
 
 
 @contextmanager
-def database_as_it_is() -> Iterator["Database"]:
-    """The configured database, not migrated, for one command. Raises the same."""
+def unmigrated_database() -> Iterator["Database"]:
+    """Open the configured database for one command without migrating it. Raises the same."""
     from app.db.session import open_database
-    from app.operations.in_words import told_in_words
+    from app.operations.in_words import explained_errors
 
-    with told_in_words():
+    with explained_errors():
         database = open_database(Settings())
         try:
             yield database
@@ -49,12 +49,12 @@ def database_as_it_is() -> Iterator["Database"]:
 
 
 def author() -> str:
-    """How whoever runs the command stands in the history."""
+    """Return the author of a change in the history: the user who runs the command."""
     return f"command line: {getpass.getuser()}"[:200]
 
 
 def read_json(path: Path) -> object:
-    """A JSON document of a file; - stands for standard input. Raises InvalidInputError."""
+    """Return a file's JSON document; - is standard input. Raises InvalidInputError."""
     try:
         with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as file:
             content = file.read(MAX_JSON_BYTES + 1)

@@ -1,4 +1,4 @@
-"""What the participants of the sample study eat: plates of the bundled photographs, and meals entered as text.
+"""Meals of the participants of the sample study: plates of the bundled photographs, and meals entered as text.
 
 Foods are keys of the starter table; amounts are grams as eaten. The photographs are rendered: their volumes are known.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A participant. appetite: factor of the amounts below. keeps: share of meals entered, and of days closed."""
+    """A participant. appetite: factor of the amounts below. keeps: probability of entering a meal and closing a day."""
 
     code: str
     profile: dict[str, object]
@@ -78,7 +78,7 @@ SNACKS: tuple[Dish, ...] = (
     (("cookie-oatmeal", 40), ("coffee", 200)),
     (("chocolate-bar-dark", 25), ("orange", 180)),
 )
-OCCASIONS: tuple[tuple[float, tuple[Dish, ...]], ...] = (  # local hour, what it may be
+OCCASIONS: tuple[tuple[float, tuple[Dish, ...]], ...] = (  # local hour, possible dishes
     (7.5, BREAKFASTS),
     (12.5, LUNCHES),
     (15.75, SNACKS),

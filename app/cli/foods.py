@@ -1,4 +1,4 @@
-"""The commands `tada foods ...`: search, show, import, releases; make, correct and weigh foods."""
+"""The commands `tada foods ...`: search, show, import, releases; create and correct foods, add densities."""
 
 import json
 import sys
@@ -29,20 +29,20 @@ ReasonOption = Annotated[str | None, typer.Option(help="Why, for the history.")]
 @foods_cli.command("search")
 def foods_search(
     words: list[str],
-    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, case aside.")] = None,
+    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, ignoring case.")] = None,
     limit: Annotated[int, typer.Option(min=1, max=1000, help="How many foods at most.")] = 20,
     as_json: JsonOption = False,
 ) -> None:
-    """Foods by name, alias or code, mistyped or begun, best match first."""
+    """Find foods by name, alias or code, even mistyped or incomplete; best match first."""
     from app.foods.search.search_foods import search_foods
 
     with opened_database() as database:
-        found = search_foods(database, " ".join(words), group=group, limit=limit)
+        foods = search_foods(database, " ".join(words), group=group, limit=limit)
     if as_json:
-        print(json.dumps([asdict(food) for food in found]))
+        print(json.dumps([asdict(food) for food in foods]))
     else:
-        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in found) or "No food of that name.")
-    raise SystemExit(0 if found else 1)
+        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in foods) or "No food of that name.")
+    raise SystemExit(0 if foods else 1)
 
 
 @foods_cli.command("show")
@@ -50,39 +50,39 @@ def foods_show(
     key: KeyArgument,
     as_json: JsonOption = False,
 ) -> None:
-    """All that the tables in force know of one food; the density that is chosen, and what it was chosen over."""
+    """Show one food of the tables in force, its density and the densities that were rejected."""
     from app.foods.foods import read_food
 
     with opened_database() as database:
-        found = read_food(database, key)
+        view = read_food(database, key)
     if as_json:
         from app.foods.api import render_food
 
-        print(render_food(found).model_dump_json())
+        print(render_food(view).model_dump_json())
         return
-    value = found.value
-    print(f"{value.name} ({value.key}), {found.release}, version {found.food.version}")
+    value = view.value
+    print(f"{value.name} ({value.key}), {view.release}, version {view.food.version}")
     print(f"  {value.food_group}; {value.form}, {value.state or 'state not known'}")
-    if found.density is None:
-        print("  density  none is known: its volumes become no grams")
+    if view.density is None:
+        print("  density  not known: its volumes give no grams")
     else:
-        chosen = found.density.chosen
+        chosen = view.density.chosen
         print(f"  density  {chosen.g_per_ml:.3f} +- {chosen.sd_g_per_ml:.3f} g/ml  {chosen.source}")
-        print(f"           {found.density.reason}")
-        for other in found.density.alternatives:
-            density = other.density
+        print(f"           {view.density.reason}")
+        for rejected in view.density.alternatives:
+            density = rejected.density
             print(f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
-            print(f"           {other.reason}")
+            print(f"           {rejected.reason}")
     for part in value.refuse:
         print(f"  refuse   {part.percent:g} %  {part.part}")
-    if found.recipe is not None:
-        print(f"  recipe   yield {found.recipe.recipe_yield:g}")
-        for ingredient in found.recipe.ingredients:
+    if view.recipe is not None:
+        print(f"  recipe   yield {view.recipe.recipe_yield:g}")
+        for ingredient in view.recipe.ingredients:
             food = ingredient.food
             print(f"    of     {ingredient.mass_g:g} g  {food.name} ({food.key}, version {food.version})")
     for portion in value.portions:
         print(f"  portion  {portion.amount:g} {portion.measure}: {portion.mass_g:g} g")
-    for row in found.nutrients:
+    for row in view.nutrients:
         print(f"  {row.component.name:<40} {row.per_100_g:g} {row.component.unit} in 100 g edible")
 
 
@@ -92,9 +92,11 @@ def foods_import(
     path: Annotated[Path, typer.Argument(help="The release: a zip, a folder or a file.")],
     name: Annotated[str | None, typer.Option(help="csv: the table's name, such as bls.")] = None,
     version: Annotated[str | None, typer.Option(help="csv: the table's version.")] = None,
-    released_on: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: when it came out.")] = None,
+    released_on: Annotated[
+        datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: its date of publication.")
+    ] = None,
 ) -> None:
-    """Import a published food table: checked whole, then written, then in force by one row. Again changes nothing."""
+    """Import a published food table: validate it, write it, put it in force. Importing it again changes nothing."""
     from app.foods.import_foods import import_foods
     from app.foods.read_food_release import read_food_release
 
@@ -103,15 +105,15 @@ def foods_import(
         source, path, name=name, version=version, released_on=released_on.date() if released_on else None
     )
 
-    def tell(written: int, total: int) -> None:
+    def report_progress(written: int, total: int) -> None:
         ending = "\n" if written == total else "\r"
         print(f"  {written} of {total} foods written", end=ending, file=sys.stderr, flush=True)
 
     with opened_database() as database:
-        report = import_foods(database, imported, author=author(), on_progress=tell)
-    done = "was there already: nothing changed" if report.was_there else "imported and in force"
+        report = import_foods(database, imported, author=author(), on_progress=report_progress)
+    outcome = "was there already: nothing changed" if report.was_there else "imported and in force"
     table = imported.table
-    print(f"{table.name} {table.version}: {report.foods} foods, {report.values} nutrient values, {done}")
+    print(f"{table.name} {table.version}: {report.foods} foods, {report.values} nutrient values, {outcome}")
     print(f"checksum {table.checksum}")
     for sentence in imported.skipped.sentences():
         print(f"skipped: {sentence}")
@@ -119,12 +121,12 @@ def foods_import(
 
 @foods_cli.command("releases")
 def foods_releases() -> None:
-    """The releases in the database, those in force marked, the one that goes first at the head."""
+    """List the releases in the database: first those in force, in order of precedence."""
     from app.foods.food_releases import list_releases
 
     with opened_database() as database:
-        found = list_releases(database)
-    for listed in found:
+        releases = list_releases(database)
+    for listed in releases:
         release = listed.release
         mark = "in force" if listed.is_in_force else "complete" if release.completed_at else "broken off"
         print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
@@ -135,7 +137,7 @@ def foods_use(
     name: str,
     version: Annotated[str | None, typer.Argument(help="Left out: no release of this name is in force.")] = None,
 ) -> None:
-    """Put another release of a table in force, or none. Records stay as they are: see `tada records recompute`."""
+    """Put another release of a table in force, or none. Records do not change: see `tada records recompute`."""
     from app.foods.food_releases import use_release
 
     with opened_database() as database:
@@ -148,15 +150,15 @@ def foods_create(
     file: Annotated[Path, typer.Argument(help="JSON as POST /v1/foods takes it; - for standard input.")],
     reason: ReasonOption = None,
 ) -> None:
-    """Make a food, or with a recipe a dish."""
+    """Create a food, or a dish with its recipe."""
     from app.foods.edits.api import new_food_edit
     from app.foods.edits.edit_food import Editor, create_food
     from app.foods.edits.schemas import FoodIn
 
     body = _body(FoodIn, _read_object(file), reason)
     with opened_database() as database:
-        made = create_food(database, body.key, new_food_edit(body), Editor(author(), body.reason))
-    _tell_version(made)
+        view = create_food(database, body.key, new_food_edit(body), Editor(author(), body.reason))
+    _print_version(view)
 
 
 @foods_cli.command("edit")
@@ -175,7 +177,7 @@ def foods_edit(
     ] = None,
     reason: ReasonOption = None,
 ) -> None:
-    """Correct a food: a new version with what is named; the one before stays to be seen."""
+    """Correct a food: create a version with the given changes; the previous one is kept."""
     from app.foods.edits.api import food_edit
     from app.foods.edits.edit_food import Editor, edit_food
     from app.foods.edits.schemas import FoodPatch
@@ -187,25 +189,26 @@ def foods_edit(
         _set(document, change)
     body = _body(FoodPatch, document, reason)
     with opened_database() as database:
-        edited = edit_food(database, key, food_edit(body), Editor(author(), body.reason))
-    _tell_version(edited)
+        view = edit_food(database, key, food_edit(body), Editor(author(), body.reason))
+    _print_version(view)
 
 
 @foods_cli.command("density")
 def foods_density(
     key: KeyArgument,
     kind: Annotated[str, typer.Option(help="solid: of the piece itself; bulk: with the air in a heap.")],
-    state: Annotated[str, typer.Option(help='How it was when weighed, such as "raw, sliced".')],
+    state: Annotated[str, typer.Option(help='State when weighed, such as "raw, sliced".')],
     method: Annotated[str, typer.Option(help="How it was measured.")],
     reason: ReasonOption = None,
     g_per_ml: Annotated[float | None, typer.Option(help="The density, with --sd.")] = None,
-    sd: Annotated[float | None, typer.Option(help="What the next specimen may differ by, g/ml.")] = None,
+    sd: Annotated[float | None, typer.Option(help="Standard deviation between specimens, g/ml.")] = None,
     specimens: Annotated[
-        list[str] | None, typer.Option("--specimen", metavar="ML:G", help="Volume and mass of one; two or more.")
+        list[str] | None,
+        typer.Option("--specimen", metavar="ML:G", help="Volume and mass of a specimen; give two or more."),
     ] = None,
-    volume_step: Annotated[float, typer.Option(help="To how many ml the specimens' volumes were read.")] = 1.0,
+    volume_step: Annotated[float, typer.Option(help="Precision of the specimens' volumes, ml.")] = 1.0,
     weighs: Annotated[str, typer.Option(help="What was weighed: as_seen or edible.")] = "as_seen",
-    study: Annotated[str | None, typer.Option(help="Only for this study, where it goes before all others.")] = None,
+    study: Annotated[str | None, typer.Option(help="Only for this study, where it takes precedence.")] = None,
 ) -> None:
     """Add a measured density to a food, or to one study's own."""
     from app.foods.edits.api import measured_density
@@ -222,7 +225,7 @@ def foods_density(
     editor = Editor(author(), body.reason)
     with opened_database() as database:
         if study is None:
-            _tell_version(add_density(database, key, density, editor))
+            _print_version(add_density(database, key, density, editor))
             return
         row = add_study_density(database, study, Measurement(key, density, weighed), editor)
     print(f"{row.food_key}: {row.g_per_ml:.3f} +- {row.sd_g_per_ml:.3f} g/ml in study {study}, density {row.id}")
@@ -231,38 +234,38 @@ def foods_density(
 @foods_cli.command("restore")
 def foods_restore(
     key: KeyArgument,
-    version: Annotated[int, typer.Argument(help="As `tada foods changes KEY` tells.")],
+    version: Annotated[int, typer.Argument(help="A version in `tada foods changes KEY`.")],
     reason: Annotated[str, typer.Option(help="Why, for the history.")],
 ) -> None:
-    """Put a food back to an earlier version, by a new one that equals it."""
+    """Restore an earlier version of a food by creating a version that equals it."""
     from app.foods.edits.edit_food import Editor, restore_food
     from app.foods.edits.schemas import RestoreIn
 
     body = _body(RestoreIn, {"version": version}, reason)
     with opened_database() as database:
-        _tell_version(restore_food(database, key, body.version, Editor(author(), body.reason)))
+        _print_version(restore_food(database, key, body.version, Editor(author(), body.reason)))
 
 
 @foods_cli.command("changes")
 def foods_changes(key: KeyArgument, as_json: JsonOption = False) -> None:
-    """Who changed a food, when, why and what, the newest change first."""
+    """List the changes of a food, the newest first."""
     from app.foods.edits.api import render_changes
     from app.foods.edits.edit_food import list_changes
 
     with opened_database() as database:
-        found = render_changes(list_changes(database, key))
+        changes = render_changes(list_changes(database, key))
     if as_json:
-        print(found.model_dump_json())
+        print(changes.model_dump_json())
         return
-    if not found.items:
+    if not changes.items:
         print("It is as it was imported.")
-    for change in found.items:
+    for change in changes.items:
         print(f"version {change.version}  {change.changed_at:%Y-%m-%d %H:%M} UTC  {change.author}: {change.reason}")
         for field, (old, new) in change.differences.items():
             print(f"  {field}: {_short(old)} -> {_short(new)}")
 
 
-def _tell_version(view: "FoodView") -> None:
+def _print_version(view: "FoodView") -> None:
     print(f"{view.value.key}: version {view.food.version} of {view.release} is in force")
 
 
@@ -272,14 +275,14 @@ def _short(value: object) -> str:
 
 
 def _read_object(file: Path) -> dict[str, object]:
-    found = read_json(file)
-    if not isinstance(found, dict):
+    document = read_json(file)
+    if not isinstance(document, dict):
         raise InvalidInputError(f"{file} holds no JSON object.")
-    return found
+    return document
 
 
 def _set(document: dict[str, object], change: str) -> None:
-    """Put `FIELD=VALUE` into the document; a field `nutrients.VITC` is one of the nutrients."""
+    """Set `FIELD=VALUE` in the document; the field `nutrients.VITC` is in the object `nutrients`."""
     name, equals, text = change.partition("=")
     if not equals:
         raise InvalidInputError(f"--set takes FIELD=VALUE, not {change!r}.")
@@ -306,11 +309,11 @@ def _specimen(text: str) -> dict[str, float]:
 
 
 def _body(model: type[Model], document: dict[str, object], reason: str | None) -> Model:
-    """The document as the API would take it."""
+    """Validate the document like the API."""
     from pydantic import ValidationError
 
     try:
         return model.model_validate(document if reason is None else document | {"reason": reason})
     except ValidationError as error:
-        told = [f"{'.'.join(map(str, item['loc'])) or 'it'}: {item['msg']}" for item in error.errors()]
-        raise InvalidInputError(f"This cannot be accepted: {'; '.join(told[:5])}.") from None
+        problems = [f"{'.'.join(map(str, item['loc'])) or 'it'}: {item['msg']}" for item in error.errors()]
+        raise InvalidInputError(f"This cannot be accepted: {'; '.join(problems[:5])}.") from None

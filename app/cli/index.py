@@ -1,4 +1,4 @@
-"""The commands `tada index ...`: what the server knows of how foods look."""
+"""The commands `tada index ...`: the index of how foods look."""
 
 import json
 from dataclasses import asdict
@@ -18,7 +18,7 @@ def index_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only count; change nothing.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Describe items again that have no vector of the current version, from their photographs. Safe beside workers."""
+    """Compute missing vectors of the current version from items' photographs. Safe while workers run."""
     from app.children.child_pool import ChildPool
     from app.records.rebuild_index import check_index, rebuild_index
     from app.storage.opening import open_blob_store
@@ -27,18 +27,18 @@ def index_rebuild(
     settings = Settings()
     with opened_database() as database:
         if check:
-            found = check_index(database, study_code=study)
+            report = check_index(database, study_code=study)
         else:
             blobs = open_blob_store(settings.resolved_blob_url, settings)
             children = ChildPool(settings, TASKS, children=1)
             try:
-                found = rebuild_index(database, blobs, children, settings, study_code=study)
+                report = rebuild_index(database, blobs, children, settings, study_code=study)
             finally:
                 children.close()
     if as_json:
-        print(json.dumps(asdict(found)))
+        print(json.dumps(asdict(report)))
     else:
-        done = "to describe" if check else "described"
-        print(f"{found.described} regions {done}, {found.kept} kept")
-        print(f"{found.gone} whose photograph is gone, {found.unreadable} unreadable (see the log)")
-    raise SystemExit(1 if found.unreadable or (check and found.described) else 0)
+        action = "to describe" if check else "described"
+        print(f"{report.described} regions {action}, {report.kept} kept")
+        print(f"{report.gone} whose photograph is gone, {report.unreadable} unreadable (see the log)")
+    raise SystemExit(1 if report.unreadable or (check and report.described) else 0)

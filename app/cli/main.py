@@ -1,7 +1,7 @@
-"""The `tada` command. Each command is thin: it reads its arguments, calls one service, prints the answer.
+"""The `tada` command. Each command reads its arguments, calls one use case and prints the result.
 
-Commands import what they need when they run: `tada estimate` must not wait for a web framework to load.
-Errors are sentences on standard error; exit status 0: done, 1: an answer that says no, 2: wrong use or input.
+Commands import their modules when they run, so that `tada estimate` does not load a web framework. Errors are printed
+as sentences on standard error. Exit status 0: success, 1: a negative result, 2: wrong usage or input.
 """
 
 import json
@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from app import __version__
 from app.cli.backup import backup, restore
-from app.cli.database import JsonOption, author, database_as_it_is, opened_database
+from app.cli.database import JsonOption, author, opened_database, unmigrated_database
 from app.cli.foods import foods_cli
 from app.cli.index import index_cli
 from app.cli.jobs import jobs_cli
@@ -51,13 +51,13 @@ cli.command()(backup)
 cli.command()(restore)
 
 DEFAULT_MARKER = "plain:9x7:11"
-LEAST_SHOWN = 0.05  # of a candidate's probability, beside a volume
-LEAST_LISTED = 0.001  # where candidates are what was asked for, as in a meal: 0.1 %
+MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
+MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal
 MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
 
 
 def main() -> None:
-    """Entry point: errors of ours are told in a sentence, without a traceback."""
+    """Run the command; print a TadaError as a sentence, without a traceback."""
     keep_files_private()
     try:
         cli()
@@ -66,17 +66,17 @@ def main() -> None:
     except ValidationError as error:
         if error.title != Settings.__name__:
             raise
-        fail(" ".join(f"{_variable(one)}: {one['msg']}." for one in error.errors(include_input=False)))
+        fail(" ".join(f"{_variable(item)}: {item['msg']}." for item in error.errors(include_input=False)))
 
 
 def _variable(error: "ErrorDetails") -> str:
-    """Which setting it is about; never its value, which may be a secret."""
+    """Return the variable of an invalid setting; never its value, which may be a secret."""
     name = str(error["loc"][0]) if error["loc"] else "settings"
     return name.upper() if name.upper().startswith("TADA_") else f"TADA_{name.upper()}"
 
 
 def fail(message: str, status: int = 2) -> None:
-    """Tell an error and leave."""
+    """Print an error and exit."""
     print(f"tada: {message}", file=sys.stderr)
     raise SystemExit(status)
 
@@ -89,9 +89,9 @@ def version() -> None:
 
 @cli.command()
 def serve(
-    worker: Annotated[bool, typer.Option(help="Run a worker too; the default on the embedded database.")] = True,
+    worker: Annotated[bool, typer.Option(help="Run a worker too, if the database is embedded.")] = True,
 ) -> None:
-    """Run the HTTP server and, on the embedded default, its worker."""
+    """Run the HTTP server and, with the embedded database, a worker."""
     from app.cli.serving import serve as run
 
     raise SystemExit(run(Settings(), with_worker=worker))
@@ -99,7 +99,7 @@ def serve(
 
 @cli.command()
 def worker() -> None:
-    """Run a worker on its own: any number, on any machine that reaches database and store."""
+    """Run a worker: any number of them, on any machine that reaches database and store."""
     from app.worker import run_worker
 
     raise SystemExit(run_worker(Settings()))
@@ -111,10 +111,12 @@ def demo(
     browse: Annotated[
         bool, typer.Option("--browse", help="Fill a sample study instead, and serve it to a browser until Ctrl-C.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Draws the sample study.")] = 1,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the sample study's server; 0: any free one.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the sample study.")] = 1,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the sample study's server; 0: any free one.")
+    ] = 0,
 ) -> None:
-    """A whole run on throwaway data: server, upload, estimate, record printed, pictures written."""
+    """Run through server, upload, estimate and records on throwaway data; print records and write pictures."""
     if browse:
         from app.cli.demo_study import browse_demo
 
@@ -134,12 +136,12 @@ def estimate(
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
-    method: Annotated[str, typer.Option(help="How volumes are estimated: shape or paper.")] = "shape",
+    method: Annotated[str, typer.Option(help="Method of volume estimation: shape or paper.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
     ] = None,
-    complete: Annotated[bool, typer.Option("--complete", help="The hints are all that there is.")] = False,
-    vessels: Annotated[Path | None, typer.Option(help="Vessel library (JSON): mugs and bowls measured once.")] = None,
+    complete: Annotated[bool, typer.Option("--complete", help="The hints cover all foods.")] = False,
+    vessels: Annotated[Path | None, typer.Option(help="Vessel library (JSON): measured mugs and bowls.")] = None,
     debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -156,14 +158,14 @@ def estimate(
         vessels=vessels,
     )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
-    answer = estimate_files(
+    estimated = estimate_files(
         photographs, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce
     )
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps(estimated))
     else:
-        print_estimate(answer, debug)
-    raise SystemExit(1 if answer["failure"] else 0)
+        print_estimate(estimated, debug)
+    raise SystemExit(1 if estimated["failure"] else 0)
 
 
 @cli.command()
@@ -171,50 +173,55 @@ def identify(
     photo: Annotated[Path, typer.Argument(help="A photograph of food.")],
     box: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,W,H", help="Where the food is, px upright; without it, where it seems to be."),
+        typer.Option(metavar="X,Y,W,H", help="Box around the food, px upright; default: detected."),
     ] = None,
     marker: Annotated[
-        str | None, typer.Option(metavar="M", help="A marker in the photograph, to correct its colours by.")
+        str | None, typer.Option(metavar="M", help="A marker in the photograph, to correct its colours.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell which food a photograph shows, by the index that ships with the program."""
+    """Identify the food in a photograph by the index that ships with the program."""
     from app.candidates.identify_photo import identified_to_json, identify_photo, parse_box
     from app.vision.looks.vcm_region import SIDE_PX
     from app.vision.marker_spec import parse_marker
 
-    where = parse_box(box) if box is not None else None
+    food_box = parse_box(box) if box is not None else None
     spec = parse_marker(marker) if marker is not None else None
-    answer = identified_to_json(identify_photo(read_photo_or_fail(photo, least_short_side_px=SIDE_PX), where, spec))
+    identified = identified_to_json(
+        identify_photo(read_photo_or_fail(photo, least_short_side_px=SIDE_PX), food_box, spec)
+    )
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps(identified))
         return
-    for candidate in answer["candidates"][:5]:
-        if candidate["probability"] >= LEAST_LISTED:
+    for candidate in identified["candidates"][:5]:
+        if candidate["probability"] >= MIN_LISTED_PROBABILITY:
             print(f"{candidate['probability']:6.1%}  {candidate['food']}")
-    print(f"{answer['none_of_these']:6.1%}  none that the index knows")
+    print(f"{identified['none_of_these']:6.1%}  none that the index knows")
 
 
 @cli.command()
 def calibrate(
-    photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different slants.")],
+    photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different angles.")],
     marker: MarkerOption = DEFAULT_MARKER,
     as_json: JsonOption = False,
 ) -> None:
-    """Intrinsics of a camera from photographs of a board: the camera file's keys and rms_px."""
+    """Compute a camera's intrinsics from photographs of a board: the camera file's keys and rms_px."""
     from app.estimates.camera_json import camera_to_json
     from app.vision.board.calibration import calibrate as run
     from app.vision.marker_spec import parse_marker
 
-    found = run([read_photo_or_fail(path) for path in photos], parse_marker(marker))
-    if isinstance(found, Failure):
-        return fail(f"{found.message} {found.advice}".strip(), 1)
-    answer = camera_to_json(found.camera) | {"rms_px": round(found.rms_px, 4), "photographs": len(found.used)}
+    calibration = run([read_photo_or_fail(path) for path in photos], parse_marker(marker))
+    if isinstance(calibration, Failure):
+        return fail(f"{calibration.message} {calibration.advice}".strip(), 1)
+    camera_file = camera_to_json(calibration.camera) | {
+        "rms_px": round(calibration.rms_px, 4),
+        "photographs": len(calibration.used),
+    }
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps(camera_file))
         return None
-    print("\n".join(f"{key:<12} {value}" for key, value in answer.items()))
-    for rejected in found.rejected:
+    print("\n".join(f"{key:<12} {value}" for key, value in camera_file.items()))
+    for rejected in calibration.rejected:
         print(f"left out: {photos[rejected.index]}: {rejected.failure.message}", file=sys.stderr)
     return None
 
@@ -223,10 +230,10 @@ def calibrate(
 def marker_command(
     marker: MarkerOption = DEFAULT_MARKER,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="PDF to write.")] = None,
-    find: Annotated[Path | None, typer.Option(help="Photograph to look for the board in.")] = None,
+    find: Annotated[Path | None, typer.Option(help="Photograph to search for the board.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the printable board at true size (-o), or look for it in a photograph (--find)."""
+    """Write the printable board at true size (-o), or find it in a photograph (--find)."""
     from app.estimates.estimate_json import colour_to_json
     from app.vision.board.colour_correction import measure_colour
     from app.vision.board.marker import find_marker
@@ -234,7 +241,7 @@ def marker_command(
 
     spec = parse_marker(marker)
     if (output is None) == (find is None):
-        raise InvalidInputError("Give either -o FILE.pdf to write the board or --find PHOTO to look for it.")
+        raise InvalidInputError("Give either -o FILE.pdf to write the board or --find PHOTO to find it.")
     if output is not None:
         from app.people.print_marker import render_marker_pdf
 
@@ -244,25 +251,25 @@ def marker_command(
     if find is None:
         return
     photo = read_photo_or_fail(find)
-    found = find_marker(photo, spec)
-    corners = None if isinstance(found, Failure) else found.corners_px.round(3).tolist()
-    colour = None if isinstance(found, Failure) else colour_to_json(measure_colour(photo, found))
-    answer: dict[str, Any] = {
+    marker_view = find_marker(photo, spec)
+    corners = None if isinstance(marker_view, Failure) else marker_view.corners_px.round(3).tolist()
+    colour = None if isinstance(marker_view, Failure) else colour_to_json(measure_colour(photo, marker_view))
+    document: dict[str, object] = {
         "found": corners is not None,
         "marker": str(spec),
         "corners_px": corners,
         "colour": colour,
     }
-    if isinstance(found, Failure):
-        answer["failure"] = {"code": found.code, "message": found.message, "advice": found.advice}
+    if isinstance(marker_view, Failure):
+        document["failure"] = {"code": marker_view.code, "message": marker_view.message, "advice": marker_view.advice}
     if as_json:
-        print(json.dumps(answer))
-    elif isinstance(found, Failure):
-        print(f"{find}: not found ({found.code}). {found.message} {found.advice}".strip())
+        print(json.dumps(document))
+    elif isinstance(marker_view, Failure):
+        print(f"{find}: not found ({marker_view.code}). {marker_view.message} {marker_view.advice}".strip())
     else:
-        print(f"{find}: {spec} found, {len(found.corners_px)} inner corners.")
+        print(f"{find}: {spec} found, {len(marker_view.corners_px)} inner corners.")
         if colour is not None and colour["delta_e_worst"] is not None:
-            print(f"{find}: its colours are right to a CIEDE2000 of {colour['delta_e_worst']} (the worst square).")
+            print(f"{find}: after correction its worst square has a CIEDE2000 of {colour['delta_e_worst']}.")
     raise SystemExit(0 if corners is not None else 1)
 
 
@@ -270,103 +277,107 @@ def marker_command(
 def records_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only compare; change nothing.")] = False,
 ) -> None:
-    """Build the effective records again from runs and items, and the days' sums; or check that they are as built."""
+    """Rebuild the effective records from runs and items, and the sums of days; or check that they are up to date."""
     from app.diary.day_sums import compare_days, compare_study_days
     from app.records.rebuild_records import rebuild_records
 
     with opened_database() as database:
-        found = rebuild_records(database, write=not check)
+        records = rebuild_records(database, write=not check)
         days = compare_days(database, write=not check)
         study_days = compare_study_days(database, write=not check)
-    print(f"{found.compared} records compared, {found.different} differ" + ("" if check else ", rebuilt"))
+    print(f"{records.compared} records compared, {records.different} differ" + ("" if check else ", rebuilt"))
     print(f"{days.compared} days compared, {days.different} differ" + ("" if check else ", rebuilt"))
     print(
         f"{study_days.compared} days of studies compared, {study_days.different} differ"
         + ("" if check else ", rebuilt")
     )
-    raise SystemExit(1 if check and (found.different or days.different or study_days.different) else 0)
+    raise SystemExit(1 if check and (records.different or days.different or study_days.different) else 0)
 
 
 @records_cli.command("recompute")
 def records_recompute(
     nutrients: Annotated[
-        bool, typer.Option("--nutrients", help="Grams and nutrients by the tables in force now.")
+        bool, typer.Option("--nutrients", help="Grams and nutrients, by the tables now in force.")
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would change.")] = False,
     study: Annotated[str | None, typer.Option(help="Only this study's records.")] = None,
     reason: Annotated[str, typer.Option(help="Why, for the history.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, the summary last.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line, the summary last.")] = False,
 ) -> None:
-    """Make new records where foods, densities or figures have changed; volumes, foods chosen and old records stay."""
+    """Create new records where foods or figures have changed; volumes, chosen foods and old records stay."""
     from app.records.recompute_records import RecordDifference, recompute_nutrients
 
     if not nutrients:
-        raise InvalidInputError("Say what to compute anew: --nutrients.")
+        raise InvalidInputError("Choose what to recompute: --nutrients.")
 
-    def tell(found: RecordDifference) -> None:
+    def print_difference(difference: RecordDifference) -> None:
         if as_json:
-            columns = {name: {"before": before, "after": after} for name, (before, after) in found.columns.items()}
-            document = {"item": str(found.item_id), "meal": str(found.meal_id), "food": found.food_key}
+            columns = {name: {"before": before, "after": after} for name, (before, after) in difference.columns.items()}
+            document = {"item": str(difference.item_id), "meal": str(difference.meal_id), "food": difference.food_key}
             print(json.dumps(document | {"changes": columns}))
             return
         shown = ", ".join(
-            f"{name} {_figure(before)} -> {_figure(after)}" for name, (before, after) in found.columns.items()
+            f"{name} {_figure(before)} -> {_figure(after)}" for name, (before, after) in difference.columns.items()
         )
-        print(f"meal {found.meal_id}  {found.food_key}: {shown or 'other components, or their source'}")
+        print(f"meal {difference.meal_id}  {difference.food_key}: {shown or 'other components, or their source'}")
 
     with opened_database() as database:
-        done = recompute_nutrients(
-            database, write=not dry_run, author=author(), reason=reason, study_code=study, tell=tell
+        report = recompute_nutrients(
+            database, write=not dry_run, author=author(), reason=reason, study_code=study, tell=print_difference
         )
     if as_json:
-        print(json.dumps({"compared": done.compared, "changed": done.changed, "dry_run": dry_run, "gone": done.gone}))
+        print(
+            json.dumps(
+                {"compared": report.compared, "changed": report.changed, "dry_run": dry_run, "gone": report.gone}
+            )
+        )
         return
-    print(f"{done.compared} records compared, {done.changed} {'would change' if dry_run else 'made anew'}")
-    if done.gone:
-        shown = ", ".join(f"{key} ({count})" for key, count in done.gone.most_common(5))
-        more = ", ..." if len(done.gone) > 5 else ""
-        print(f"left as they are: {done.gone.total()} records of foods in no table in force: {shown}{more}")
+    print(f"{report.compared} records compared, {report.changed} {'would change' if dry_run else 'recomputed'}")
+    if report.gone:
+        shown = ", ".join(f"{key} ({count})" for key, count in report.gone.most_common(5))
+        more = ", ..." if len(report.gone) > 5 else ""
+        print(f"not changed: {report.gone.total()} records of foods in no table in force: {shown}{more}")
 
 
 @db_cli.command("upgrade")
 def db_upgrade(
-    revision: Annotated[str | None, typer.Option(help="Only the schema, and only up to this revision.")] = None,
+    revision: Annotated[str | None, typer.Option(help="Only migrate the schema, up to this revision.")] = None,
 ) -> None:
-    """Bring the schema up to date and load the starter food table."""
+    """Migrate the schema and load the starter food table."""
     from app.db.migrate import upgrade
 
     if revision is None:
         with opened_database():
             print("The database is up to date.")
         return
-    with database_as_it_is() as database:
+    with unmigrated_database() as database:
         upgrade(database, revision)
     print(f"The schema is at {revision}.")
 
 
 @db_cli.command("current")
 def db_current() -> None:
-    """Print the schema's revision and how it stands to this program: older, current or newer. Changes nothing."""
+    """Print the schema's revision and whether it is older than, current for or newer than this program."""
     from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
 
-    with database_as_it_is() as database:
-        found, state = current_revision(database), schema_state(database)
-    print(f"{found or 'none'}: {state.value}; this program was written for {head_revision()}")
+    with unmigrated_database() as database:
+        revision, state = current_revision(database), schema_state(database)
+    print(f"{revision or 'none'}: {state.value}; this program was written for {head_revision()}")
     raise SystemExit(1 if state is SchemaState.OLDER else 0)
 
 
 @cli.command()
 def doctor(
-    requeue: Annotated[bool, typer.Option("--requeue", help="Also queue meals again that nothing will move.")] = False,
+    requeue: Annotated[bool, typer.Option("--requeue", help="Also queue stuck meals again.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a deployment and say what is wrong, and what to do about it. Status 1: something is."""
+    """Check a deployment, report problems and their remedies. Status 1: there are problems."""
     from dataclasses import asdict
 
-    from app.cli.database import database_as_it_is
+    from app.cli.database import unmigrated_database
     from app.operations.doctor.doctor import examine
 
-    with database_as_it_is() as database:
+    with unmigrated_database() as database:
         findings = examine(database, Settings(), requeue=requeue)
     if as_json:
         print(json.dumps({"findings": [asdict(finding) for finding in findings]}))
@@ -377,7 +388,7 @@ def doctor(
 
 
 def read_photo_or_fail(path: Path, *, least_short_side_px: int | None = None) -> "Photo":
-    """A photograph from a file, or an InvalidInputError that names it. least_short_side_px: None: as a marker needs."""
+    """Return a photograph of a file. Raises InvalidInputError. least_short_side_px: None: what a marker needs."""
     from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
 
     try:
@@ -395,12 +406,12 @@ def _figure(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.4g}"
 
 
-def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:
-    """The answer of `tada estimate` for a person."""
-    failure = answer["failure"]
+def print_estimate(estimated: dict[str, Any], debug: Path | None) -> None:
+    """Print the result of `tada estimate` as text."""
+    failure = estimated["failure"]
     if failure:
         print(f"Not measured ({failure['code']}): {failure['message']} {failure['advice']}".strip())
-    for number, item in enumerate(answer["items"], 1):
+    for number, item in enumerate(estimated["items"], 1):
         line = f"item {number}: not measured"
         if item["volume_ml"] is not None:
             low, high = item["volume_interval_ml"]
@@ -410,10 +421,12 @@ def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:
         if item["mass_g"] is not None:
             line += f": {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
         print(line + (f"  [{', '.join(item['flags'])}]" if item["flags"] else ""))
-        likely = [one for one in item["candidates"] if one["probability"] >= LEAST_SHOWN][:3]
+        likely = [match for match in item["candidates"] if match["probability"] >= MIN_SHOWN_PROBABILITY][:3]
         if likely:
-            print("        looks like " + ", ".join(f"{one['food']} ({one['probability']:.0%})" for one in likely))
-    print(f"{answer['seconds']:.2f} s, method {answer['method']} {answer['pipeline_version']}")
+            print(
+                "        looks like " + ", ".join(f"{match['food']} ({match['probability']:.0%})" for match in likely)
+            )
+    print(f"{estimated['seconds']:.2f} s, method {estimated['method']} {estimated['pipeline_version']}")
     if debug is not None:
         print(f"pictures in {debug}")
 

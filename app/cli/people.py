@@ -1,7 +1,7 @@
-"""`tada admin` and `tada staff`: the people who run the server and work with the data.
+"""`tada admin` and `tada staff`: admins and staff.
 
-Passwords come from a file, standard input or a prompt that does not show them; never from an argument, which every
-user of the machine could read.
+Passwords are read from a file, standard input or a hidden prompt, never from an argument, which every user of the
+machine could read.
 """
 
 import sys
@@ -22,14 +22,16 @@ staff_cli = typer.Typer(no_args_is_help=True, help="People who sign in with a pa
 
 PasswordFile = Annotated[
     Path | None,
-    typer.Option("--password-file", help="File whose first line is the password; -: standard input. Default: asked."),
+    typer.Option(
+        "--password-file", help="File whose first line is the password; -: standard input. Default: a prompt."
+    ),
 ]
 LONGEST_PASSWORD_BYTES = 4096
 
 
 @admin_cli.command("create")
 def admin_create(name: str) -> None:
-    """Make an admin and print the token, once."""
+    """Create an admin and print the token, which is not shown again."""
     from app.people.access.staff import create_admin
 
     with opened_database() as database:
@@ -44,19 +46,19 @@ def staff_create(
     admin: Annotated[bool, typer.Option("--admin", help="May do everything in every study.")] = False,
     password_file: PasswordFile = None,
 ) -> None:
-    """Make a staff member with a password. An owner gives them a role in a study."""
+    """Create a staff member with a password. An owner gives them a role in a study."""
     from app.people.access.passwords import Passwords
     from app.people.access.staff import create_staff
 
     password = read_password(password_file)
     with opened_database() as database:
-        made = create_staff(database, Passwords(), name, is_admin=admin, password=password)
-    print(f"{made.name} can sign in{' and is an admin' if admin else ''}.")
+        member = create_staff(database, Passwords(), name, is_admin=admin, password=password)
+    print(f"{member.name} can sign in{' and is an admin' if admin else ''}.")
 
 
 @staff_cli.command("password")
 def staff_password(name: str, password_file: PasswordFile = None) -> None:
-    """Give a staff member another password; their sessions and personal tokens end."""
+    """Set a new password for a staff member; their sessions and personal tokens end."""
     from app.people.access.staff import StaffChange
 
     ended = _change(name, StaffChange(password=read_password(password_file)))
@@ -65,7 +67,7 @@ def staff_password(name: str, password_file: PasswordFile = None) -> None:
 
 @staff_cli.command("disable")
 def staff_disable(name: str) -> None:
-    """Shut a staff member out: their sessions and tokens end for good. The last admin stays."""
+    """Disable a staff member and end their sessions and tokens for good. The last admin cannot be disabled."""
     from app.people.access.staff import StaffChange
 
     ended = _change(name, StaffChange(is_disabled=True))
@@ -83,7 +85,7 @@ def staff_enable(name: str) -> None:
 
 @staff_cli.command("list")
 def staff_list() -> None:
-    """Everybody by name: admin or not, with a password or by token only, disabled since when."""
+    """List all staff by name: admin or not, password or token only, and since when they are disabled."""
     from app.people.access.staff import list_staff
 
     with opened_database() as database:
@@ -100,11 +102,11 @@ def staff_list() -> None:
 
 
 def read_password(path: Path | None) -> str:
-    """The password, without the line's end. Raises InvalidInputError."""
+    """Return the password without the line ending. Raises InvalidInputError."""
     if path is None:
         if not sys.stdin.isatty():
             raise InvalidInputError(
-                "There is nobody to ask for the password: give --password-file FILE, or - for stdin."
+                "Standard input is not a terminal: give the password by --password-file FILE, or - for standard input."
             )
         entered: str = typer.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
         return entered
@@ -118,7 +120,7 @@ def read_password(path: Path | None) -> str:
     except OSError as error:
         raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError:
-        raise InvalidInputError(f"{path} is no text in UTF-8.") from None
+        raise InvalidInputError(f"{path} is not UTF-8 text.") from None
 
 
 def _change(name: str, change: "StaffChange") -> "EndedAccess":

@@ -1,7 +1,7 @@
-"""`tada serve`: uvicorn with our app and, on the embedded default, a worker process beside it that is kept alive.
+"""`tada serve`: uvicorn with our app and, with the embedded database, a worker process that is restarted if it ends.
 
-Behind a reverse proxy the caller's address stands in X-Forwarded-For, which anybody can write: it counts only from the
-proxies that TADA_TRUSTED_PROXIES names, and from nobody by default.
+Behind a reverse proxy the caller's address is in X-Forwarded-For, which any client can set: it is trusted only from the
+proxies in TADA_TRUSTED_PROXIES, by default from none.
 """
 
 import contextlib
@@ -27,33 +27,33 @@ from app.http.state import ApiState
 from app.jobs.supervisor import WorkerProcess
 from app.main import create_app
 from app.operations.check_stores import check_stores
-from app.operations.in_words import in_words, told_in_words
+from app.operations.in_words import explained_errors, in_words
 from app.uploads.waiting import MealWaiter
 
 log = structlog.get_logger()
 
 KEEP_ALIVE_SECONDS = 30
 M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8  # malloc.h
-FILES_A_CONNECTION = 4  # its socket, two files in the making, one to spare
+FILES_PER_CONNECTION = 4  # its socket, two staged files, one spare
 
 
 def serve(settings: Settings, *, with_worker: bool) -> int:
-    """Serve until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin."""
+    """Serve until SIGTERM or SIGINT, and return the exit status. Raises TadaError if it cannot start."""
     configure_logging(settings)
     check_public_url(settings.public_url)
-    with told_in_words():
+    with explained_errors():
         check_stores(settings)
-    give_memory_back()
+    return_freed_memory()
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
-    start = ToldStart(app)
+    start = ExplainedStartup(app)
     server = _Server(server_config(settings, start), app)
-    allow_files(settings.max_connections * FILES_A_CONNECTION)
+    raise_open_file_limit(settings.max_connections * FILES_PER_CONNECTION)
     if embedded_worker is not None:
         embedded_worker.start()
     try:
         server.run()
-    except SystemExit:  # uvicorn's own end of what did not begin
+    except SystemExit:  # uvicorn exits so if the app fails to start
         if start.failure is not None:
             raise start.failure from None
         raise
@@ -63,22 +63,22 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
     return 0 if server.started else 1
 
 
-class ToldStart:
-    """The app; what keeps it from beginning is kept in words, and no traceback of it goes to the log."""
+class ExplainedStartup:
+    """The app, with a failure to start kept as a TadaError instead of a traceback in the log."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
         self.failure: TadaError | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """A call of ASGI."""
+        """Handle an ASGI call."""
         if scope["type"] != "lifespan":
             await self._app(scope, receive, send)
             return
         failed: list[Message] = []
 
         async def hold(message: Message) -> None:
-            """What tells that it failed has the traceback with it, and comes before the error itself."""
+            """Hold back the failure message, which contains the traceback and precedes the exception."""
             if message["type"] == "lifespan.startup.failed":
                 failed.append(message)
             else:
@@ -94,7 +94,7 @@ class ToldStart:
 
 
 def server_config(settings: Settings, app: ASGIApp) -> uvicorn.Config:
-    """How uvicorn runs the app. Raises InvalidInputError for proxies that are none."""
+    """Return uvicorn's configuration. Raises InvalidInputError for invalid proxies."""
     proxies = trusted_proxies(settings.trusted_proxies)
     watch = ConnectionWatch(connection_limits(settings, proxies))
     return uvicorn.Config(
@@ -104,57 +104,57 @@ def server_config(settings: Settings, app: ASGIApp) -> uvicorn.Config:
         log_config=None,
         access_log=False,
         server_header=False,
-        proxy_headers=bool(proxies),  # uvicorn's own default trusts whoever is on this machine
+        proxy_headers=bool(proxies),  # uvicorn's default trusts all local callers
         forwarded_allow_ips=proxies,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=settings.stop_seconds,
-        loop="asyncio",  # whatever else is installed: WatchedProtocol sets what is asyncio's own
+        loop="asyncio",  # even if others are installed: WatchedProtocol depends on asyncio's
         http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
         ws="none",
     )
 
 
-def give_memory_back() -> None:
-    """Have glibc give large blocks back when they are freed, and keep few pools for its threads.
+def return_freed_memory() -> None:
+    """Make glibc return large blocks to the system when they are freed, and use few memory pools.
 
-    By default it keeps what many uploads at once needed, in a pool a thread, for good.
+    By default it keeps the memory of many simultaneous uploads, in a pool per thread, for good.
     """
-    with contextlib.suppress(OSError, AttributeError):  # another C library has neither the call nor the habit
+    with contextlib.suppress(OSError, AttributeError):  # other C libraries have no mallopt and need none
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(M_ARENA_MAX, 4)
-        mallopt(M_MMAP_THRESHOLD, 128 * 1024)  # which also ends its growing by itself
+        mallopt(M_MMAP_THRESHOLD, 128 * 1024)  # a fixed value also disables its automatic growth
 
 
-def allow_files(wanted: int) -> None:
-    """Raise this process's limit of open files to what its connections need, as far as the system lets it."""
+def raise_open_file_limit(needed: int) -> None:
+    """Raise this process's limit of open files to what its connections need, as far as the system allows."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-    if soft != resource.RLIM_INFINITY and soft < most:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    limit = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    if soft != resource.RLIM_INFINITY and soft < limit:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
 
 
 def trusted_proxies(value: str | None) -> list[str]:
-    """Addresses and networks of TADA_TRUSTED_PROXIES. Raises InvalidInputError, `settings_invalid`.
+    """Return the addresses and networks of TADA_TRUSTED_PROXIES. Raises InvalidInputError, `settings_invalid`.
 
-    Checked here, since uvicorn takes what is no network for a name that nobody has: the proxy would count as the caller
-    of all requests. Everybody is no proxy: then anybody could write any address.
+    Checked here, since uvicorn treats an invalid network as a host name that matches no caller: the proxy would then
+    count as the caller of all requests. A network of all addresses is refused: any client could claim any address.
     """
     proxies = []
-    for word in (value or "").split(","):
-        if not word.strip():
+    for part in (value or "").split(","):
+        if not part.strip():
             continue
         try:
-            network = ipaddress.ip_network(word.strip())
+            network = ipaddress.ip_network(part.strip())
         except ValueError as error:
             raise InvalidInputError(
-                f"TADA_TRUSTED_PROXIES: {word.strip()!r} is neither an address nor a network ({error}). Write it like "
-                "10.0.0.5 or 10.0.0.0/24, comma between.",
+                f"TADA_TRUSTED_PROXIES: {part.strip()!r} is neither an address nor a network ({error}). Write it like "
+                "10.0.0.5 or 10.0.0.0/24, separated by commas.",
                 code="settings_invalid",
             ) from None
         if network.prefixlen == 0:
             raise InvalidInputError(
-                f"TADA_TRUSTED_PROXIES: {word.strip()} is everybody: anybody could claim any address. Name the "
-                "proxies' own addresses.",
+                f"TADA_TRUSTED_PROXIES: {part.strip()} covers all addresses: any client could claim any address. "
+                "Give the proxies' own addresses.",
                 code="settings_invalid",
             )
         proxies.append(str(network.network_address) if network.num_addresses == 1 else str(network))
@@ -162,23 +162,23 @@ def trusted_proxies(value: str | None) -> list[str]:
 
 
 def check_public_url(url: str | None) -> None:
-    """Raises InvalidInputError, `settings_invalid`, for what phones could not reach the server by."""
+    """Raise InvalidInputError, `settings_invalid`, for a URL by which phones could not reach the server."""
     if url is None:
         return
     try:
         parts = urlsplit(url)
-        is_fine = parts.scheme in ("https", "http") and bool(parts.hostname) and parts.port != 0
+        is_valid = parts.scheme in ("https", "http") and bool(parts.hostname) and parts.port != 0
     except ValueError:
-        is_fine = False
-    if not is_fine or parts.username or parts.password or parts.query or parts.fragment or url.endswith("/"):
+        is_valid = False
+    if not is_valid or parts.username or parts.password or parts.query or parts.fragment or url.endswith("/"):
         raise InvalidInputError(
-            "TADA_PUBLIC_URL must be like https://tada.example.org: http or https, a host, and no slash at its end.",
+            "TADA_PUBLIC_URL must be like https://tada.example.org: http or https, a host, and no slash at the end.",
             code="settings_invalid",
         )
 
 
 class _Server(uvicorn.Server):
-    """Says where it listens, also on a port that the system chose; at its end, wakes who waits for a meal first."""
+    """Prints its address, also of a port chosen by the system; on shutdown, ends waiting requests first."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
         super().__init__(config)
@@ -187,7 +187,7 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         gc.collect()
-        gc.freeze()  # what is there now stays: collecting it again and again would hold up requests by 0.1 s
+        gc.freeze()  # objects loaded by now are permanent: collecting them repeatedly would delay requests by 0.1 s
         for server in self.servers:
             for listening in server.sockets:
                 host, port = listening.getsockname()[:2]

@@ -1,4 +1,4 @@
-"""`tada vessels`: a study's vessel library as a file, in and out."""
+"""`tada vessels`: list, import and export a study's vessel library."""
 
 import json
 import sys
@@ -9,14 +9,14 @@ import typer
 
 from app.cli.database import JsonOption, author, opened_database, read_json
 
-vessels_cli = typer.Typer(no_args_is_help=True, help="A study's mugs and bowls, measured once.")
+vessels_cli = typer.Typer(no_args_is_help=True, help="A study's measured mugs and bowls.")
 
 StudyArgument = Annotated[str, typer.Argument(metavar="STUDY", help="The study's code.")]
 
 
 @vessels_cli.command("list")
 def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
-    """The study's vessels by name, retired ones too."""
+    """List the study's vessels by name, retired ones too."""
     from app.vessels.study_vessels import all_vessels
 
     with opened_database() as database:
@@ -28,11 +28,11 @@ def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
         return
     for view in views:
         model = view.model
-        held = f"{view.held_ml:.0f} ml by its {view.held_by}" if view.held_ml is not None else "not known"
+        capacity = f"{view.held_ml:.0f} ml by its {view.held_by}" if view.held_ml is not None else "not known"
         retired = "  retired" if view.version.is_retired else ""
         print(
             f"{model.name:<32} {model.kind:<10} rim {model.rim_diameter_mm:g} mm, height {model.height_mm:g} mm, "
-            f"{held}{retired}"
+            f"{capacity}{retired}"
         )
 
 
@@ -40,7 +40,7 @@ def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
 def vessels_import(
     study: StudyArgument, path: Annotated[Path, typer.Argument(metavar="FILE.json", help="A list of vessels.")]
 ) -> None:
-    """Add the vessels of a file, or change those of the same name; all of them or none (docs/vessels.md)."""
+    """Add the vessels of a file, or change those of the same name; all or none (docs/vessels.md)."""
     from app.vessels.study_vessels import VesselAuthor, import_vessels
 
     value = read_json(path)
@@ -51,7 +51,7 @@ def vessels_import(
 
 @vessels_cli.command("export")
 def vessels_export(study: StudyArgument) -> None:
-    """Print the vessels in use as `tada vessels import` and `tada estimate --vessels` read them."""
+    """Print the vessels in use, in the format of `tada vessels import` and `tada estimate --vessels`."""
     from app.vessels.study_vessels import export_vessels
 
     with opened_database() as database:
@@ -62,7 +62,7 @@ def vessels_export(study: StudyArgument) -> None:
 
 @vessels_cli.command("remove")
 def vessels_remove(study: StudyArgument, name: Annotated[str, typer.Argument(help="The vessel's name.")]) -> None:
-    """Retire a vessel: estimates get it no more. It stays to be seen."""
+    """Retire a vessel: new estimates do not use it. It remains visible."""
     from app.vessels.study_vessels import VesselAuthor, retire_vessel
 
     with opened_database() as database:

@@ -20,7 +20,7 @@ AWAY = (psycopg.OperationalError, psycopg.InterfaceError, sqlite3.OperationalErr
 
 
 @contextmanager
-def told_in_words() -> Iterator[None]:
+def explained_errors() -> Iterator[None]:
     """Such faults become a TadaError; others stay what they are."""
     try:
         yield

@@ -17,7 +17,7 @@ import app.worker
 from app.cli.serving import serve
 from app.core.errors import StorageFullError, TadaError, UnavailableError
 from app.core.settings import Settings
-from app.operations.in_words import in_words, told_in_words
+from app.operations.in_words import explained_errors, in_words
 from app.operations.prepare import prepare_patiently
 from app.storage import s3
 from app.worker import run_worker
@@ -174,5 +174,5 @@ def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
     assert "TMPDIR" in in_words(full).message  # a scratch file's, which no engine of SQLAlchemy wraps
     assert isinstance(in_words(OSError(28, "No space left on device", "/data")), StorageFullError)
     assert in_words(sa.exc.ProgrammingError("SELEC", {}, Exception("syntax error"))) is None
-    with pytest.raises(KeyError), told_in_words():
+    with pytest.raises(KeyError), explained_errors():
         raise KeyError("x")

@@ -311,7 +311,7 @@ def test_jobs_retry_by_code_takes_those_and_leaves_what_cannot_be(phone, state, 
     tomorrow = (datetime.now(UTC) + timedelta(days=1)).isoformat()
     assert "0 meals" in tada("jobs", "retry", "--code", "internal_error", "--since", tomorrow).stdout
     ended = tada("jobs", "retry", "--code", "internal_error", "--study", "pilot", "--since", "2020-01-01")
-    assert ended.stdout.splitlines() == ["1 meals queued again", "1 left as they are: photograph_erased"]
+    assert ended.stdout.splitlines() == ["1 meals queued again", "1 not queued: photograph_erased"]
     assert [len(jobs_of(state, one)) for one in meals] == [1, 2, 1]
     assert "0 meals" in tada("jobs", "retry", "--code", "internal_error").stdout
 
