@@ -21,7 +21,7 @@ from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
 from app.operations.chores import worker_chores
-from app.operations.in_words import explained_errors
+from app.operations.explain_errors import explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
 from app.storage.opening import open_blob_store

@@ -38,7 +38,7 @@ def opened_database() -> Iterator["Database"]:
 def unmigrated_database() -> Iterator["Database"]:
     """Open the configured database for one command without migrating it. Raises the same."""
     from app.db.session import open_database
-    from app.operations.in_words import explained_errors
+    from app.operations.explain_errors import explained_errors
 
     with explained_errors():
         database = open_database(Settings())

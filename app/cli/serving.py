@@ -27,7 +27,7 @@ from app.http.state import ApiState
 from app.jobs.supervisor import WorkerProcess
 from app.main import create_app
 from app.operations.check_stores import check_stores
-from app.operations.in_words import explained_errors, in_words
+from app.operations.explain_errors import explain_error, explained_errors
 from app.uploads.waiting import MealWaiter
 
 log = structlog.get_logger()
@@ -87,7 +87,7 @@ class ExplainedStartup:
         try:
             await self._app(scope, receive, hold)
         except BaseException as error:
-            self.failure = in_words(error) if failed else None
+            self.failure = explain_error(error) if failed else None
             for message in failed:
                 await send(message if self.failure is None else {"type": message["type"]})
             raise

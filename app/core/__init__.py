@@ -1,4 +1,4 @@
-"""What every part of the program needs: settings, errors, units, logging.
+"""Settings, errors, units and logging, used by every part of the program.
 
-Nothing here knows any domain. What only some domains share belongs to the lowest of them.
+Nothing here depends on a domain. Code that only some domains share belongs to the lowest of them.
 """

@@ -1,34 +1,34 @@
-"""The tree of errors, each with its stable code and HTTP status; and Failure, a scene's expected failure as a value.
+"""The hierarchy of errors, each with a stable code and HTTP status; and Failure, a scene's expected failure as a value.
 
-A bad call or a bad request raises a TadaError; app/http/problems.py renders it once, as RFC 9457. A photograph that
-cannot be measured is no error but an answer: a `Failure` that is returned, stored with the meal and shown to a person.
+A bad call or request raises a TadaError, which app/http/problems.py renders as RFC 9457. A photograph that cannot be
+measured is a result, not an error: a `Failure` is returned, stored with the meal and shown to people.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a scene could not be measured: a stable code, words for a person, and what to do on the next try."""
+    """The reason why a scene could not be measured: a stable code, a message, and advice for the next attempt."""
 
     code: str
     message: str
     advice: str = ""
 
     def __bool__(self) -> bool:
-        """A failed result is falsy, so that `if not found` reads as it should."""
+        """Return False, so that `if not result` is true for a failure."""
         return False
 
 
 class TadaError(Exception):
-    """Root of what the server reports: `code` never changes its meaning; `facts` are added to the problem document."""
+    """Base of all reported errors: `code` never changes its meaning; `facts` are added to the problem document."""
 
     code: ClassVar[str] = "internal_error"
     status: ClassVar[int] = 500
     retryable: ClassVar[bool] = False
 
-    def __init__(self, message: str, *, code: str | None = None, **facts: Any) -> None:
+    def __init__(self, message: str, *, code: str | None = None, **facts: object) -> None:
         super().__init__(message)
         self.message = message
         self.facts = facts
@@ -65,49 +65,49 @@ class NotAllowedError(TadaError):
 
 
 class NotFoundError(TadaError):
-    """There is no such thing, or the caller may not know that there is."""
+    """The resource does not exist, or the caller may not know that it exists."""
 
     code = "not_found"
     status = 404
 
 
 class NotAcceptableError(TadaError):
-    """None of the formats that the caller would take is one that this is given in."""
+    """The resource is not available in any format that the caller accepts."""
 
     code = "not_acceptable"
     status = 406
 
 
 class ConflictError(TadaError):
-    """The id is taken by something else, or the state does not allow this."""
+    """The id is in use, or the current state does not allow the request."""
 
     code = "conflict"
     status = 409
 
 
 class ClockDiffersError(ConflictError):
-    """The caller's clock and ours cannot both be right: `facts["server_time"]` says what ours is."""
+    """The caller's clock differs from the server's: `facts["server_time"]` is the server's time."""
 
     code = "clock_differs"
-    retryable = True  # it may be ours that is wrong
+    retryable = True  # the server's clock may be the wrong one
 
 
 class GoneError(TadaError):
-    """It was there and has been deleted for good."""
+    """The resource existed and has been deleted for good."""
 
     code = "gone"
     status = 410
 
 
 class PreconditionFailedError(TadaError):
-    """It has changed since the caller read it: what `If-Match` names is not its state any more."""
+    """The resource has changed since the caller read it: `If-Match` names an older version."""
 
     code = "precondition_failed"
     status = 412
 
 
 class RequestTimeoutError(TadaError):
-    """The caller was too slow in sending the request; nothing of it was kept."""
+    """The caller sent the request too slowly; nothing was stored."""
 
     code = "request_timeout"
     status = 408
@@ -115,7 +115,7 @@ class RequestTimeoutError(TadaError):
 
 
 class TargetTooLongError(TadaError):
-    """The request's address is longer than any of ours."""
+    """The request's URL is longer than any of ours."""
 
     code = "target_too_long"
     status = 414
@@ -129,35 +129,35 @@ class HeadersTooLargeError(TadaError):
 
 
 class PreconditionRequiredError(TadaError):
-    """A change that must say what it is a change of, in `If-Match`."""
+    """The change requires `If-Match` with the version that it applies to."""
 
     code = "precondition_required"
     status = 428
 
 
 class TooLargeError(TadaError):
-    """A body, a part or a picture passes a limit; `facts` name the limit."""
+    """A body, a part or a picture exceeds a limit; `facts` name the limit."""
 
     code = "too_large"
     status = 413
 
 
 class UnsupportedMediaError(TadaError):
-    """The content type, or what the bytes turn out to be, is none that the server reads."""
+    """The server does not read this content type, or the format that the bytes have."""
 
     code = "unsupported_media_type"
     status = 415
 
 
 class RangeNotSatisfiableError(TadaError):
-    """A part of a file is asked for that it does not have; `facts["length"]` is how long it is."""
+    """The requested range is outside the file; `facts["length"]` is its length."""
 
     code = "range_not_satisfiable"
     status = 416
 
 
 class RateLimitedError(TadaError):
-    """Too many calls; `facts["retry_after_seconds"]` says when to come back."""
+    """Too many calls; `facts["retry_after_seconds"]` is the time to wait."""
 
     code = "rate_limited"
     status = 429
@@ -165,7 +165,7 @@ class RateLimitedError(TadaError):
 
 
 class UnavailableError(TadaError):
-    """A part that the request needs is out of service for now; nothing was kept."""
+    """A service that the request needs is temporarily unavailable; nothing was stored."""
 
     code = "unavailable"
     status = 503
@@ -173,7 +173,7 @@ class UnavailableError(TadaError):
 
 
 class StorageFullError(TadaError):
-    """The disk has no room; nothing was kept, the phone keeps its copy and tries again."""
+    """The disk is full; nothing was stored, so the phone keeps its copy and tries again."""
 
     code = "storage_full"
     status = 503

@@ -1,7 +1,7 @@
-"""One traceback a cause and minute: while a database is away, each request and each heartbeat would bring its own.
+"""Log one traceback per cause and minute: during a database outage each request and heartbeat would log its own.
 
-A processor of structlog. The first line of a cause has the traceback, the next name the cause alone. Of a database, a
-disk or a network that is away ten lines a minute are enough: more are left out, and counted in the next minute's first.
+A structlog processor. The first line of a cause has the traceback, the next ones only name the cause. For outages of a
+database, disk or network, lines beyond ten per minute are dropped and counted in the next minute's first line.
 """
 
 import sys
@@ -16,60 +16,60 @@ import structlog
 from structlog.typing import EventDict, WrappedLogger
 
 WINDOW_SECONDS = 60.0
-LINES = 10  # in a window, of a cause that is nobody's but the machine's: other lines may name what is wrong with whom
-AWAY = frozenset({"OperationalError", "InterfaceError"})  # of database drivers, beside all of OSError
+MAX_LINES = 10  # per window, only for outages: lines of other causes may differ in what they report
+OUTAGE_ERRORS = frozenset({"OperationalError", "InterfaceError"})  # of database drivers, beside all OSErrors
 MAX_CAUSES = 200
 
 Cause = tuple[str, str, int]  # the exception's type, and where it was raised
 
 
 @dataclass(slots=True)
-class _Seen:
+class _Window:
     since: float
     lines: int = 0
     left_out: int = 0
 
 
-class OneTracebackACause:
-    """Keeps what it has seen in this process. clock: monotonic, s."""
+class OneTracebackPerCause:
+    """Remembers the causes logged in this process. clock: monotonic, s."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._seen: dict[Cause, _Seen] = {}
+        self._windows: dict[Cause, _Window] = {}
         self._lock = threading.Lock()
 
     def __call__(self, _: WrappedLogger, __: str, line: EventDict) -> EventDict:
-        """Leave the traceback in, replace it by a name, or drop the line."""
-        told = _exception_of(line.get("exc_info"))
-        if told is None:
+        """Keep the traceback, replace it by the cause's name, or drop the line."""
+        logged = _exception_of(line.get("exc_info"))
+        if logged is None:
             return line
-        error = _root_of(told)
+        error = _root_of(logged)
         cause = (type(error).__name__, *_innermost(error.__traceback__))
         with self._lock:
             now = self._clock()
-            seen = self._seen.get(cause)
-            if seen is None or now - seen.since > WINDOW_SECONDS:
-                left_out = seen.left_out if seen is not None else 0
-                self._seen.pop(cause, None)
-                self._seen[cause] = _Seen(now, 1)
-                if len(self._seen) > MAX_CAUSES:
-                    del self._seen[next(iter(self._seen))]
+            window = self._windows.get(cause)
+            if window is None or now - window.since > WINDOW_SECONDS:
+                left_out = window.left_out if window is not None else 0
+                self._windows.pop(cause, None)
+                self._windows[cause] = _Window(now, 1)
+                if len(self._windows) > MAX_CAUSES:
+                    del self._windows[next(iter(self._windows))]
                 if left_out:
                     line["lines_left_out"] = left_out
                 return line
-            seen.lines += 1
-            if seen.lines > LINES and (isinstance(error, OSError) or cause[0] in AWAY):
-                seen.left_out += 1
+            window.lines += 1
+            if window.lines > MAX_LINES and (isinstance(error, OSError) or cause[0] in OUTAGE_ERRORS):
+                window.left_out += 1
                 raise structlog.DropEvent
         del line["exc_info"]
-        line["cause"] = f"{cause[0]}, told within the last minute"
+        line["cause"] = f"{cause[0]}, logged within the last minute"
         return line
 
 
-def _exception_of(told: object) -> BaseException | None:
-    match told:
+def _exception_of(exc_info: object) -> BaseException | None:
+    match exc_info:
         case BaseException():
-            return told
+            return exc_info
         case (_, BaseException() as error, _):
             return error
         case None | False:
@@ -78,9 +78,9 @@ def _exception_of(told: object) -> BaseException | None:
 
 
 def _root_of(error: BaseException) -> BaseException:
-    """The exception that it began with."""
-    while (before := error.__cause__ or (None if error.__suppress_context__ else error.__context__)) is not None:
-        error = before
+    """Return the first exception of the chain."""
+    while (cause := error.__cause__ or (None if error.__suppress_context__ else error.__context__)) is not None:
+        error = cause
     return error
 
 

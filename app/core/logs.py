@@ -1,8 +1,8 @@
-"""Structured logs on standard error: JSON for machines, or lines for a person. No personal data: ids and codes only.
+"""Structured logs on standard error: JSON for machines, or lines for people. No personal data: ids and codes only.
 
-What a line tells beside its event: `request_id` in all of a request, `job_id` in all of a job, and the facts that the
-code learns on the way (`tell(meal_id=...)`), which also stand in the line that ends the request or the job. One search
-for a meal's id finds its whole way, from upload to record and webhook.
+Beside its event, a line has `request_id` during a request, `job_id` during a job, and the facts bound on the way
+(`bind_log_context(meal_id=...)`), which are also in the line that ends the request or job. So a search for a meal's id
+finds all its lines, from upload to record and webhook.
 """
 
 import contextlib
@@ -16,30 +16,30 @@ from collections.abc import Iterator, Mapping
 import structlog
 from structlog.typing import EventDict, Processor, WrappedLogger
 
-from app.core.log_causes import OneTracebackACause
+from app.core.log_causes import OneTracebackPerCause
 from app.core.settings import Settings
 
-QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")  # a line a step or a request each
+QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")  # they log every step or request
 UUID_PATTERN = re.compile(r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE)
 NO_ROUTE = "(no route)"
 
-# one mapping for a whole request or job: threads that work for it copy the context, and share what is in it
+# one mapping per request or job: its threads copy the context and share the mapping
 _facts: contextvars.ContextVar[dict[str, object] | None] = contextvars.ContextVar("facts", default=None)
 
 
 def route_name(scope: Mapping[str, object]) -> str:
-    """What logs call the target of a request of this ASGI scope: its route's pattern, such as /v1/meals/{meal_id}.
+    """Return the name of the request's target in logs: its route's pattern, such as /v1/meals/{meal_id}.
 
-    Never the path that was sent: paths hold participants' codes and the ids that phones make, and a path that fits no
-    route may hold anything.
+    Never the requested path: paths contain participants' codes and ids made by phones, and a path without a route may
+    contain anything.
     """
     return getattr(scope.get("route"), "path", NO_ROUTE)
 
 
 def request_id_of(sent: str | None) -> str:
-    """The id of a request: the one that a phone or a proxy sent, if it is a UUID (dashes or not), else a new one.
+    """Return a request's id: the one sent by a phone or proxy if it is a UUID, with or without dashes; else a new one.
 
-    A UUID and nothing else: what a caller writes there stands in the logs, and a UUID can hold no name and no token.
+    Only a UUID is accepted: the caller's value appears in the logs, and a UUID cannot contain a name or a token.
     """
     if sent is not None and UUID_PATTERN.fullmatch(sent):
         return sent.replace("-", "").lower()
@@ -47,32 +47,32 @@ def request_id_of(sent: str | None) -> str:
 
 
 @contextlib.contextmanager
-def telling(**facts: object) -> Iterator[dict[str, object]]:
-    """All lines until the end carry these facts, and those that `tell` adds. Ids and codes only."""
-    mine = dict(facts)
-    token = _facts.set(mine)
+def log_context(**facts: object) -> Iterator[dict[str, object]]:
+    """Add these facts, and those of `bind_log_context`, to all lines inside. Ids and codes only."""
+    context_facts = dict(facts)
+    token = _facts.set(context_facts)
     try:
-        yield mine
+        yield context_facts
     finally:
         _facts.reset(token)
 
 
-def tell(**facts: object) -> None:
-    """Add facts to all further lines of this request or job; outside of one, nothing."""
-    mine = _facts.get()
-    if mine is not None:
-        mine.update(facts)
+def bind_log_context(**facts: object) -> None:
+    """Add facts to all further lines of this request or job; outside of one, do nothing."""
+    context_facts = _facts.get()
+    if context_facts is not None:
+        context_facts.update(facts)
 
 
 def _add_facts(_: WrappedLogger, __: str, line: EventDict) -> EventDict:
-    """A processor: what was told; the line's own words win."""
+    """Add the facts of the context; the line's own fields take precedence."""
     for name, value in (_facts.get() or {}).items():
         line.setdefault(name, value)
     return line
 
 
 class _Stderr:
-    """Standard error that loses a line rather than the request which it tells of: the log's disk may be full."""
+    """Standard error that drops lines it cannot write: a full log disk must not fail requests."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -85,7 +85,7 @@ class _Stderr:
 
 
 def configure_logging(settings: Settings) -> None:
-    """Set up structlog and the standard library's logging to write the same way."""
+    """Set up structlog and the standard library's logging to write the same format."""
     renderer = (
         structlog.processors.JSONRenderer()
         if settings.log_format == "json"
@@ -97,7 +97,7 @@ def configure_logging(settings: Settings) -> None:
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.StackInfoRenderer(),
-        OneTracebackACause(),
+        OneTracebackPerCause(),
         structlog.processors.format_exc_info,
     ]
     level = logging.getLevelNamesMapping()[settings.log_level]

@@ -1,10 +1,10 @@
-"""What this program writes is nobody else's to read: photographs, names, keys. Called first in each process."""
+"""Keep files that the program writes private: photographs, names, keys. Called first in each process."""
 
 import os
 
-OTHERS = 0o077  # what the group and everybody else may do
+OTHERS = 0o077  # permissions of group and others
 
 
 def keep_files_private() -> None:
-    """New files are 0600 and new folders 0700, whatever the shell that started us says."""
+    """Create files as 0600 and folders as 0700, whatever umask the process inherited."""
     os.umask(OTHERS)

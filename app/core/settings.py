@@ -1,8 +1,8 @@
 """Settings: typed, frozen, from TADA_* variables; read once by a composition root, never at import time.
 
-The secrets among them have no defaults; tokens and codes are drawn per user and stored as hashes. A setting may also
-stand in a file of the folder that TADA_SECRETS_DIR names, called as its variable (in small letters too): so secrets of
-Docker, Kubernetes and systemd need not go through the environment. A variable goes before a file.
+Secrets have no defaults; tokens and codes are drawn per user and stored as hashes. A setting may also be in a file of
+the folder TADA_SECRETS_DIR, named like its variable (or in lower case), so that secrets of Docker, Kubernetes and
+systemd need not be in the environment. A variable takes precedence over a file.
 """
 
 import os
@@ -18,7 +18,7 @@ MEBIBYTE = 1024 * 1024
 
 
 class Settings(BaseSettings):
-    """What the people who run the server may set. Every field is the variable TADA_<FIELD IN CAPITALS>."""
+    """Settings of the operators. Every field is the variable TADA_<FIELD IN CAPITALS>."""
 
     model_config = SettingsConfigDict(env_prefix="TADA_", frozen=True, extra="ignore")
 
@@ -151,18 +151,18 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Arguments, then variables, then files of TADA_SECRETS_DIR. Raises NotADirectoryError for one that is none."""
+        """Order the sources: arguments, variables, files of TADA_SECRETS_DIR. Raises NotADirectoryError."""
         del dotenv_settings, file_secret_settings
         folder = os.environ.get("TADA_SECRETS_DIR")
         if not folder:
             return init_settings, env_settings
         if not Path(folder).is_dir():
-            raise NotADirectoryError(f"TADA_SECRETS_DIR: {folder} is no folder.")
+            raise NotADirectoryError(f"TADA_SECRETS_DIR: {folder} is not a folder.")
         return init_settings, env_settings, SecretsSettingsSource(settings_cls, secrets_dir=folder)
 
     @cached_property
     def resolved_database_url(self) -> str:
-        """The database that is used: the given one, with its password, or SQLite in the data folder."""
+        """Return the database's URL: the configured one, with its password, or SQLite in the data folder."""
         if self.database_url is None:
             return f"sqlite:///{self.data_dir.absolute() / 'tada.sqlite3'}"
         parts = urlsplit(self.database_url)
@@ -174,14 +174,14 @@ class Settings(BaseSettings):
 
     @cached_property
     def resolved_blob_url(self) -> str:
-        """The blob store that is used: the given one, or a folder in the data folder."""
+        """Return the blob store's URL: the configured one, or a folder in the data folder."""
         return self.blob_url or f"file://{self.data_dir.absolute() / 'blobs'}"
 
     @cached_property
     def resolved_erasure_url(self) -> str:
-        """The ledger of erasures that is used: the given one, or a folder in the data folder.
+        """Return the URL of the ledger of erasures: the configured one, or a folder in the data folder.
 
-        With blobs in S3 it stands beside them, where all machines see it and none takes it along when it goes.
+        With blobs in S3 it is beside them, where all machines see it and the loss of a machine does not affect it.
         """
         if self.erasure_url is None and self.resolved_blob_url.startswith("s3://"):
             return f"{self.resolved_blob_url.rstrip('/')}/.erasures"
@@ -189,5 +189,5 @@ class Settings(BaseSettings):
 
     @property
     def is_embedded(self) -> bool:
-        """One machine: SQLite; a worker's life is then an OS file lock and `tada serve` runs its own worker."""
+        """Return whether the database is SQLite: one machine, workers use file locks, `tada serve` runs a worker."""
         return self.resolved_database_url.startswith("sqlite")

@@ -1,7 +1,7 @@
-"""The only conversions: volumes, masses and energies, each unit with its quantity; what cannot be converted raises.
+"""All unit conversions: volumes, masses and energies; converting between quantities raises.
 
-A volume never becomes a mass here: that takes a density (nutrition/mass.py). International units (IU) become nothing
-else: their size depends on the vitamin and on its form.
+A volume is never converted to a mass here: that needs a density (nutrition/mass.py). International units (IU) are not
+converted: their size depends on the vitamin and its form.
 """
 
 import math
@@ -14,7 +14,7 @@ KJ_PER_KCAL = 4.184  # thermochemical calorie, as INFOODS and USDA use it
 
 
 class Unit(StrEnum):
-    """A unit that figures in this system carry. Cup, fluid ounce and spoons are the US customary ones."""
+    """A unit of figures in this system. Cup, fluid ounce and spoons are the US customary ones."""
 
     MM3 = "mm3"
     ML = "ml"
@@ -31,8 +31,8 @@ class Unit(StrEnum):
     IU = "IU"
 
 
-# What one of it is in the quantity's own unit: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon 231 cubic
-# inches, which holds 16 cups, 128 fluid ounces, 256 tablespoons, 768 teaspoons (NIST Handbook 44, appendix C).
+# Size in the base unit of the quantity: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon is 231 cubic
+# inches = 16 cups = 128 fluid ounces = 256 tablespoons = 768 teaspoons (NIST Handbook 44, appendix C).
 _CUBIC_INCH_ML = 25.4**3 / 1000.0
 _SIZES: dict[Unit, tuple[Quantity, float]] = {
     Unit.MM3: ("volume", 1e-3),
@@ -52,11 +52,11 @@ _SIZES: dict[Unit, tuple[Quantity, float]] = {
 
 
 class UnitMismatchError(ValueError):
-    """The two units measure different quantities, so no factor leads from one to the other."""
+    """The two units measure different quantities, so there is no conversion factor."""
 
 
 def convert(value: float, source: Unit, target: Unit) -> float:
-    """`value` in `source` units -> the same in `target` units.
+    """Convert a value from `source` units to `target` units.
 
     Raises UnitMismatchError if they measure different quantities.
     """
@@ -68,19 +68,19 @@ def convert(value: float, source: Unit, target: Unit) -> float:
 
 
 def ml_from_mm3(volume_mm3: float) -> float:
-    """Cubic millimetres -> millilitres."""
+    """Convert cubic millimetres to millilitres."""
     return convert(volume_mm3, Unit.MM3, Unit.ML)
 
 
 def kj_from_kcal(energy_kcal: float) -> float:
-    """Kilocalories -> kilojoules (x 4.184)."""
+    """Convert kilocalories to kilojoules (x 4.184)."""
     return convert(energy_kcal, Unit.KCAL, Unit.KJ)
 
 
 def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:
-    """Density, g/ml, of a portion of `mass_g` grams that fills `measure` units of volume (one cup, half a cup ...).
+    """Return the density, g/ml, of a portion of `mass_g` grams that fills `measure` units of volume (half a cup ...).
 
-    Raises UnitMismatchError if the unit is no volume, ValueError if mass or measure is not positive and finite.
+    Raises UnitMismatchError if the unit is not a volume, ValueError if mass or measure is not positive and finite.
     """
     volume_ml = convert(measure, unit, Unit.ML)
     if not (0.0 < mass_g < math.inf and 0.0 < volume_ml < math.inf):
@@ -89,5 +89,5 @@ def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:
 
 
 def content_of_mass(per_100_g: float, mass_g: float) -> float:
-    """What `mass_g` grams hold of a component of which 100 g hold `per_100_g`, in that figure's unit."""
+    """Return the amount of a component in `mass_g` grams, in the unit of its content `per_100_g`."""
     return per_100_g * mass_g / 100.0

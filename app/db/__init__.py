@@ -1,1 +1,1 @@
-"""The database: sessions, models, and all SQL (queries/)."""
+"""The database: sessions, column types, migrations, bulk access. SQL of a domain is in its queries.py."""

@@ -18,13 +18,13 @@ NAMING = {
 
 
 class UtcDateTime(sa.types.TypeDecorator[datetime]):
-    """An instant: aware in Python, UTC in the database; a naive datetime is refused, not guessed."""
+    """An instant: aware in Python, UTC in the database; a naive datetime is refused."""
 
     impl = sa.DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: sa.Dialect) -> datetime | None:
-        """Aware datetime to UTC (SQLite keeps no zone, so all that it keeps is UTC)."""
+        """Convert an aware datetime to UTC (SQLite stores no time zone)."""
         del dialect
         if value is None:
             return None
@@ -33,7 +33,7 @@ class UtcDateTime(sa.types.TypeDecorator[datetime]):
         return value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: sa.Dialect) -> datetime | None:
-        """UTC from the database as an aware datetime."""
+        """Return the database's UTC time as an aware datetime."""
         del dialect
         if value is None:
             return None
@@ -45,10 +45,10 @@ JsonValue = sa.JSON(none_as_null=True).with_variant(postgresql.JSONB(none_as_nul
 
 @dataclass(frozen=True, slots=True)
 class Personal:
-    """Whose rows a table holds: what erasures and a participant's own export read (privacy/queries.py).
+    """How a table's rows belong to a participant, for erasures and a participant's own export (privacy/queries.py).
 
-    through: columns that lead, by their foreign keys, to a meal or a participant. export_as: name in the export; None:
-    left out. order_by: column.
+    through: columns whose foreign keys lead to a meal or a participant. export_as: name in the export; None: not
+    exported. order_by: column.
     """
 
     through: tuple[str, ...]
@@ -58,7 +58,7 @@ class Personal:
 
 @dataclass(frozen=True, slots=True)
 class BlobColumns:
-    """Where a table names a blob. erased_at: column that is set once the blob is to go; None: the row goes instead."""
+    """Columns that reference a blob. erased_at: column set when the blob is to be deleted; None: the row is deleted."""
 
     key: str = "blob_key"
     erased_at: str | None = None
@@ -84,6 +84,6 @@ class Base(DeclarativeBase):
 
 
 def one_of(column: str, values: tuple[str, ...]) -> sa.CheckConstraint:
-    """A check that a text column holds one of these words."""
-    words = ", ".join(f"'{value}'" for value in values)
-    return sa.CheckConstraint(f"{column} IN ({words})", name=column)
+    """Return a check that a text column has one of these values."""
+    listed = ", ".join(f"'{value}'" for value in values)
+    return sa.CheckConstraint(f"{column} IN ({listed})", name=column)

@@ -1,6 +1,6 @@
-"""Many rows at once: PostgreSQL's COPY, several times as fast as its INSERTs; on SQLite one prepared statement.
+"""Bulk inserts: COPY on PostgreSQL, several times faster than INSERT; one prepared statement on SQLite.
 
-And what the planner of PostgreSQL wants to know afterwards.
+`refresh_statistics` updates PostgreSQL's planner statistics afterwards.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from app.db.base import Base
 
 
 def insert_rows(session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]) -> None:
-    """Insert rows that all have the same plain columns (numbers and texts), in the session's transaction."""
+    """Insert rows with the same columns, of numbers and texts only, in the session's transaction."""
     if not rows:
         return
     connection = session.connection()
@@ -29,7 +29,7 @@ def insert_rows(session: Session, model: type[Base], rows: Sequence[Mapping[str,
 
 
 def refresh_statistics(session: Session, models: Sequence[type[Base]]) -> None:
-    """Tell PostgreSQL's planner of many new rows at once, not when its own vacuum comes by; SQLite needs no telling."""
+    """Update PostgreSQL's planner statistics now instead of at the next autovacuum; does nothing on SQLite."""
     connection = session.connection()
     if connection.dialect.name != "sqlite":
         quote = connection.dialect.identifier_preparer.quote

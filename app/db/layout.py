@@ -1,7 +1,7 @@
-"""Which tables and columns a schema has, by name and plain type: the same for SQLite and PostgreSQL, for any revision.
+"""The tables and columns of a schema at any revision, by name and plain type, alike for SQLite and PostgreSQL.
 
-Asked of an empty scratch database that is brought to the revision: so a backup reads a database that is not upgraded
-yet, and knows our tables from others that stand beside them.
+Read from an empty scratch database migrated to the revision, so that a backup can read a database that is not upgraded
+yet, and distinguish our tables from others.
 """
 
 import tempfile
@@ -18,23 +18,23 @@ from app.db.migrate import upgrade
 from app.db.session import Database
 
 ColumnType = Literal["uuid", "instant", "date", "json", "bytes", "float", "integer", "boolean", "text"]
-# the schema's own; claims to be alive now; what is counted anew from the rest; files that are made again for the asking
-OF_NO_WORTH_LATER = frozenset(
+# left out of backups: the schema's revision; leases; sums, which are recomputed; exports, which can be requested again
+TRANSIENT_TABLES = frozenset(
     {"alembic_version", "worker_lease", "day_sum", "day_mark", "study_day_sum", "study_day_mark", "export"}
 )
 
 
 class RawJson(sa.types.UserDefinedType[str]):
-    """JSON as the text that the database keeps: NULL and JSON's null stay apart, and no number is rounded."""
+    """JSON as the database's text: NULL and JSON's null stay distinct, and no number is rounded."""
 
     cache_ok = True
 
     def get_col_spec(self, **_: object) -> str:
-        """Only for statements that are printed: no table is made with it."""
+        """Return a type for printed statements; no table is created with it."""
         return "JSON"
 
     def column_expression(self, colexpr: sa.ColumnElement[str]) -> sa.ColumnElement[str]:
-        """As text."""
+        """Select the column as text."""
         return sa.cast(colexpr, sa.Text())
 
 
@@ -53,7 +53,7 @@ SQL_TYPES: dict[ColumnType, sa.types.TypeEngine[Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """A column's name, what kind of value it holds, and whether it may be NULL."""
+    """A column's name, type, and whether it may be NULL."""
 
     name: str
     type: ColumnType
@@ -62,24 +62,24 @@ class ColumnLayout:
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """A table and its columns in their order; key: the columns of its primary key."""
+    """A table and its columns in order; key: the columns of its primary key."""
 
     name: str
     columns: tuple[ColumnLayout, ...]
     key: tuple[str, ...]
 
     def place(self, column: str) -> int | None:
-        """Which value of a row is this column's; None: the table has no such column."""
-        return next((place for place, one in enumerate(self.columns) if one.name == column), None)
+        """Return the index of a column in a row; None: the table has no such column."""
+        return next((place for place, layout in enumerate(self.columns) if layout.name == column), None)
 
     def table(self) -> sa.TableClause:
-        """To select from and insert into, on either kind of database."""
-        return sa.table(self.name, *(sa.column(one.name, SQL_TYPES[one.type]) for one in self.columns))
+        """Return the table to select from and insert into, on either kind of database."""
+        return sa.table(self.name, *(sa.column(column.name, SQL_TYPES[column.type]) for column in self.columns))
 
 
 @cache
 def layout_at(revision: str) -> tuple[TableLayout, ...]:
-    """Our tables at a revision that this code knows (migrate.revisions), those that are referred to first."""
+    """Return our tables at a known revision (schema_state.revisions), referenced tables first."""
     with tempfile.TemporaryDirectory(prefix="tada-layout-") as folder:
         scratch = Database(f"sqlite:///{Path(folder) / 'layout.sqlite3'}")
         try:
@@ -88,15 +88,15 @@ def layout_at(revision: str) -> tuple[TableLayout, ...]:
             metadata.reflect(scratch.read_engine)
         finally:
             scratch.dispose()
-    return tuple(_layout_of(table) for table in metadata.sorted_tables if table.name not in OF_NO_WORTH_LATER)
+    return tuple(_layout_of(table) for table in metadata.sorted_tables if table.name not in TRANSIENT_TABLES)
 
 
 def difference(connection: sa.Connection, layout: Sequence[TableLayout]) -> str | None:
-    """The first table whose columns in this database are not those of the layout, in words; None: all are."""
+    """Return how this database's columns differ from the layout, for the first such table; None: they do not."""
     inspector = sa.inspect(connection)
-    there = set(inspector.get_table_names())
+    existing = set(inspector.get_table_names())
     for table in layout:
-        if table.name not in there:
+        if table.name not in existing:
             return f"there is no table {table.name}"
         columns = {column["name"] for column in inspector.get_columns(table.name)}
         if columns != {column.name for column in table.columns}:
@@ -107,13 +107,13 @@ def difference(connection: sa.Connection, layout: Sequence[TableLayout]) -> str 
 def _layout_of(table: sa.Table) -> TableLayout:
     return TableLayout(
         table.name,
-        tuple(ColumnLayout(one.name, _type_of(one), bool(one.nullable)) for one in table.columns),
-        tuple(one.name for one in table.primary_key.columns),
+        tuple(ColumnLayout(column.name, _type_of(column), bool(column.nullable)) for column in table.columns),
+        tuple(column.name for column in table.primary_key.columns),
     )
 
 
 def _type_of(column: sa.Column[Any]) -> ColumnType:
-    """What a column of SQLite that a migration made is for."""
+    """Return the type of a SQLite column created by a migration."""
     match column.type:
         case sa.CHAR(length=32):
             return "uuid"
@@ -134,4 +134,4 @@ def _type_of(column: sa.Column[Any]) -> ColumnType:
         case sa.String():
             return "text"
         case other:
-            raise TypeError(f"{column.table.name}.{column.name}: no backup is known of {other!r}")
+            raise TypeError(f"{column.table.name}.{column.name}: backups do not support {other!r}")

@@ -1,8 +1,8 @@
-"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`. How it stands: schema_state.py.
+"""Migrate the schema with Alembic: `upgrade`, `downgrade`. Its current state: schema_state.py.
 
-One migrator at a time, in one transaction, which holds the lock too: whatever ends the migrator, or its connection,
-ends both, and the schema is as it was. Nothing is waited for without end. Code beside a newer schema is the rule while
-machines are upgraded one by one (docs/deployment.md): such code goes on, and migrates nothing.
+Only one process migrates at a time, in one transaction that also holds the lock: if the process or its connection ends,
+both are gone and the schema is unchanged. Every wait is bounded. Code with a newer schema is normal while machines are
+upgraded one by one (docs/deployment.md): it keeps working and migrates nothing.
 """
 
 import sqlite3
@@ -33,42 +33,42 @@ from app.db.session import BUSY_TIMEOUT_SECONDS, Database
 log = structlog.get_logger()
 
 ADVISORY_LOCK = 7_241_960_311  # one migrator at a time; the number has no meaning
-LOOK_SECONDS = 0.2  # how often a migrator that waits for its turn asks for it
-PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of a lock_timeout that ran out
+POLL_SECONDS = 0.2  # interval at which a waiting migrator tries the lock
+PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of an expired lock_timeout
 PG_DEADLOCK = "40P01"
 PG_INVALID_PARAMETER_VALUE = "22023"
-PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL that notices during a long statement that its client has died
+PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL version that can detect a dead client during a statement
 
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """What a migrator waits for at most, in seconds; another one in tests."""
+    """Limits of a migrator's waits, in seconds; tests use others."""
 
-    turn_seconds: float = 120.0  # while another migrator works; on SQLite while anybody writes
-    lock_seconds: float = 5.0  # PostgreSQL: for one table; everybody who comes later waits behind it for so long
-    tries: int = 8  # to get the tables' locks; in between the others go on
+    turn_seconds: float = 120.0  # for another migrator; on SQLite for any writer
+    lock_seconds: float = 5.0  # PostgreSQL: for one table's lock; later statements on it queue behind this wait
+    tries: int = 8  # attempts to get the tables' locks; others continue in between
     pause_seconds: float = 2.0
-    statement_seconds: float = 3600.0  # PostgreSQL: an index on the largest table
-    idle_seconds: float = 300.0  # PostgreSQL: a migrator that does nothing for so long has been stopped
+    statement_seconds: float = 3600.0  # PostgreSQL: for an index on the largest table
+    idle_seconds: float = 300.0  # PostgreSQL: a migrator idle for this long has been suspended
 
 
 class MigrationBlockedError(UnavailableError):
-    """A table was in use without pause: its lock was never free; nothing was changed."""
+    """A table's lock could not be acquired at any attempt; nothing was changed."""
 
     code = "migration_blocked"
 
 
 class SchemaUnknownError(ConflictError):
-    """The schema was made by a newer program, which alone can change it, or by one before 0.4."""
+    """The schema was created by a newer program, which alone can change it, or by a version before 0.4."""
 
     code = "schema_unknown"
 
 
 def upgrade(database: Database, revision: str = "head", patience: Patience | None = None) -> None:
-    """Migrate up to `revision`. Does nothing if a newer program has migrated further than this one knows.
+    """Migrate up to `revision`. Does nothing if a newer program has already migrated beyond this one's head.
 
-    Raises MigrationBusyError or MigrationBlockedError when patience ends, InvalidInputError for no such revision,
-    SchemaUnknownError when `revision` is told and the schema is a newer program's. Nothing is changed then.
+    Raises MigrationBusyError or MigrationBlockedError after `patience`, InvalidInputError for an unknown revision,
+    SchemaUnknownError if `revision` is given and the schema is a newer program's. Nothing is changed then.
     """
     if revision == "head":
         state = schema_state(database)
@@ -80,38 +80,37 @@ def upgrade(database: Database, revision: str = "head", patience: Patience | Non
 
 
 def downgrade(database: Database, revision: str, patience: Patience | None = None) -> None:
-    """Migrate down to `revision`; what the older schema cannot hold is lost, as its migration says. Raises: upgrade."""
+    """Migrate down to `revision`; data that the older schema has no room for are lost. Raises as `upgrade` does."""
     _migrate(database, command.downgrade, revision, patience or Patience())
 
 
 def _migrate(database: Database, run: Callable[[Config, str], None], revision: str, patience: Patience) -> None:
     if revision not in {"head", "base", *revisions()}:
-        raise InvalidInputError(f"There is no revision {revision!r}. Those that there are: {', '.join(revisions())}.")
-    turn = _sqlite_turn if database.is_sqlite else _postgres_turn
+        raise InvalidInputError(f"There is no revision {revision!r}; the revisions are {', '.join(revisions())}.")
+    locked = _sqlite_migration_lock if database.is_sqlite else _postgres_migration_lock
     deadline = time.monotonic() + patience.turn_seconds
     for attempt in range(1, patience.tries + 1):
         try:
-            with turn(database, patience, deadline) as connection:
-                before = revision_of(connection)
-                if before is not None and before not in revisions():
-                    _require_newer(before)
-                    if revision == "head":  # a newer program was quicker
+            with locked(database, patience, deadline) as connection:
+                current = revision_of(connection)
+                if current is not None and current not in revisions():
+                    _require_newer(current)
+                    if revision == "head":  # a newer program migrated first
                         return
                     raise SchemaUnknownError(
-                        f"The schema ({before}) was made by a newer program than this one, which only that knows to "
-                        "change."
+                        f"The schema ({current}) was created by a newer program, which alone can change it."
                     )
                 run(_config(connection), revision)
-                if database.is_sqlite and revision_of(connection) != before:
-                    _require_whole_references(connection)
+                if database.is_sqlite and revision_of(connection) != current:
+                    _check_foreign_keys(connection)
         except sa.exc.OperationalError as error:
             if getattr(error.orig, "sqlstate", None) not in (PG_LOCK_NOT_AVAILABLE, PG_DEADLOCK):
                 raise
             log.warning("migration_waits_for_a_table", attempt=attempt, of=patience.tries)
             if attempt == patience.tries:
                 raise MigrationBlockedError(
-                    f"A table that has to change was in use at each of {patience.tries} tries, so nothing was changed. "
-                    "Look in pg_stat_activity for transactions that stay open (a backup, an export, somebody's psql), "
+                    f"A table that has to change was in use at each of {patience.tries} attempts; nothing was changed. "
+                    "Look in pg_stat_activity for open transactions (a backup, an export, a psql session), "
                     "then migrate again."
                 ) from error
         else:
@@ -122,14 +121,14 @@ def _migrate(database: Database, run: Callable[[Config, str], None], revision: s
 def _require_newer(revision: str) -> None:
     if is_before_baseline(revision):
         raise SchemaUnknownError(
-            f"The schema ({revision}) was made by a version before 0.4, whose databases are not brought up to date: "
+            f"The schema ({revision}) was created by a version before 0.4, whose databases cannot be upgraded: "
             "start with an empty one."
         )
 
 
 @contextmanager
-def _postgres_turn(database: Database, patience: Patience, deadline: float) -> Iterator[sa.Connection]:
-    """A connection in the one transaction that may migrate; committed at the end. The lock is the transaction's own."""
+def _postgres_migration_lock(database: Database, patience: Patience, deadline: float) -> Iterator[sa.Connection]:
+    """Yield a connection in a transaction that holds the migration lock; commit at the end."""
     with database.write_engine.connect() as connection:
         while True:
             with connection.begin():
@@ -138,8 +137,8 @@ def _postgres_turn(database: Database, patience: Patience, deadline: float) -> I
                     yield connection
                     return
             if time.monotonic() > deadline:
-                raise _busy("Another process migrates", patience)
-            time.sleep(LOOK_SECONDS)
+                raise _busy("Another process is migrating", patience)
+            time.sleep(POLL_SECONDS)
 
 
 def _limit(connection: sa.Connection, patience: Patience) -> None:
@@ -151,14 +150,14 @@ def _limit(connection: sa.Connection, patience: Patience) -> None:
     for name, seconds in limits.items():
         connection.execute(sa.text(f"SET LOCAL {name} = {int(seconds * 1000)}"))
     if int(connection.scalar(sa.text("SHOW server_version_num"))) >= PG_CHECKS_CLIENTS:
-        _notice_our_death(connection, patience.lock_seconds)
+        _check_client_connection(connection, patience.lock_seconds)
 
 
-def _notice_our_death(connection: sa.Connection, every_seconds: float) -> None:
-    """Have PostgreSQL look during long statements whether we still live.
+def _check_client_connection(connection: sa.Connection, every_seconds: float) -> None:
+    """Make PostgreSQL check during long statements whether this client is still connected.
 
-    Where its system cannot tell (on Windows and, before 15, all but Linux) it refuses the setting: then our locks last
-    until the statement ends, as before 14.
+    Where its platform does not support this (Windows and, before 15, all but Linux) it refuses the setting: our locks
+    then last until the statement ends, as before 14.
     """
     try:
         with connection.begin_nested():
@@ -170,11 +169,11 @@ def _notice_our_death(connection: sa.Connection, every_seconds: float) -> None:
 
 
 @contextmanager
-def _sqlite_turn(database: Database, patience: Patience, _deadline: float) -> Iterator[sa.Connection]:
-    """The same on SQLite, where BEGIN IMMEDIATE is the lock."""
+def _sqlite_migration_lock(database: Database, patience: Patience, _deadline: float) -> Iterator[sa.Connection]:
+    """Do the same on SQLite, where BEGIN IMMEDIATE is the lock."""
     with database.write_engine.connect() as connection:
-        # It alters a table by making it anew, and dropping the old one would count as deleting its rows. Only outside a
-        # transaction can this be set.
+        # SQLite alters a table by recreating it, and dropping the old one would count as deleting its rows. The pragma
+        # can only be set outside a transaction.
         _set_pragma(connection, "foreign_keys = OFF")
         _set_pragma(connection, f"busy_timeout = {int(patience.turn_seconds * 1000)}")
         try:
@@ -183,7 +182,7 @@ def _sqlite_turn(database: Database, patience: Patience, _deadline: float) -> It
             except sa.exc.OperationalError as error:
                 if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_BUSY:
                     raise
-                raise _busy("Another process writes to the database", patience) from error
+                raise _busy("Another process is writing to the database", patience) from error
             with transaction:
                 yield connection
         finally:
@@ -191,24 +190,24 @@ def _sqlite_turn(database: Database, patience: Patience, _deadline: float) -> It
             _set_pragma(connection, "foreign_keys = ON")
 
 
-def _busy(what: str, patience: Patience) -> MigrationBusyError:
+def _busy(reason: str, patience: Patience) -> MigrationBusyError:
     return MigrationBusyError(
-        f"{what}, for more than {patience.turn_seconds:.0f} s: wait for it to end, then do the same again."
+        f"{reason}, for more than {patience.turn_seconds:.0f} s: wait for it to end, then try again."
     )
 
 
 def _set_pragma(connection: sa.Connection, setting: str) -> None:
-    """On the driver's own connection: SQLAlchemy's would begin a transaction."""
+    """Set a pragma on the driver's connection, since SQLAlchemy's would begin a transaction."""
     cursor = connection.connection.cursor()
     cursor.execute(f"PRAGMA {setting}")
     cursor.close()
 
 
-def _require_whole_references(connection: sa.Connection) -> None:
-    """Raises sa.exc.IntegrityError, before the commit, if a migration left a reference to a row that is not there."""
+def _check_foreign_keys(connection: sa.Connection) -> None:
+    """Raise sa.exc.IntegrityError, before the commit, if a migration left a dangling reference."""
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     if broken:
-        raise sa.exc.IntegrityError("PRAGMA foreign_key_check", None, ValueError(f"rows refer to none: {broken[:5]}"))
+        raise sa.exc.IntegrityError("PRAGMA foreign_key_check", None, ValueError(f"dangling references: {broken[:5]}"))
 
 
 def _config(connection: sa.Connection) -> Config:

@@ -1,9 +1,9 @@
 """Engines and transactions, on SQLite and PostgreSQL alike: `database.write()` and `database.read()`.
 
-Only services open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept short),
-readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. A read sees one
-moment, however many queries it makes: else a page of changes may pass one over for good. Errors do not quote the values
-of their statements: they end up in logs, and the values are about people.
+Only use cases open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept
+short), readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. A read is a
+snapshot over all its queries: otherwise a page of changes could miss one for good. Errors do not quote the values of
+statements, since errors are logged and the values are personal.
 """
 
 import sqlite3
@@ -24,15 +24,15 @@ from app.core.errors import TadaError
 from app.core.settings import Settings
 
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
-POOL_WAIT_SECONDS = 10.0  # for a free connection; then the request is told to come back (503)
-CONNECTION_LIFE_SECONDS = 1800.0  # PostgreSQL: then a connection is made anew, so that a failover is followed
-CONNECT_SECONDS = 10  # PostgreSQL: to a host that does not answer
-# PostgreSQL: a host that vanished (no FIN, no RST) is noticed within a minute, also in the middle of a statement
+POOL_WAIT_SECONDS = 10.0  # for a free connection; then the request fails with 503
+CONNECTION_LIFE_SECONDS = 1800.0  # PostgreSQL: connections are replaced after this time, to follow a failover
+CONNECT_SECONDS = 10  # PostgreSQL: to connect
+# PostgreSQL: a vanished host (no FIN, no RST) is detected within a minute, even during a statement
 TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
-# PostgreSQL: plans made for the values of each question (one for any day or filter reads a whole study where a day was
-# asked for), and no compiling of statements, which takes longer than they do
+# PostgreSQL: plan each query for its values (a generic plan reads a whole study for one day), and do not compile
+# statements, which takes longer than executing them
 PG_SESSION = "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off"
-PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
+PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: invalid values
 PG_DEADLOCK = "40P01"
 DEADLOCK_TRIES = 5
 PG_DISK_FULL = "53100"  # SQLSTATE disk_full
@@ -43,9 +43,9 @@ Result = TypeVar("Result")
 
 @contextmanager
 def unless_taken(taken: TadaError) -> Iterator[None]:
-    """Around a transaction that makes something of which there may be one: a constraint that it breaks raises `taken`.
+    """Wrap a transaction that creates something unique: if it violates a constraint, raise `taken`.
 
-    Of two that make the same at the same time one succeeds.
+    If two create the same thing concurrently, one succeeds.
     """
     try:
         yield
@@ -55,15 +55,15 @@ def unless_taken(taken: TadaError) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class PoolLimits:
-    """What one process takes of a database server at most: `size` connections are kept, `overflow` more for a while."""
+    """Limits of one process: it keeps `size` connections and opens at most `overflow` more for a while."""
 
     size: int = 10
     overflow: int = 10
-    statement_seconds: float = 30.0  # PostgreSQL: no request may hold a connection longer
+    statement_seconds: float = 30.0  # PostgreSQL: maximum time of a statement
 
     @classmethod
     def of(cls, settings: Settings) -> Self:
-        """As TADA_DATABASE_* say."""
+        """Return the limits in TADA_DATABASE_*."""
         return cls(
             size=settings.database_pool_size,
             overflow=settings.database_pool_overflow,
@@ -72,12 +72,12 @@ class PoolLimits:
 
 
 def open_database(settings: Settings) -> "Database":
-    """The database that the settings name, within the limits that they set."""
+    """Open the configured database with the configured limits."""
     return Database(settings.resolved_database_url, PoolLimits.of(settings))
 
 
 class Database:
-    """The engines of one process. Make one in a composition root, pass it on, dispose of it at the end."""
+    """The engines of one process. Create it in a composition root, pass it on, dispose of it at the end."""
 
     def __init__(self, url: str, limits: PoolLimits | None = None) -> None:
         limits = limits or PoolLimits()
@@ -110,37 +110,37 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """A session in one transaction: committed at the end, rolled back on any exception."""
-        with self._turn_to_write(), Session(self.write_engine, expire_on_commit=False) as session, session.begin():
+        """Yield a session in one transaction: committed at the end, rolled back on any exception."""
+        with self._write_lock(), Session(self.write_engine, expire_on_commit=False) as session, session.begin():
             yield session
 
     @contextmanager
-    def _turn_to_write(self) -> Iterator[None]:
-        """SQLite: this process's threads write one after the other, each at once when the one before is done.
+    def _write_lock(self) -> Iterator[None]:
+        """On SQLite, serialise the writing threads of this process, so that each starts as soon as the last one ends.
 
-        Left to SQLite they would sleep and look again, up to 0.1 s at a time: eight uploads at once spent nine tenths
-        of their time so. Who has no turn in time goes on and is told by SQLite who is in the way.
+        SQLite's own wait polls at intervals of up to 0.1 s: eight simultaneous uploads spent nine tenths of their time
+        in it. If the lock is not acquired in time, continue without it: SQLite then raises "database is locked".
         """
-        has_turn = self.is_sqlite and self._writing.acquire(timeout=BUSY_TIMEOUT_SECONDS)
+        is_locked = self.is_sqlite and self._writing.acquire(timeout=BUSY_TIMEOUT_SECONDS)
         try:
             yield
         finally:
-            if has_turn:
+            if is_locked:
                 self._writing.release()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """A session in one read-only transaction: a snapshot from its first query on.
+        """Yield a session in one read-only transaction: a snapshot from its first query on.
 
-        A write in it is an error of the database.
+        The database refuses writes in it.
         """
         with Session(self.read_engine, expire_on_commit=False) as session, session.begin():
             yield session
 
     def empty_log(self, patience_seconds: float = 1.0) -> bool:
-        """SQLite: move the write-ahead log into the database and empty it, so that nothing erased is left in it.
+        """SQLite: move the write-ahead log into the database and empty it, so that no erased data remain in it.
 
-        Whether that is done; False: somebody reads or writes without pause, try again. PostgreSQL: nothing to do.
+        Returns False if readers or writers prevented it: try again. PostgreSQL: nothing to do.
         """
         if not self.is_sqlite:
             return True
@@ -161,7 +161,7 @@ class Database:
 
 
 def normalise_url(url: str) -> str:
-    """`postgresql://` (and `postgres://`) mean psycopg 3 here."""
+    """Return a database URL with `postgresql://` or `postgres://` replaced by psycopg 3's scheme."""
     for prefix in ("postgresql://", "postgres://"):
         if url.startswith(prefix):
             return "postgresql+psycopg://" + url.removeprefix(prefix)
@@ -169,12 +169,12 @@ def normalise_url(url: str) -> str:
 
 
 def sqlite_connection_pragmas(connection: sqlite3.Connection) -> None:
-    """What every SQLite connection has."""
+    """Set the pragmas that every SQLite connection needs."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")  # an acknowledged meal survives a power cut
     connection.execute("PRAGMA foreign_keys = ON")
     connection.execute(f"PRAGMA busy_timeout = {int(BUSY_TIMEOUT_SECONDS * 1000)}")
-    connection.execute("PRAGMA secure_delete = ON")  # erased is erased, in the file too
+    connection.execute("PRAGMA secure_delete = ON")  # overwrites erased data in the file
 
 
 def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool) -> sa.Engine:
@@ -192,7 +192,7 @@ def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _record: object) -> None:
-        connection.isolation_level = None  # the driver begins nothing by itself: `begin` below does
+        connection.isolation_level = None  # the driver opens no transactions: `begin` below does
         sqlite_connection_pragmas(connection)
         if query_only:
             connection.execute("PRAGMA query_only = ON")
@@ -205,23 +205,25 @@ def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool
 
 
 def _without_values(context: sa.engine.ExceptionContext) -> None:
-    """PostgreSQL tells the values that it refused ("DETAIL: Key (code)=(...)"): leave its first line and the SQLSTATE.
+    """Reduce PostgreSQL's error text to its first line and SQLSTATE: the rest has values ("DETAIL: Key (code)=(...)").
 
-    Of a data exception (class 22) the first line itself quotes the value.
+    For a data exception (class 22) keep only the SQLSTATE: the first line quotes the value too.
     """
     original, ours = context.original_exception, context.sqlalchemy_exception
     if not isinstance(original, psycopg.Error) or original.sqlstate is None:
         return
-    told, kept = str(original), f"SQLSTATE {original.sqlstate}"
+    full_text, reduced = str(original), f"SQLSTATE {original.sqlstate}"
     if not original.sqlstate.startswith(PG_DATA_EXCEPTION):
-        kept = f"{original.diag.message_primary} ({kept})"
-    original.args = (kept,)
+        reduced = f"{original.diag.message_primary} ({reduced})"
+    original.args = (reduced,)
     if ours is not None:
-        ours.args = tuple(one.replace(told, kept) if isinstance(one, str) else one for one in ours.args)
+        ours.args = tuple(
+            argument.replace(full_text, reduced) if isinstance(argument, str) else argument for argument in ours.args
+        )
 
 
 def despite_deadlocks(transaction: Callable[[], Result]) -> Result:
-    """Do a whole transaction, and the same again where PostgreSQL ended it so that another could go on."""
+    """Run a whole transaction, and run it again if PostgreSQL aborted it because of a deadlock."""
     for _ in range(DEADLOCK_TRIES - 1):
         try:
             return transaction()
@@ -232,7 +234,7 @@ def despite_deadlocks(transaction: Callable[[], Result]) -> Result:
 
 
 def is_disk_full(error: Exception) -> bool:
-    """Whether a database error says that its disk is full, by code, not by words."""
+    """Return whether a database error means that its disk is full, by error code."""
     original = getattr(error, "orig", None)
     if isinstance(original, sqlite3.Error):
         return getattr(original, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL

@@ -1,4 +1,4 @@
-"""Keys of blobs that are never used again."""
+"""The table of blob keys that must never be used again."""
 
 from datetime import datetime
 
@@ -9,10 +9,10 @@ from app.db.base import Base
 
 
 class SpentKey(Base):
-    """A blob that no row names is deleted as an orphan, or will be: from now on no row may name it.
+    """The key of a blob that is or will be deleted as an orphan: no row may name it any more.
 
-    Committed before the deletion, and never removed: whoever deletes may have been stopped for days before they do.
-    digest: SHA-256 of the key, so that nothing is told of an erased meal.
+    Committed before the deletion and never removed, since the deleting process may be suspended for days in between.
+    digest: SHA-256 of the key, which reveals nothing about an erased meal.
     """
 
     __tablename__ = "spent_key"

@@ -1,8 +1,8 @@
-"""SQL of spent keys: who deletes an orphan and who comes to name it agree on which of the two happens.
+"""SQL of spent keys: order the deletion of an orphan blob and a transaction that names its key.
 
-Both lock the key until they commit: who names it shared, who deletes it alone. So one is wholly before the other. The
-one who names it is first: the deleter sees the row, and leaves the blob. The deleter is first: the key is spent, which
-the other sees. SQLite needs no locks: it has one writer at a time.
+Both lock the key until they commit: a naming transaction shared, a deleting one exclusively, so one comes entirely
+before the other. If naming comes first, the deleter sees the row and keeps the blob. If deletion comes first, the other
+sees that the key is spent. SQLite needs no locks, since it has one writer at a time.
 """
 
 import hashlib
@@ -16,36 +16,36 @@ from app.db.spent_key_models import SpentKey
 
 
 def spent_among(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys that are never to be used again. Some hundreds at a time."""
-    of_digests = {_digest(key): key for key in keys}
-    if not of_digests:
+    """Return those of the keys that must not be used again. For some hundreds at a time."""
+    key_of_digest = {_digest(key): key for key in keys}
+    if not key_of_digest:
         return set()
-    query = sa.select(SpentKey.digest).where(SpentKey.digest.in_(of_digests))
-    return {of_digests[digest] for digest in session.scalars(query)}
+    query = sa.select(SpentKey.digest).where(SpentKey.digest.in_(key_of_digest))
+    return {key_of_digest[digest] for digest in session.scalars(query)}
 
 
 def hold(session: Session, keys: Collection[str]) -> None:
-    """Until this transaction ends nobody spends these keys; ask for `spent_among` after it."""
+    """Prevent these keys from being spent until this transaction ends; call `spent_among` afterwards."""
     if keys and session.get_bind().dialect.name == "postgresql":
         locks = (sa.func.pg_advisory_xact_lock_shared(number) for number in sorted(map(_number, keys)))
         session.execute(sa.select(*locks))
 
 
 def hold_alone(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys that nobody is just about to name, or to spend; until this transaction ends it stays so.
+    """Lock keys exclusively until this transaction ends, and return those that no other transaction has locked.
 
-    Some hundreds at a time. It waits for nobody, so it is in no deadlock with those who hold and wait.
+    For some hundreds at a time. It does not wait, so it cannot deadlock with `hold`, which does.
     """
     if not keys or session.get_bind().dialect.name != "postgresql":
         return set(keys)
     ordered = sorted(keys)
     locks = (sa.func.pg_try_advisory_xact_lock(_number(key)) for key in ordered)
-    got = session.execute(sa.select(*locks)).one()
-    return {key for key, is_ours in zip(ordered, got, strict=True) if is_ours}
+    locked = session.execute(sa.select(*locks)).one()
+    return {key for key, is_locked in zip(ordered, locked, strict=True) if is_locked}
 
 
 def spend(session: Session, keys: Collection[str], now: datetime) -> None:
-    """No row may name the keys any more. The same again is harmless."""
+    """Record that no row may name the keys any more. Repeating it is harmless."""
     for key in set(keys) - spent_among(session, keys):
         session.add(SpentKey(digest=_digest(key), spent_at=now))
 
@@ -55,5 +55,5 @@ def _digest(key: str) -> str:
 
 
 def _number(key: str) -> int:
-    """Of its lock: 64 bits of its digest, signed. Two keys of one number wait for each other, no more."""
+    """Return the number of its lock: 64 bits of its digest, signed. A collision only makes two keys share a lock."""
     return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], signed=True)

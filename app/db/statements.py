@@ -1,4 +1,4 @@
-"""Types of statements whose columns are put together at run time."""
+"""Types of statements whose columns are chosen at run time."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""An id as text, by the SQL that costs each database least."""
+"""Select an id as text by the cheapest SQL of each database."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from sqlalchemy.sql.functions import FunctionElement
 
 
 class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
-    """An id as text, in the way that costs the database least: PostgreSQL's has hyphens, SQLite's has none."""
+    """An id as text in the database's cheapest form: with hyphens on PostgreSQL, without on SQLite."""
 
     type = sa.String()
     inherit_cache = True

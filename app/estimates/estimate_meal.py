@@ -20,7 +20,7 @@ from app.candidates.identify import IdentifyFoods
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
 from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
 from app.core.errors import Failure
-from app.core.logs import tell
+from app.core.logs import bind_log_context
 from app.core.settings import Settings
 from app.db.session import Database
 from app.estimates.camera_choice import choose_camera
@@ -141,7 +141,7 @@ class EstimateMeal:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, result.answer, result.key)
         if result.answer.failure is not None:
-            tell(outcome=result.answer.failure.code)
+            bind_log_context(outcome=result.answer.failure.code)
         log.info("estimate_saved", result_key=result.key)  # it begins with the study's and the meal's id
 
     def abandon(self, job_id: uuid.UUID) -> None:

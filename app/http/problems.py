@@ -15,7 +15,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from app.core.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
-from app.core.logs import route_name, tell
+from app.core.logs import bind_log_context, route_name
 from app.db.session import is_disk_full
 
 log = structlog.get_logger()
@@ -103,7 +103,7 @@ def _document(
     facts: Mapping[str, object],
     headers: Mapping[str, str] | None,
 ) -> JSONResponse:
-    tell(code=code)  # the request's line in the log, and its figures, have it too
+    bind_log_context(code=code)  # the request's line in the log, and its figures, have it too
     title = http.HTTPStatus(status).phrase
     problem = Problem(title=title, status=status, detail=detail, code=code, retryable=retryable)
     return JSONResponse(

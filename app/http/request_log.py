@@ -12,7 +12,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.core.errors import TadaError
-from app.core.logs import request_id_of, route_name, telling
+from app.core.logs import log_context, request_id_of, route_name
 from app.http.problems import render_problem
 from app.metrics import instruments
 
@@ -58,7 +58,7 @@ class RequestLog:
             await send(message)
 
         instruments.IN_FLIGHT.inc()
-        with structlog.contextvars.bound_contextvars(request_id=request_id), telling() as facts:
+        with structlog.contextvars.bound_contextvars(request_id=request_id), log_context() as facts:
             try:
                 await self._app(scope, counted_receive, stamped_send)
             except Exception:

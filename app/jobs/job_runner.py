@@ -22,7 +22,7 @@ from sqlalchemy.orm import Session
 
 from app.children.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, is_passing
 from app.core.errors import Failure
-from app.core.logs import tell, telling
+from app.core.logs import bind_log_context, log_context
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.leases import Lease
@@ -132,7 +132,7 @@ class JobRunner(Generic[ResultT]):
             self._running[job_id] += 1
             instruments.JOBS_RUNNING.set(len(self._running))
         try:
-            with structlog.contextvars.bound_contextvars(job_id=str(job_id)), telling() as facts:
+            with structlog.contextvars.bound_contextvars(job_id=str(job_id)), log_context() as facts:
                 self._log_begin(job_id)
                 yield facts
         finally:
@@ -151,9 +151,9 @@ class JobRunner(Generic[ResultT]):
         if names is None:
             return
         waited = (datetime.now(UTC) - names.enqueued_at).total_seconds()
-        tell(meal_id=str(names.meal_id), purpose=names.purpose)
+        bind_log_context(meal_id=str(names.meal_id), purpose=names.purpose)
         if names.request_id is not None:
-            tell(request_id=names.request_id)
+            bind_log_context(request_id=names.request_id)
         if not names.attempts:
             instruments.JOB_WAIT.observe(max(waited, 0.0))
         log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
@@ -245,7 +245,7 @@ class JobRunner(Generic[ResultT]):
         if failure is None:
             jobs.finish_job(job, now)
             return True
-        tell(outcome=failure.code)
+        bind_log_context(outcome=failure.code)
         jobs.fail_job(job, meal, failure, now)
         if job.purpose != "meal":
             self._use_cases.settle(session, meal)

@@ -1,4 +1,4 @@
-"""Before a process serves or works: do the stores take us as we are set? One that is away for a while stops nobody."""
+"""Check before a process starts that the stores accept its configuration; a temporary outage does not stop it."""
 
 import structlog
 
@@ -11,20 +11,20 @@ log = structlog.get_logger()
 
 
 def check_stores(settings: Settings) -> None:
-    """Raises InvalidInputError, `settings_invalid`, for a wrong key, a bucket that is not there and the like."""
+    """Raise InvalidInputError, `settings_invalid`, for a wrong key, a missing bucket and the like."""
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     _check("TADA_BLOB_URL", blobs)
     _check("TADA_ERASURE_URL", open_blob_store(settings.resolved_erasure_url, settings))
-    if blobs.keeps_versions:  # the ledger may: it names nobody, and is to stay
+    if blobs.keeps_versions:  # the ledger may: it names nobody, and is kept
         log.error(
-            "store_keeps_versions", variable="TADA_BLOB_URL", detail="What is erased stays in it: docs/storage.md."
+            "store_keeps_versions", variable="TADA_BLOB_URL", detail="Erased blobs remain in it: docs/storage.md."
         )
 
 
 def _check(variable: str, store: BlobStore) -> None:
     try:
         store.check()
-        next(store.keys("nobody/"), None)  # a key that may write and not list deletes no orphan
+        next(store.keys("nobody/"), None)  # orphans cannot be deleted with a key that may write but not list
     except StoreRefusesError as error:
         raise InvalidInputError(f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid") from None
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What a worker does beside estimating meals; jobs/chores.py says when."""
+"""The chores of a worker beside estimates; jobs/chores.py schedules them."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -28,13 +28,13 @@ from app.webhooks.webhook_post import WebhookPost
 log = structlog.get_logger()
 
 HOUR = 3600.0
-UNDER_WAY = timedelta(minutes=10)  # an erasure that was asked for just now is still carried out by who was asked
+UNDER_WAY = timedelta(minutes=10)  # a more recent erasure is still being carried out by the request
 
 
 def worker_chores(
     database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: ClockJumps | None = None
 ) -> list[Chore]:
-    """The chores of one worker. clock: another in tests."""
+    """Return the chores of one worker. clock: for tests."""
     clock = clock or ClockJumps()
     deleter = BlobDeleter(database, blobs)
     is_bucket = settings.resolved_blob_url.startswith("s3://")
@@ -45,7 +45,7 @@ def worker_chores(
     def finish_erasures() -> int:
         return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
 
-    def keep_to_retention() -> int:
+    def apply_retention() -> int:
         is_steady = clock.is_steady()
         instruments.CLOCK_DOUBTED.set(not is_steady)
         if not is_steady:
@@ -59,7 +59,7 @@ def worker_chores(
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),
-        Chore("erase_old_pictures", HOUR, keep_to_retention),
+        Chore("erase_old_pictures", HOUR, apply_retention),
         Chore("delete_orphans", 30.0, orphans.run_slice),
         Chore("tidy", HOUR, deleter.tidy),
         Chore("deliver_webhooks", 1.0, deliver.run),

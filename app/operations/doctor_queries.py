@@ -1,4 +1,4 @@
-"""SQL of what only `tada doctor` asks: how PostgreSQL is set, what failed lately, samples of what is kept."""
+"""SQL used only by `tada doctor`: PostgreSQL's settings, recent failures, samples of stored data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ COUNTED_AT_MOST = 100_000
 
 @dataclass(frozen=True, slots=True)
 class PostgresFacts:
-    """settings: as this connection sees them. connections: of all clients now."""
+    """settings: as seen by this connection. connections: of all clients now."""
 
     settings: Mapping[str, str]
     connections: int
 
 
 def postgres_facts(session: Session) -> PostgresFacts:
-    """Of the server and of our connection to it."""
+    """Return facts about the server and our connection to it."""
     rows = session.execute(
         sa.text("SELECT name, setting FROM pg_settings WHERE name = ANY(:names)"), {"names": list(PG_SETTINGS)}
     )
@@ -43,18 +43,18 @@ def postgres_facts(session: Session) -> PostgresFacts:
 
 
 def journal_mode(session: Session) -> str:
-    """SQLite's."""
+    """Return SQLite's journal mode."""
     mode: str = session.execute(sa.text("PRAGMA journal_mode")).scalar_one()
     return mode
 
 
 def last_event_at(session: Session) -> datetime | None:
-    """When the newest event of the audit log was, by the clock of then."""
+    """Return the time of the newest event of the audit log, as recorded."""
     return session.scalar(sa.select(AuditEvent.at).order_by(AuditEvent.id.desc()).limit(1))
 
 
 def failures_since(session: Session, since: datetime) -> dict[str, int]:
-    """Code -> meals submitted since then that failed by it."""
+    """Return failure code -> number of meals submitted since then that failed with it."""
     recent = (
         sa.select(Meal.failure_code)
         .where(Meal.status == "failed", Meal.submitted_at >= since)
@@ -63,11 +63,11 @@ def failures_since(session: Session, since: datetime) -> dict[str, int]:
     )
     code = recent.c.failure_code
     rows = session.execute(sa.select(code, sa.func.count()).where(code.is_not(None)).group_by(code))
-    return {str(failed[0]): failed[1] for failed in rows}
+    return {str(row[0]): row[1] for row in rows}
 
 
 def newest_photographs(session: Session, limit: int) -> list[tuple[str, str]]:
-    """(blob key, SHA-256 of what was sealed) of the meals that came last."""
+    """Return (blob key, SHA-256 as stored) of photographs of the newest meals."""
     rows = session.execute(
         sa.select(MealImage.blob_key, MealImage.stored_sha256)
         .join(Meal, Meal.id == MealImage.meal_id)
@@ -80,7 +80,7 @@ def newest_photographs(session: Session, limit: int) -> list[tuple[str, str]]:
 
 
 def failing_deliveries(session: Session, least_attempts: int) -> int:
-    """Deliveries that wait and have failed so often."""
+    """Return the number of waiting deliveries with at least this many failed attempts."""
     rows = (
         sa.select(sa.literal(1))
         .where(WebhookDelivery.state == "waiting", WebhookDelivery.attempts >= least_attempts)
@@ -91,11 +91,11 @@ def failing_deliveries(session: Session, least_attempts: int) -> int:
 
 
 def a_sealed_secret(session: Session) -> str | None:
-    """The newest webhook's."""
+    """Return the sealed secret of the newest webhook."""
     return session.scalar(sa.select(Webhook.secret_sealed).order_by(Webhook.created_at.desc()).limit(1))
 
 
 def deletions_before(session: Session, before: datetime) -> int:
-    """Blobs that an erasure wanted gone by then and that are still there."""
+    """Return the number of blobs whose deletion was requested before this time and is still pending."""
     rows = sa.select(sa.literal(1)).where(BlobDeletion.requested_at < before).limit(COUNTED_AT_MOST).subquery()
     return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0

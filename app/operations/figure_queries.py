@@ -1,7 +1,7 @@
-"""SQL of the figures that /metrics and `tada doctor` tell of a deployment: each one is answered from an index.
+"""SQL of a deployment's figures in /metrics and `tada doctor`; each query is answered from an index.
 
-Nothing here counts what a study gathers in years (estimated meals, records): such a count grows with the data, and a
-scrape may not.
+Nothing here counts data that a study accumulates (estimated meals, records), since the cost of a scrape must not grow
+with the data.
 """
 
 from collections.abc import Mapping
@@ -19,13 +19,13 @@ from app.meals.models import Meal
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.privacy_models import IS_BACKUP, AuditEvent, BlobDeletion
 
-OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")  # of meals that somebody is still to move on
-COUNTED_AT_MOST = 100_000  # rows of one kind: who has more needs no closer figure
+OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")  # of meals that are not finished
+COUNTED_AT_MOST = 100_000  # rows of one kind; counting stops here
 
 
 @dataclass(frozen=True, slots=True)
 class FilesWaiting:
-    """Exports, or releases, that are not made yet. oldest_at: since when the first of them is wanted."""
+    """Exports, or releases, that are pending. oldest_at: when the oldest of them was requested."""
 
     states: Mapping[str, int]
     oldest_at: datetime | None
@@ -33,7 +33,7 @@ class FilesWaiting:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What waits, and since when. Times: the database's clock; None where nothing waits."""
+    """Numbers of pending things and their ages. Times: of the database's clock; None if nothing is pending."""
 
     now: datetime
     meals: Mapping[str, int]  # by status, OPEN_STATUSES only
@@ -46,12 +46,12 @@ class Figures:
     deletions_waiting: int
     oldest_deletion_at: datetime | None
     files: Mapping[str, FilesWaiting]  # export, release
-    releases_stuck: int  # that an erasure wants changed, and that could not be; each is tried again
-    marked_days: Mapping[str, int]  # participant, study: days whose kept sums are of before; marks have no time
+    releases_stuck: int  # that could not be changed for an erasure; retried
+    marked_days: Mapping[str, int]  # participant, study: days whose stored sums are outdated
 
 
 def figures(session: Session) -> Figures:
-    """All of them, in one snapshot."""
+    """Return all figures, in one snapshot."""
     now = database_now(session)
     meals = {status: _count(session, Meal.status == status) for status in OPEN_STATUSES}
     jobs = {state: _count(session, Job.state == state) for state in ("queued", "processing")}
@@ -79,7 +79,7 @@ def figures(session: Session) -> Figures:
 
 
 def database_now(session: Session) -> datetime:
-    """The database's clock: on SQLite this machine's."""
+    """Return the database's time; on SQLite this machine's."""
     if session.get_bind().dialect.name == "sqlite":
         return datetime.now(UTC)
     now: datetime = session.execute(sa.select(sa.func.clock_timestamp(type_=sa.DateTime(timezone=True)))).scalar_one()
@@ -92,12 +92,12 @@ def _exports_waiting(session: Session) -> FilesWaiting:
 
 
 def _releases_waiting(session: Session) -> FilesWaiting:
-    """One that changes is wanted since the first erasure that it is without, not since it was frozen."""
+    """Return pending releases; a changing one waits since the first erasure it must apply, not since it was frozen."""
     states = {state: _count(session, Release.state == state) for state in (*UNDER_WAY, "changing")}
-    wanted = sa.union_all(
+    requested = sa.union_all(
         sa.select(Release.requested_at).where(Release.state.in_(UNDER_WAY)), sa.select(ReleaseChange.requested_at)
     ).subquery()
-    return FilesWaiting(states, _oldest(session, sa.select(wanted.c.requested_at)))
+    return FilesWaiting(states, _oldest(session, sa.select(requested.c.requested_at)))
 
 
 def _count(session: Session, *conditions: sa.ColumnElement[bool]) -> int:
@@ -106,7 +106,7 @@ def _count(session: Session, *conditions: sa.ColumnElement[bool]) -> int:
 
 
 def _oldest(session: Session, times: sa.Select[datetime]) -> datetime | None:
-    """The first of these times, or of as many as are counted at most."""
+    """Return the earliest of these times, of at most COUNTED_AT_MOST rows."""
     rows = times.limit(COUNTED_AT_MOST).subquery()
     first: datetime | None = session.scalar(sa.select(sa.func.min(rows.c[0])))
     return first
@@ -114,9 +114,9 @@ def _oldest(session: Session, times: sa.Select[datetime]) -> datetime | None:
 
 @dataclass(frozen=True, slots=True)
 class LastBackup:
-    """The last `tada backup` that ended. damaged: blobs that it lacks, for they were damaged or missing.
+    """The last completed `tada backup`. damaged: blobs that it lacks because they were damaged or missing.
 
-    piped: it went to another program, of which nobody here knows whether it kept it.
+    piped: it was sent to another program, which may not have stored it.
     """
 
     made_at: datetime
@@ -125,15 +125,15 @@ class LastBackup:
 
 
 def last_backup(session: Session) -> LastBackup | None:
-    """None: there was none. By an index of its own, however many events came after it."""
+    """Return the last backup, or None; uses an index, so that later events do not slow it down."""
     query = sa.select(AuditEvent.at, AuditEvent.details).where(IS_BACKUP).order_by(AuditEvent.id.desc()).limit(1)
-    found = session.execute(query).first()
-    if found is None:
+    row = session.execute(query).first()
+    if row is None:
         return None
-    return LastBackup(found.at, int(found.details.get("damaged", 0)), piped=bool(found.details.get("piped", False)))
+    return LastBackup(row.at, int(row.details.get("damaged", 0)), piped=bool(row.details.get("piped", False)))
 
 
 def first_event_at(session: Session) -> datetime | None:
-    """When the audit log begins, and so the deployment; None: nothing has happened yet."""
+    """Return the time of the audit log's first event, when the deployment began; None: no event yet."""
     first: datetime | None = session.scalar(sa.select(AuditEvent.at).order_by(AuditEvent.id).limit(1))
     return first

@@ -1,6 +1,7 @@
-"""Whether the server is ready for meals, and what the people who run it should know.
+"""Check whether the server is ready for meals, with information for its operators.
 
-Readiness depends on database, blob store and disk only. A waiting queue or a dead worker is told, and refuses no meal.
+Readiness depends only on database, blob store and disk. A long queue or a dead worker is reported, but meals are
+accepted.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from app.storage.blob_store import BlobStore
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """checks: name to "ok" or what is wrong. The rest is information."""
+    """checks: name -> "ok" or the problem. The other fields are information."""
 
     checks: dict[str, str]
     workers_alive: int
@@ -26,15 +27,15 @@ class Readiness:
 
     @property
     def is_ready(self) -> bool:
-        """Whether all checks are ok."""
+        """Return whether all checks are ok."""
         return all(state == "ok" for state in self.checks.values())
 
 
 def check_readiness(database: Database, blobs: BlobStore, settings: Settings) -> Readiness:
-    """Ask each part that an upload needs. Never raises for a part that is out of order."""
+    """Check each part that an upload needs. Does not raise for a part that fails."""
     workers, oldest = 0, None
     try:
-        if schema_state(database) is not SchemaState.OLDER:  # beside a newer one the code goes on (docs/deployment.md)
+        if schema_state(database) is not SchemaState.OLDER:  # code works with a newer schema too (docs/deployment.md)
             state = "ok"
             workers = len(living_workers(database))
             with database.read() as session:

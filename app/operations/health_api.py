@@ -1,4 +1,4 @@
-"""/healthz: the process answers. /readyz: it can take meals; how the workers are is told, but refuses nothing."""
+"""/healthz: the process answers. /readyz: it can accept meals; the state of workers is only reported."""
 
 from typing import Literal
 
@@ -37,11 +37,11 @@ async def get_health() -> Health:
 @router.get("/readyz", responses={503: {"model": Ready, "description": "Not ready: see checks."}})
 def get_ready(state: State, response: Response) -> Ready:
     """Ready for meals or not."""
-    found = check_readiness(state.database, state.blobs, state.settings)
-    response.status_code = 200 if found.is_ready else 503
+    readiness = check_readiness(state.database, state.blobs, state.settings)
+    response.status_code = 200 if readiness.is_ready else 503
     return Ready(
-        ready=found.is_ready,
-        checks=found.checks,
-        workers_alive=found.workers_alive,
-        oldest_waiting_seconds=found.oldest_waiting_seconds,
+        ready=readiness.is_ready,
+        checks=readiness.checks,
+        workers_alive=readiness.workers_alive,
+        oldest_waiting_seconds=readiness.oldest_waiting_seconds,
     )

@@ -1,4 +1,4 @@
-"""/metrics: this process's figures, and the deployment's, in Prometheus' text format. Who may read them: access.py."""
+"""/metrics: figures of this process and of the deployment in Prometheus' text format. Access: metrics/reader.py."""
 
 from collections.abc import Iterator
 from typing import Annotated
@@ -16,7 +16,7 @@ router = APIRouter(tags=["health"])
 
 
 class _All(Collector):
-    """Both as one: a scrape has one end."""
+    """Both sets of figures as one collector, since the format has one end marker."""
 
     def __init__(self, deployment: DeploymentFigures) -> None:
         self._deployment = deployment
@@ -28,7 +28,7 @@ class _All(Collector):
 
 @router.get("/metrics", include_in_schema=False)
 def get_metrics(state: State, accept: Annotated[str, Header()] = "") -> Response:
-    """What Prometheus scrapes."""
+    """Return the figures for Prometheus."""
     encode, content_type = choose_encoder(accept)
     return Response(
         encode(_All(state.part(DeploymentFigures))), headers={"Content-Type": content_type, "Cache-Control": "no-store"}

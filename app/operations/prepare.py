@@ -1,6 +1,6 @@
-"""Make a deployment usable: schema, job tables, starter food table, erasures that a restore undid done again.
+"""Prepare a deployment: migrate the schema, load the starter food table, reapply erasures undone by a restore.
 
-Safe to run by several processes at once, and again.
+Safe to run by several processes concurrently, and repeatedly.
 """
 
 import time
@@ -22,7 +22,7 @@ from app.storage.opening import open_blob_store
 
 log = structlog.get_logger()
 
-PATIENCE_SECONDS = 30.0  # a database that restarts, with a recovery before it
+PATIENCE_SECONDS = 30.0  # covers a restart of the database with recovery
 FIRST_WAIT_SECONDS = 0.2
 LONGEST_WAIT_SECONDS = 2.0
 
@@ -34,11 +34,11 @@ def prepare_patiently(
     *,
     first: Callable[[Database, Settings], None] | None = None,
 ) -> None:
-    """As prepare, for processes that begin to serve or to work: database and store may be a little later than they.
+    """Prepare like `prepare`, but wait for a database and a store that start a little later than this process.
 
-    To end and to be started again takes seconds of a core for each try, while all others start again too.
-    first: done before, at each try (prepare_apart.py). Raises what prepare raised last, once the patience is over or
-    where waiting does not help.
+    Exiting and being restarted would cost seconds of a core per attempt, while other processes restart too.
+    first: called before, at each attempt (prepare_apart.py). Raises the last error of `prepare` when the patience is
+    over or if waiting does not help.
     """
     deadline, wait = time.monotonic() + patience_seconds, FIRST_WAIT_SECONDS
     while True:
@@ -57,23 +57,23 @@ def prepare_patiently(
 
 
 def prepare(database: Database, settings: Settings) -> None:
-    """Bring everything up to date; what is already there stays as it is."""
+    """Bring everything up to date; existing data do not change."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     upgrade_schema(database)
     load_starter(database)
-    _erase_what_a_restore_brought_back(database, settings)
+    _reapply_erasures(database, settings)
 
 
 def upgrade_schema(database: Database) -> None:
     """Migrate to the schema of this program. Raises what app.db.migrate.upgrade raises."""
     if not is_current(database):
-        from app.db.migrate import upgrade  # noqa: PLC0415  # Alembic takes 10 MB, for good
+        from app.db.migrate import upgrade  # noqa: PLC0415  # Alembic permanently takes 10 MB
 
         upgrade(database)
 
 
-def _erase_what_a_restore_brought_back(database: Database, settings: Settings) -> None:
-    """Before anybody serves or works: what the ledger of erasures has must not be here."""
+def _reapply_erasures(database: Database, settings: Settings) -> None:
+    """Erase everything in the ledger of erasures that a restore has brought back."""
     store = open_blob_store(settings.resolved_erasure_url, settings)
     if next(store.keys(), None) is None:
         return

@@ -1,6 +1,6 @@
-"""What `prepare` has to make, made in a process of its own: `python -m app.operations.prepare_apart PARENT_PID`.
+"""Run `prepare` in a separate process: `python -m app.operations.prepare_apart PARENT_PID`.
 
-A process that serves for months would keep the memory that migrations and the starter food table take once (40 MB).
+A server would otherwise keep the memory that migrations and the starter food table need once (40 MB).
 """
 
 import os
@@ -22,36 +22,36 @@ BUSY = 75  # exit status (EX_TEMPFAIL)
 
 
 def prepare_apart(database: Database, settings: Settings) -> None:
-    """Have it made if anything is missing.
+    """Run the process if schema or starter table are not up to date.
 
-    Most of what goes wrong there is not told: the caller prepares afterwards, finds the same and tells it. Raises
-    MigrationBusyError where another process was at it for the whole patience, which the caller need not wait for again;
-    UnavailableError where the process was ended by a signal (such as for want of memory, which this one would take and
-    keep); OSError where none can be started; what the database raises when it is asked what it has.
+    Most errors in it are not reported: the caller runs `prepare` afterwards, which raises the same error. Raises
+    MigrationBusyError if another process was migrating for the whole patience, so that the caller need not wait again;
+    UnavailableError if a signal ended the process (such as for lack of memory, which this process would then need and
+    keep); OSError if it cannot be started; errors of the database.
     """
     if is_current(database) and is_starter_there(database):
         return
     inherited = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
-    ended = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-m", "app.operations.prepare_apart", str(os.getpid())],
         env=inherited | settings_environment(settings),
         stdin=subprocess.DEVNULL,
         check=False,
     )
-    if ended.returncode == BUSY:
+    if completed.returncode == BUSY:
         raise MigrationBusyError(
-            "Another process migrates the database, or on SQLite writes to it, and did not end in time; nothing was "
-            "changed. Wait for it to end (or end it, if it hangs), then do the same again."
+            "Another process is migrating the database, or on SQLite writing to it, and did not end in time; nothing "
+            "was changed. Wait for it to end (or end it, if it hangs), then try again."
         )
-    if ended.returncode < 0:
+    if completed.returncode < 0:
         raise UnavailableError(
-            f"The process that prepares the database was ended by signal {-ended.returncode} "
-            f"({signal.strsignal(-ended.returncode)}): see what ended it, such as a limit of memory."
+            f"The process that prepares the database was ended by signal {-completed.returncode} "
+            f"({signal.strsignal(-completed.returncode)}): find the cause, such as a memory limit."
         )
 
 
 def main(parent_pid: int) -> int:
-    """Prepare; exit status 1 if it could not be done, BUSY if others were at it for the whole patience."""
+    """Prepare; return exit status 1 on failure, BUSY if another process was migrating for the whole patience."""
     die_with_parent(parent_pid)
     settings = Settings()
     configure_logging(settings)
@@ -60,7 +60,7 @@ def main(parent_pid: int) -> int:
         prepare(database, settings)
     except MigrationBusyError:
         return BUSY
-    except Exception:  # noqa: BLE001  # the parent comes upon it too, and knows how to tell it
+    except Exception:  # noqa: BLE001  # the parent runs into it too, and reports it
         return 1
     finally:
         database.dispose()

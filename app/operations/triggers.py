@@ -1,11 +1,11 @@
-"""What the database itself does with each change, whoever writes: `create_triggers`.
+"""The database's triggers, which act on each change by any client: `create_triggers`.
 
-- `audit_event` is append-only: a change of a row is refused.
-- A change that may alter what a participant's day comes to marks that day (DayMark); one of a participant's first or
-  last day marks the study's days that it bears on (StudyDayMark).
+- `audit_event` is append-only: changes of rows are refused.
+- A change that may alter the sums of a participant's day marks that day (DayMark); a change of a participant's first or
+  last day marks the affected days of the study (StudyDayMark).
 
-On SQLite a migration that makes one of these tables anew (batch_alter_table) drops its triggers, so any migration that
-touches one calls `create_triggers` at its end, as the first one does.
+On SQLite a migration that recreates one of these tables (batch_alter_table) drops its triggers, so any migration that
+changes one calls `create_triggers` at its end, as the first one does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ MARK_ALL_DAYS = """
         UNION SELECT participant_id, local_date, study_id FROM diary_day
     ) AS day ORDER BY local_date
 """
-# a comparison with NULL chooses no day
+# a comparison with NULL selects no day
 MARK_STUDY_DAYS = """
     INSERT INTO study_day_mark (study_id, local_date)
     SELECT study_id, local_date FROM day_sum WHERE participant_id = NEW.id AND (
@@ -38,7 +38,7 @@ MARK_STUDY_DAYS = """
 """
 PARTICIPANT_CHANGES = "UPDATE OF starts_on, withdrawn_at ON participant"
 
-# One writer at a time: a day that is marked need not be marked again.
+# SQLite has one writer at a time: a marked day need not be marked again.
 SQLITE_MARK = """
     INSERT INTO day_mark (participant_id, local_date, study_id)
     SELECT {row}.participant_id, {row}.local_date, {row}.study_id WHERE NOT EXISTS (
@@ -72,7 +72,7 @@ POSTGRES_FUNCTIONS = {
 
 
 def create_triggers(connection: sa.Connection) -> None:
-    """Make all triggers, those that are there already anew. Columns that an older schema lacks are left out."""
+    """Create all triggers, replacing existing ones. Columns that an older schema lacks are left out."""
     drop_triggers(connection)
     is_sqlite = connection.dialect.name == "sqlite"
     inspector = sa.inspect(connection)
@@ -85,7 +85,7 @@ def create_triggers(connection: sa.Connection) -> None:
 
 
 def drop_triggers(connection: sa.Connection) -> None:
-    """Remove them; harmless where they, or their tables, are not there."""
+    """Drop all triggers; harmless if they or their tables do not exist."""
     is_sqlite = connection.dialect.name == "sqlite"
     tables = set(sa.inspect(connection).get_table_names())
     for name, (table, _) in _triggers(MARKING, is_sqlite=is_sqlite).items():
@@ -97,12 +97,12 @@ def drop_triggers(connection: sa.Connection) -> None:
 
 
 def _present(inspector: sa.Inspector, table: str, columns: Sequence[str]) -> list[str]:
-    there = {column["name"] for column in inspector.get_columns(table)}
-    return [name for name in columns if name in there]
+    existing = {column["name"] for column in inspector.get_columns(table)}
+    return [name for name in columns if name in existing]
 
 
 def _triggers(marking: Mapping[str, Sequence[str]], *, is_sqlite: bool) -> dict[str, tuple[str, str]]:
-    """Name -> its table, and what follows the name in CREATE TRIGGER."""
+    """Return name -> (table, definition that follows the name in CREATE TRIGGER)."""
     return _sqlite_triggers(marking) if is_sqlite else _postgres_triggers(marking)
 
 
@@ -111,13 +111,13 @@ def _sqlite_triggers(marking: Mapping[str, Sequence[str]]) -> dict[str, tuple[st
         f"{AUDIT}_no_{verb.lower()}": (AUDIT, f"BEFORE {verb} ON {AUDIT} BEGIN {SQLITE_REFUSE} END")
         for verb in ("UPDATE", "DELETE")
     }
-    # INSERT OR REPLACE fires no DELETE trigger unless its connection asks for it (recursive_triggers)
-    is_there = f"WHEN EXISTS (SELECT 1 FROM {AUDIT} WHERE id = NEW.id)"  # noqa: S608  # our own words
+    # INSERT OR REPLACE fires DELETE triggers only if its connection sets recursive_triggers
+    is_there = f"WHEN EXISTS (SELECT 1 FROM {AUDIT} WHERE id = NEW.id)"  # noqa: S608  # our own names
     triggers[f"{AUDIT}_no_replace"] = (AUDIT, f"BEFORE INSERT ON {AUDIT} {is_there} BEGIN {SQLITE_REFUSE} END")
     new, old = (SQLITE_MARK.format(row=row, and_condition="") for row in ("NEW", "OLD"))
-    left = SQLITE_MARK.format(row="OLD", and_condition=f" AND {SQLITE_HAS_MOVED}")
+    moved = SQLITE_MARK.format(row="OLD", and_condition=f" AND {SQLITE_HAS_MOVED}")
     for table, columns in marking.items():
-        bodies = {"INSERT": new, f"UPDATE OF {', '.join(columns)}": new + left, "DELETE": old}
+        bodies = {"INSERT": new, f"UPDATE OF {', '.join(columns)}": new + moved, "DELETE": old}
         for event, body in bodies.items():
             name = f"{table}_marks_day_{event.partition(' ')[0].lower()}"
             triggers[name] = (table, f"AFTER {event} ON {table} BEGIN {body} END")

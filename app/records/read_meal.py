@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.core.errors import GoneError, NotFoundError
-from app.core.logs import tell
+from app.core.logs import bind_log_context
 from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.models import Component, Food
@@ -86,7 +86,7 @@ def find_meal(
     if not matches:
         raise NotFoundError("There is no such meal.")
     require_study(caller, matches[0][0].study_id, "meal")
-    tell(meal_id=str(matches[0][0].id))
+    bind_log_context(meal_id=str(matches[0][0].id))
     return matches[0]
 
 

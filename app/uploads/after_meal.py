@@ -15,7 +15,7 @@ from pydantic import JsonValue
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
-from app.core.logs import tell
+from app.core.logs import bind_log_context
 from app.db.session import Database
 from app.estimates.check_hints import require_valid_hints
 from app.http.upload import ReceivedFile
@@ -113,7 +113,7 @@ class SubmitAfterPair:
     def meal_time_zone(self, caller: DeviceCaller, client_id: uuid.UUID) -> str:
         """Return the meal's time zone, the default of its after-meal pair's. Raises NotFoundError, GoneError."""
         meal_id = meal_id_of(caller.participant_id, client_id)
-        tell(meal_id=str(meal_id))
+        bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:
             return self._require_meal(session, session.get(Meal, meal_id), meal_id).time_zone
 
@@ -139,7 +139,7 @@ class SubmitAfterPair:
 
     def _keep(self, caller: DeviceCaller, upload: _Upload) -> bool:
         meal_id, photos = upload.meal_id, upload.photos
-        tell(meal_id=str(meal_id))
+        bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             stored = self._check(session, session.get(Meal, meal_id), upload)
             keys = unspent_keys(

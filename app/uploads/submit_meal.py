@@ -16,7 +16,7 @@ from pydantic import JsonValue
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
-from app.core.logs import tell
+from app.core.logs import bind_log_context
 from app.db.session import Database
 from app.estimates.check_hints import require_valid_hints
 from app.http.upload import ReceivedFile
@@ -99,7 +99,7 @@ class SubmitMeal:
         (the id has other content), GoneError (deleted, or its participant has left), StorageFullError.
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
-        tell(meal_id=str(meal_id))
+        bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:
             study = session.get_one(Study, caller.study_id)
         if metadata is not None and metadata.marker is None and study.marker is None:

@@ -1,1 +1,1 @@
-"""`tada doctor`: what is wrong with a deployment, in sentences."""
+"""`tada doctor`: report a deployment's problems in sentences."""

@@ -1,7 +1,6 @@
-"""`tada doctor`: what is wrong with a deployment, in sentences; with `requeue`, meals that nothing moves are queued.
+"""`tada doctor`: report a deployment's problems in sentences; with `requeue`, queue stuck meals again.
 
-One list of checks. Each looks at one subject by itself, so that one that is out of order hides no other, but those that
-need it.
+A list of independent checks, each of one subject, so that a failed one hides only those that need it.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,7 +22,7 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """look: returns None where there is nothing to say. needs: subjects with which nothing may be wrong."""
+    """look: returns None if there is nothing to report. needs: subjects whose checks must have passed."""
 
     subject: str
     look: Callable[[Deployment], Verdict | None]
@@ -75,22 +74,22 @@ CHECKS = (
 
 
 def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Finding]:
-    """Make every check. Changes nothing unless `requeue`; a part that cannot be asked is a finding too."""
+    """Run all checks. Changes nothing unless `requeue`; a part that does not answer is a finding too."""
     return list(_findings(Deployment(database, settings, requeue)))
 
 
 def _findings(deployment: Deployment) -> Iterator[Finding]:
-    sound = set[str]()
+    passed = set[str]()
     for check in CHECKS:
-        if not check.needs <= sound:
+        if not check.needs <= passed:
             continue
         try:
             verdict = check.look(deployment)
         except (sqlalchemy.exc.SQLAlchemyError, TadaError, OSError) as error:
             log.warning("doctor_could_not_ask", subject=check.subject, exc_info=error)
-            verdict = ("bad", f"it could not be asked ({type(error).__name__}).", "The log tells more.")
+            verdict = ("bad", f"the check failed ({type(error).__name__}).", "See the log for details.")
         if verdict is not None:
             finding = Finding(check.subject, *verdict)
             if finding.is_ok:
-                sound.add(check.subject)
+                passed.add(check.subject)
             yield finding

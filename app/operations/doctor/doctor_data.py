@@ -1,4 +1,4 @@
-"""Checks of where the data are: database, blob store, and the ledger of erasures."""
+"""Checks of where data are stored: database, blob store, and the ledger of erasures."""
 
 import hashlib
 from datetime import UTC, datetime, timedelta
@@ -25,8 +25,8 @@ from app.privacy.missing_blobs import find_missing
 from app.releases import queries as releases
 from app.storage.blob_store import BlobStore
 
-LEAST_POSTGRES = 140_000  # server_version_num; older ones do not notice that a client has died (app/db/migrate.py)
-CLOCKS_APART_SECONDS = 5.0  # more, and tokens, retention and ages of the queue are off
+LEAST_POSTGRES = 140_000  # server_version_num; older servers do not detect dead clients (app/db/migrate.py)
+CLOCKS_APART_SECONDS = 5.0  # a larger difference distorts expiry of tokens, retention and ages in the queue
 BACK_SECONDS = 60.0
 BUSY_SHARE = 0.8  # of max_connections
 MOUNTS = Path("/proc/self/mountinfo")
@@ -36,13 +36,13 @@ NETWORK_FILE_SYSTEMS = frozenset(
 )  # fmt: skip
 READ_BACK = 20  # of the newest photographs
 ROOMY = 4  # times TADA_MIN_FREE_BYTES
-UNDER_WAY = timedelta(minutes=10)  # an erasure that was asked for just now is still being carried out
-DELETED_WITHIN = timedelta(hours=1)  # what an erasure wants gone goes within seconds, while a worker lives
+UNDER_WAY = timedelta(minutes=10)  # a more recent erasure is still being carried out
+DELETED_WITHIN = timedelta(hours=1)  # erased blobs are deleted within seconds while a worker runs
 GIBIBYTE = 1024**3
 
 
 def look_at_connection(deployment: Deployment) -> Verdict:
-    """Check that the database is there, without making one."""
+    """Check that the database exists, without creating it."""
     database = deployment.database
     path = Path(sa.make_url(database.url).database or "")
     if database.is_sqlite and (not path.is_file() or not path.stat().st_size):
@@ -61,7 +61,7 @@ def look_at_connection(deployment: Deployment) -> Verdict:
 
 
 def look_at_schema(deployment: Deployment) -> Verdict:
-    """Check that it is this program's."""
+    """Check that the schema is this program's."""
     revision, upgrade = current_revision(deployment.database), "Run `tada db upgrade`."
     state = schema_state(deployment.database)
     if revision is None:
@@ -69,13 +69,13 @@ def look_at_schema(deployment: Deployment) -> Verdict:
     if state is SchemaState.OLDER:
         return bad(f"it is {revision}, older than {head_revision()} of {__version__}.", upgrade)
     if state is SchemaState.NEWER:
-        message = f"it is {revision}, which {__version__} does not know: a newer program has been here."
+        message = f"it is {revision}, which {__version__} does not know: a newer program has migrated it."
         return note(message, "Finish the upgrade: replace what still runs this version.")
     return ok(revision)
 
 
 def look_at_clock(deployment: Deployment) -> Verdict:
-    """Compare this machine's with the database's, and with that of the newest event."""
+    """Compare this machine's clock with the database's, and with the newest event."""
     with deployment.database.read() as session:
         there = database_now(session)
         here = datetime.now(UTC)
@@ -88,7 +88,7 @@ def look_at_clock(deployment: Deployment) -> Verdict:
         )
     if last_event is not None and (last_event - here).total_seconds() > BACK_SECONDS:
         return bad(
-            f"the newest event of the audit log is of {last_event.isoformat(timespec='seconds')}, which is to come.",
+            f"the newest event of the audit log is in the future: {last_event.isoformat(timespec='seconds')}.",
             "The clock has gone back, or was ahead: set it by NTP before retention erases by it.",
         )
     return ok(f"{apart:.1f} s from the database's")
@@ -105,7 +105,7 @@ def look_at_server_version(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_durability(deployment: Deployment) -> Verdict | None:
-    """Check that PostgreSQL has on disk what it has committed."""
+    """Check that PostgreSQL's commits are durable."""
     if (facts := _postgres_facts(deployment)) is None:
         return None
     off = [name for name in ("fsync", "synchronous_commit", "full_page_writes") if facts.settings.get(name) == "off"]
@@ -118,7 +118,7 @@ def look_at_durability(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_encoding(deployment: Deployment) -> Verdict | None:
-    """Check that PostgreSQL can hold all names."""
+    """Check that PostgreSQL can store all names."""
     facts = _postgres_facts(deployment)
     if facts is None or facts.settings["server_encoding"] == "UTF8":
         return None
@@ -138,7 +138,7 @@ def look_at_session_options(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_connections(deployment: Deployment) -> Verdict | None:
-    """Check that PostgreSQL has enough of them for a server and the living workers."""
+    """Check that PostgreSQL has enough connections for a server and the running workers."""
     if (facts := _postgres_facts(deployment)) is None:
         return None
     limits, workers = deployment.database.limits, len(deployment.worker_versions)
@@ -155,7 +155,7 @@ def look_at_connections(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_sqlite_file(deployment: Deployment) -> Verdict | None:
-    """Check that its file system has locks that SQLite can trust, and its journal."""
+    """Check that the file system has reliable locks, and that the journal is a write-ahead log."""
     database = deployment.database
     if not database.is_sqlite:
         return None
@@ -175,7 +175,7 @@ def look_at_sqlite_file(deployment: Deployment) -> Verdict | None:
 
 
 def file_system_of(path: Path) -> str | None:
-    """Return the kind of file system that a path lies on, as Linux tells; None: not told."""
+    """Return the type of a path's file system from Linux's mount table; None: not known."""
     try:
         lines = MOUNTS.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -193,7 +193,7 @@ def file_system_of(path: Path) -> str | None:
 
 
 def look_at_store(deployment: Deployment) -> Verdict:
-    """Check that it can be written."""
+    """Check that the blob store can be written."""
     try:
         deployment.blobs.check()
     except (TadaError, OSError) as error:
@@ -205,7 +205,7 @@ def look_at_store(deployment: Deployment) -> Verdict:
 
 
 def look_at_disk(deployment: Deployment) -> Verdict:
-    """Check that there is room."""
+    """Check that there is enough free space."""
     free, least = deployment.blobs.free_bytes(), deployment.settings.min_free_bytes
     room = f"{free / GIBIBYTE:.1f} GiB free where uploads are written; below {least / GIBIBYTE:.1f} they are refused"
     advice = "Make room, or move the data to a larger disk."
@@ -215,7 +215,7 @@ def look_at_disk(deployment: Deployment) -> Verdict:
 
 
 def look_at_versions(deployment: Deployment) -> Verdict | None:
-    """Check that what is deleted is gone."""
+    """Check that the store does not keep deleted blobs."""
     if not deployment.blobs.keeps_versions:
         return None
     return bad(
@@ -225,20 +225,20 @@ def look_at_versions(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_photographs(deployment: Deployment) -> Verdict:
-    """Check that every photograph that the database names is in the store."""
+    """Check that every photograph named in the database is in the store."""
     with deployment.database.read() as session:
-        found = find_missing(meals.blob_keys(session), deployment.blobs)
-    if not found.missing:
-        return ok(f"all {found.total} are in the store")
+        result = find_missing(meals.blob_keys(session), deployment.blobs)
+    if not result.missing:
+        return ok(f"all {result.total} are in the store")
     return bad(
-        f"{found.missing} of {found.total} missing: {some(list(found.first))}.",
+        f"{result.missing} of {result.total} missing: {some(list(result.first))}.",
         'Put them back from a backup (docs/backup.md, "Missing blobs"): their meals\' records stay, their '
         "estimates cannot be made again.",
     )
 
 
 def look_at_newest_photographs(deployment: Deployment) -> Verdict:
-    """Check that they are what was sealed."""
+    """Check that the newest photographs are stored unchanged."""
     with deployment.database.read() as session:
         newest = doctor.newest_photographs(session, READ_BACK)
     damaged, unread = [], []
@@ -258,7 +258,7 @@ def look_at_newest_photographs(deployment: Deployment) -> Verdict:
 
 
 def look_at_release_files(deployment: Deployment) -> Verdict:
-    """Check that they are in the store, so that it is known before an erasure must change them."""
+    """Check that releases' files are in the store, so that a loss is known before an erasure must change them."""
     with deployment.database.read() as session:
         keys = releases.blob_keys(session)
     lost = [key for key in keys if not deployment.blobs.has(key)]
@@ -269,7 +269,7 @@ def look_at_release_files(deployment: Deployment) -> Verdict:
 
 
 def look_at_ledger(deployment: Deployment) -> Verdict:
-    """Check that erasures can be noted, where what loses the data does not lose the ledger too."""
+    """Check that erasures can be recorded, in a place that is not lost together with the data."""
     try:
         deployment.erasures.check()
     except (TadaError, OSError) as error:
@@ -295,48 +295,48 @@ def look_at_ledger(deployment: Deployment) -> Verdict:
 
 
 def look_at_ledger_entries(deployment: Deployment) -> Verdict | None:
-    """Check that the ledger is the one that this database's erasures were noted in."""
+    """Check that the ledger is the one in which this database's erasures were recorded."""
     missing = count_missing(deployment.database, deployment.ledger) if deployment.ledger is not None else 0
     if not missing:
         return None
     return note(
-        f"{missing} erasures that the database remembers are not there: it is not the ledger of then.",
-        "Copy the old ledger's entries into it, or a restored backup brings back whom they erased.",
+        f"it lacks {missing} erasures that the database records: it is not the original ledger.",
+        "Copy the original ledger's entries into it, or a restored backup brings back erased people.",
     )
 
 
 def look_at_erasures(deployment: Deployment) -> Verdict | None:
-    """Check that all are carried out."""
+    """Check that all erasures have been carried out."""
     if (ledger := deployment.ledger) is None:
         return None
-    before, left = datetime.now(UTC) - UNDER_WAY, 0
+    before, unfinished_count = datetime.now(UTC) - UNDER_WAY, 0
     for kind in KINDS:
-        noted = set(ledger.digests(kind, before))
+        recorded = set(ledger.digests(kind, before))
         with deployment.database.read() as session:
-            unfinished = noted - privacy.tombstones_among(session, kind, noted)
-        left += len(unfinished)
+            unfinished = recorded - privacy.tombstones_among(session, kind, recorded)
+        unfinished_count += len(unfinished)
         try:
             for digest in sorted(unfinished)[:1]:
                 ledger.read(kind, digest)
         except SecretKeyError as error:
-            return bad(error.message, "Give the key of then in TADA_SECRET_KEY.")
+            return bad(error.message, "Set TADA_SECRET_KEY to the original key.")
     with deployment.database.read() as session:
         blobs = doctor.deletions_before(session, datetime.now(UTC) - DELETED_WITHIN)
-    if left or blobs:
+    if unfinished_count or blobs:
         return bad(
-            f"{left} that were promised are not carried out, {blobs} blobs that should be gone are there.",
+            f"{unfinished_count} promised erasures are not carried out, {blobs} blobs still have to be deleted.",
             "A worker carries them out within the hour: start one, and look at its log.",
         )
     return ok("all are carried out")
 
 
 def disk_of(path: Path) -> int:
-    """Return which file system a path is on, or is going to be."""
+    """Return the id of the file system that a path is on, or will be created on."""
     return next(existing for existing in (path, *path.parents) if existing.exists()).stat().st_dev
 
 
 def _postgres_facts(deployment: Deployment) -> PostgresFacts | None:
-    """None on SQLite."""
+    """Return facts about PostgreSQL; None on SQLite."""
     if deployment.database.is_sqlite:
         return None
     with deployment.database.read() as session:

@@ -1,6 +1,6 @@
-"""Checks of the settings themselves: what would let others in, or give phones a wrong address.
+"""Checks of the settings: insecure values, and wrong addresses for phones.
 
-They ask nobody and read the key's file at most.
+They use no network and read at most the key's file.
 """
 
 import ipaddress
@@ -16,12 +16,12 @@ from app.core.private_files import OTHERS
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok
 from app.people.access.secret_box import KEY_FILE, open_secret_box
 
-VERIFIED = frozenset({"verify-ca", "verify-full"})  # other sslmodes speak to whoever answers
+VERIFIED = frozenset({"verify-ca", "verify-full"})  # other sslmodes do not verify the server
 LOCAL_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
 def look_at_secret_key(deployment: Deployment) -> Verdict:
-    """Check that it is there and nobody else's to read."""
+    """Check that the secret key exists and that others cannot read it."""
     settings = deployment.settings
     path = settings.data_dir / KEY_FILE
     if settings.secret_key is None and settings.is_embedded and not path.exists():
@@ -38,7 +38,7 @@ def look_at_secret_key(deployment: Deployment) -> Verdict:
 
 
 def look_at_private_files(deployment: Deployment) -> Verdict | None:
-    """Check the data folder's mode, which may be older than the program's own umask."""
+    """Check the data folder's mode, which may predate the program's umask."""
     settings = deployment.settings
     folders = {settings.data_dir.absolute()}
     path = sa.make_url(settings.resolved_database_url).database
@@ -53,7 +53,7 @@ def look_at_private_files(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_public_url(deployment: Deployment) -> Verdict | None:
-    """Check what phones are told."""
+    """Check the address that phones get."""
     settings, url = deployment.settings, deployment.settings.public_url
     if url is None:
         if settings.host in LOCAL_HOSTS:
@@ -78,7 +78,7 @@ def look_at_public_url(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_way_to_database(deployment: Deployment) -> Verdict | None:
-    """Check that it is as private as what phones send."""
+    """Check that the connection to the database is encrypted and verified."""
     database = sa.make_url(deployment.settings.resolved_database_url)
     host = str(database.query.get("host", database.host or ""))
     if deployment.settings.is_embedded or not host or host in LOCAL_HOSTS or host.startswith("/"):
@@ -93,7 +93,7 @@ def look_at_way_to_database(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_way_to_store(deployment: Deployment) -> Verdict | None:
-    """Check that photographs do not go over the net in the clear."""
+    """Check that photographs are not sent to the store unencrypted."""
     endpoint = urlsplit(deployment.settings.s3_endpoint or "")
     if endpoint.scheme != "http" or not _is_elsewhere(endpoint.hostname):
         return None
@@ -101,20 +101,20 @@ def look_at_way_to_store(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_proxies(deployment: Deployment) -> Verdict | None:
-    """Check whose X-Forwarded-For is believed; the first word that is wrong is told."""
+    """Check the trusted proxies; report the first invalid one."""
     settings = deployment.settings
-    words = [word.strip() for word in (settings.trusted_proxies or "").split(",") if word.strip()]
-    for word in words:
+    proxies = [proxy.strip() for proxy in (settings.trusted_proxies or "").split(",") if proxy.strip()]
+    for proxy in proxies:
         try:
-            is_everybody = ipaddress.ip_network(word).prefixlen == 0
+            is_every_address = ipaddress.ip_network(proxy).prefixlen == 0
         except ValueError:
-            return bad(f"TADA_TRUSTED_PROXIES: {word!r} is no network.", "Write it like 10.0.0.5 or 10.0.0.0/24.")
-        if is_everybody:
+            return bad(f"TADA_TRUSTED_PROXIES: {proxy!r} is not a network.", "Write it like 10.0.0.5 or 10.0.0.0/24.")
+        if is_every_address:
             return bad(
-                f"TADA_TRUSTED_PROXIES: {word} is everybody: anybody could claim any address.",
-                "Name the proxies' own addresses.",
+                f"TADA_TRUSTED_PROXIES: {proxy} covers all addresses: any client could claim any address.",
+                "Give the proxies' own addresses.",
             )
-    if words or not (settings.public_url or "").startswith("https://"):
+    if proxies or not (settings.public_url or "").startswith("https://"):
         return None
     return note(
         "TADA_TRUSTED_PROXIES is not set: behind a proxy all phones count as one address against the limits.",
@@ -123,7 +123,7 @@ def look_at_proxies(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_webhook_addresses(deployment: Deployment) -> Verdict | None:
-    """Check that they cannot be turned against this machine."""
+    """Check that webhooks cannot reach this machine's services."""
     if not deployment.settings.webhook_allow_loopback:
         return None
     return bad(
@@ -133,7 +133,7 @@ def look_at_webhook_addresses(deployment: Deployment) -> Verdict | None:
 
 
 def look_at_metrics(deployment: Deployment) -> Verdict | None:
-    """Check that a proxy does not show them to everybody."""
+    """Check that a proxy does not expose the metrics."""
     settings = deployment.settings
     if settings.metrics_token is not None or not (settings.trusted_proxies or settings.public_url):
         return None
@@ -145,5 +145,5 @@ def look_at_metrics(deployment: Deployment) -> Verdict | None:
 
 
 def _is_elsewhere(host: str | None) -> bool:
-    """Whether a host is beyond this machine and the network of its containers, whose names have no dot."""
+    """Return whether a host is outside this machine and its container network, whose host names have no dot."""
     return host is not None and host not in LOCAL_HOSTS and ("." in host or ":" in host)

@@ -1,4 +1,4 @@
-"""Checks of the work: workers, queue, failures; exports, releases and sums of days; webhooks, backup, index."""
+"""Checks of processing: workers, queue, failures; exports, releases and sums of days; webhooks, backup, index."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -28,11 +28,11 @@ MANY_MARKS = 10_000  # as the alert TadaDaysMarked
 
 
 def look_at_workers(deployment: Deployment) -> Verdict:
-    """Check that there are some, of this version."""
+    """Check that workers of this version are running."""
     workers = Counter(deployment.worker_versions)
     listed = ", ".join(f"{count} of version {version}" for version, count in sorted(workers.items()))
     if not workers:
-        return bad("none: meals are kept, and none is estimated.", "Start `tada worker`.")
+        return bad("none: meals are stored but not estimated.", "Start `tada worker`.")
     if set(workers) != {__version__}:
         advice = "Finish the upgrade: they should all be of one version."
         return note(f"alive: {listed}; this program is {__version__}.", advice)
@@ -40,7 +40,7 @@ def look_at_workers(deployment: Deployment) -> Verdict:
 
 
 def look_at_queue(deployment: Deployment) -> Verdict:
-    """Check that nothing waits for too long."""
+    """Check that no meal waits too long."""
     figures = deployment.figures
     if figures.oldest_queued_at is None:
         return ok("no meal waits")
@@ -52,30 +52,30 @@ def look_at_queue(deployment: Deployment) -> Verdict:
 
 
 def look_at_stranded_meals(deployment: Deployment) -> Verdict:
-    """Check that each meal that waits has a job; queue those again that have none, where that is wanted."""
+    """Check that each waiting meal has a job; with `requeue`, queue those without one again."""
     with deployment.database.read() as session:
         count = len(jobs.exhausted_jobs(session)) + len(jobs.waiting_without_live_job(session))
     if not count:
-        return ok("none waits for what will never come")
-    message = f"{count} that nothing will move"
+        return ok("no meal is stuck")
+    message = f"{count} are stuck"
     if not deployment.requeue:
         return bad(f"{message}.", "Queue them again with `tada doctor --requeue`.")
-    return ok(f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} moved (see the log)")
+    return ok(f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} queued again or failed (see the log)")
 
 
 def look_at_failures(deployment: Deployment) -> Verdict:
-    """Check that no meal failed by the server's fault lately."""
+    """Check that no meal failed recently because of the server."""
     with deployment.database.read() as session:
         failures = doctor.failures_since(session, datetime.now(UTC) - LATELY)
     ours = {code: count for code, count in failures.items() if code in SERVER_FAILURES}
     if ours:
         advice = "The log tells why; photographs are kept: `tada jobs retry` estimates them again (docs/jobs.md)."
-        return bad(f"by the server's fault, in 7 days: {_by_count(ours)}.", advice)
-    return ok(f"in 7 days, by the photographs: {_by_count(failures)}" if failures else "none in 7 days")
+        return bad(f"because of the server, in 7 days: {_by_count(ours)}.", advice)
+    return ok(f"in 7 days, because of the photographs: {_by_count(failures)}" if failures else "none in 7 days")
 
 
 def look_at_files(deployment: Deployment) -> Verdict:
-    """Check that no export or release waits for too long."""
+    """Check that no export or release waits too long."""
     figures = deployment.figures
     oldest = min((files.oldest_at for files in figures.files.values() if files.oldest_at is not None), default=None)
     if oldest is None:
@@ -90,12 +90,12 @@ def look_at_files(deployment: Deployment) -> Verdict:
     message = f"{listed}; the oldest has waited {waited:.0f} s"
     if waited < FILES_TOO_LONG_SECONDS:
         return ok(message)
-    advice = "A worker makes them, one at a time: see that one lives, and look for `file_not_made` in its log."
+    advice = "A worker creates them, one at a time: check that one is running, and look for `file_not_made` in its log."
     return bad(f"{message}.", advice)
 
 
 def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
-    """Check that all releases could be written without what was erased."""
+    """Check that all releases could be rewritten without erased data."""
     count = deployment.figures.releases_stuck
     if not count:
         return None
@@ -103,43 +103,43 @@ def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
         first = releases.stuck_releases(session, LISTED)
     listed = ", ".join(f"{stuck.study_code} {stuck.name} ({stuck.failure_code})" for stuck in first)
     return bad(
-        f"{count} cannot be written without what was erased, and are not served: {listed}"
+        f"{count} cannot be rewritten without erased data, and are not served: {listed}"
         f"{' ...' if count > len(first) else ''}.",
         '`tada releases check` names lost files. Put them back from a backup (docs/exports.md, "A lost file").',
     )
 
 
 def look_at_day_sums(deployment: Deployment) -> Verdict:
-    """Check that they are nearly up to date."""
+    """Check that the stored sums are nearly up to date."""
     count = sum(deployment.figures.marked_days.values())
-    message = f"{count} changes are not summed yet"
+    message = f"{count} changes are not in the stored sums yet"
     if count < MANY_MARKS:
         return ok(message)
-    advice = "Figures are right meanwhile, and slow: a worker sums them; after an upgrade that takes a while."
+    advice = "Results are correct but slow until a worker has updated them, which takes a while after an upgrade."
     return note(f"{message}.", advice)
 
 
 def look_at_webhook_secrets(deployment: Deployment) -> Verdict | None:
-    """Check that the newest one can be opened."""
+    """Check that the newest webhook's secret can be opened."""
     with deployment.database.read() as session:
         sealed = doctor.a_sealed_secret(session)
     if sealed is not None and deployment.box is not None:
         try:
             open_secrets(deployment.box, sealed)
         except SecretKeyError as error:
-            return bad(error.message, "Give the key of then in TADA_SECRET_KEY.")
+            return bad(error.message, "Set TADA_SECRET_KEY to the original key.")
     return None
 
 
 def look_at_webhooks(deployment: Deployment) -> Verdict:
-    """Check that receivers take what is sent."""
+    """Check that receivers accept deliveries."""
     figures = deployment.figures
     with deployment.database.read() as session:
         failing = doctor.failing_deliveries(session, TRIES_OF_A_FAILING_RECEIVER)
     if failing:
         return bad(
-            f"{failing} deliveries failed {TRIES_OF_A_FAILING_RECEIVER} times or more and wait for the next try.",
-            "Ask those who run the receivers; each webhook's deliveries tell what they answered (docs/webhooks.md).",
+            f"{failing} deliveries failed {TRIES_OF_A_FAILING_RECEIVER} times or more and wait for the next attempt.",
+            "Ask those who run the receivers; each webhook's deliveries show the responses (docs/webhooks.md).",
         )
     if figures.webhooks_disabled:
         message = f"{figures.webhooks_disabled} are disabled, by their owners or after failures in a row."
@@ -148,12 +148,12 @@ def look_at_webhooks(deployment: Deployment) -> Verdict:
 
 
 def look_at_backup(deployment: Deployment) -> Verdict:
-    """Check the last `tada backup`; other means are not known here."""
+    """Check the last `tada backup`; other kinds of backup are not known here."""
     with deployment.database.read() as session:
         last, began_at = last_backup(session), first_event_at(session)
     now = datetime.now(UTC)
     if last is None:
-        advice = "Run `tada backup` daily, or watch over the backups that you make by other means (docs/backup.md)."
+        advice = "Run `tada backup` daily, or monitor the backups that you make by other means (docs/backup.md)."
         message = "no `tada backup` of this database is known"
         if began_at is not None and now - began_at > BACKUP_EVERY:
             hours = (now - began_at).total_seconds() / 3600
@@ -167,15 +167,15 @@ def look_at_backup(deployment: Deployment) -> Verdict:
             'Put them back from an earlier backup, then make another (docs/backup.md, "Missing blobs").',
         )
     if age > BACKUP_EVERY:
-        return bad(f"{message}.", "Make one now, and see why the daily one was not made.")
+        return bad(f"{message}.", "Make one now, and find out why the daily one failed.")
     if last.piped:
-        message = f"{message}, and was sent to a pipe: whether it was kept is not known here."
+        message = f"{message}, and was sent to a pipe: whether it was stored is not known here."
         return note(message, "Check the file with `tada restore --check` (docs/backup.md).")
     return ok(message)
 
 
 def look_at_index(deployment: Deployment) -> Verdict:
-    """Tell whether the index learns from all that was confirmed; after an upgrade it may not, which is no fault."""
+    """Report confirmed items that the index does not learn from, which is normal after an upgrade."""
     with deployment.database.read() as session:
         count = vectors.confirmed_without_vector(session, VCM_VERSION)
     message = f"{count} confirmed items have no vector of version {VCM_VERSION}"

@@ -1,4 +1,4 @@
-"""What the checks of `tada doctor` are given (Deployment) and what they say (Finding)."""
+"""Input (Deployment) and results (Finding) of the checks of `tada doctor`."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,7 @@ LISTED = 5  # names shown of a longer list
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """level bad: something is wrong; note: right as it may be, and worth knowing. advice: what to do about it."""
+    """level bad: a problem; note: not a problem, but worth knowing. advice: the remedy."""
 
     subject: str
     level: Level
@@ -28,35 +28,35 @@ class Finding:
 
     @property
     def is_ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """Return whether there is no problem."""
         return self.level != "bad"
 
     def __str__(self) -> str:
-        words = {"ok": "ok  ", "note": "note", "bad": "BAD "}[self.level]
-        return f"{words} {self.subject}: {self.message}" + (f" {self.advice}" if self.advice else "")
+        label = {"ok": "ok  ", "note": "note", "bad": "BAD "}[self.level]
+        return f"{label} {self.subject}: {self.message}" + (f" {self.advice}" if self.advice else "")
 
 
 Verdict = tuple[Level, str, str]  # level, message, advice
 
 
 def ok(message: str) -> Verdict:
-    """Return that nothing is wrong; the message is no sentence."""
+    """Return a verdict without a problem; the message is a phrase."""
     return "ok", message, ""
 
 
 def note(message: str, advice: str = "") -> Verdict:
-    """Return that something is worth knowing, in a sentence."""
+    """Return a verdict worth knowing; the message is a sentence."""
     return "note", message, advice
 
 
 def bad(message: str, advice: str = "") -> Verdict:
-    """Return what is wrong, in a sentence, and what to do about it."""
+    """Return a problem; the message and the advice are sentences."""
     return "bad", message, advice
 
 
 @dataclass(frozen=True)
 class Deployment:
-    """What is examined. requeue: whether to queue meals again that nothing will move."""
+    """The examined deployment. requeue: whether to queue stuck meals again."""
 
     database: Database
     settings: Settings
@@ -64,38 +64,38 @@ class Deployment:
 
     @cached_property
     def blobs(self) -> BlobStore:
-        """The store of photographs."""
+        """Return the store of photographs."""
         return open_blob_store(self.settings.resolved_blob_url, self.settings)
 
     @cached_property
     def erasures(self) -> BlobStore:
-        """The store of the ledger of erasures."""
+        """Return the store of the ledger of erasures."""
         return open_blob_store(self.settings.resolved_erasure_url, self.settings)
 
     @cached_property
     def box(self) -> SecretBox | None:
-        """None where there is no secret key yet, and so nothing sealed."""
+        """Return the secret box; None if there is no secret key yet, and so nothing is sealed."""
         if self.settings.secret_key is None and not (self.settings.data_dir / KEY_FILE).exists():
             return None
         return open_secret_box(self.settings)
 
     @cached_property
     def ledger(self) -> ErasureLedger | None:
-        """None where there is no secret key yet."""
+        """Return the ledger of erasures; None if there is no secret key yet."""
         return ErasureLedger(self.erasures, self.box) if self.box is not None else None
 
     @cached_property
     def figures(self) -> Figures:
-        """What waits, as /metrics has it."""
+        """Return the figures of /metrics."""
         with self.database.read() as session:
             return figures(session)
 
     @cached_property
     def worker_versions(self) -> list[str]:
-        """The version of each living worker."""
+        """Return the version of each running worker."""
         return [worker.version for worker in living_workers(self.database)]
 
 
 def some(names: list[str]) -> str:
-    """The first of the names."""
+    """Return the first of the names as text."""
     return ", ".join(names[:LISTED]) + (" ..." if len(names) > LISTED else "")

@@ -223,7 +223,7 @@ def test_failures_of_the_server_are_told_by_code_and_those_of_photographs_are_no
     fail("marker_not_found")
     assert "failed meals" not in deployment.bad()
     fail("internal_error")
-    assert deployment.bad()["failed meals"] == "by the server's fault, in 7 days: internal_error 1."
+    assert deployment.bad()["failed meals"] == "because of the server, in 7 days: internal_error 1."
 
 
 def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployment):
@@ -232,7 +232,7 @@ def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployme
         job.enqueued_at = datetime.now(UTC) - timedelta(hours=1)
         new_meal(session)  # without a job
     bad = deployment.bad()
-    assert bad["meals"] == "1 that nothing will move."
+    assert bad["meals"] == "1 are stuck."
     assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]
     assert "1 moved" in deployment.findings(requeue=True)["meals"].message
     assert "meals" not in deployment.bad()
@@ -267,7 +267,7 @@ def test_release_that_waits_too_long_and_one_that_cannot_be_changed_are_told(dep
     assert deployment.bad()["exports and releases"].startswith("1 releases queued, 1 releases running; the oldest")
     assert "releases that must change" not in deployment.findings()
     deployment.add(*new_release("lost", now, "changing", failure_code="release_files_missing"))
-    said = "1 cannot be written without what was erased, and are not served: study-lost lost (release_files_missing)."
+    said = "1 cannot be rewritten without erased data, and are not served: study-lost lost (release_files_missing)."
     assert deployment.bad()["releases that must change"] == said
 
 
@@ -283,7 +283,7 @@ def test_file_of_a_release_that_is_missing_is_named_before_anything_must_change_
 
 
 def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
-    assert deployment.findings()["sums of days"].message == "0 changes are not summed yet"
+    assert deployment.findings()["sums of days"].message == "0 changes are not in the stored sums yet"
     with deployment.database.write() as session:
         meal = new_meal(session)
         session.add(DayMark(participant_id=meal.participant_id, local_date=meal.local_date, study_id=meal.study_id))
@@ -294,7 +294,7 @@ def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
 def test_event_of_the_future_tells_that_the_clock_went_back(deployment):
     ahead = datetime.now(UTC) + timedelta(hours=1)
     deployment.add(AuditEvent(at=ahead, actor_kind="system", actor="system", action="test", details={}))
-    assert "which is to come" in deployment.bad()["clock"]
+    assert "is in the future" in deployment.bad()["clock"]
 
 
 def test_clocks_that_are_apart_are_told(deployment, monkeypatch):
@@ -384,7 +384,7 @@ def test_erasure_that_was_promised_and_not_carried_out_is_told(deployment, monke
     ErasureLedger(store, box).write(erasure(box))
     assert "erasures" not in deployment.bad()  # it may be under way
     monkeypatch.setattr(doctor_data, "UNDER_WAY", timedelta(seconds=-60))
-    assert deployment.bad()["erasures"].startswith("1 that were promised")
+    assert deployment.bad()["erasures"].startswith("1 promised erasures")
     assert "TADA_SECRET_KEY" in deployment.bad(secret_key=OTHER_KEY)["erasures"]
 
 
@@ -397,7 +397,7 @@ def test_erasures_that_the_ledger_lacks_are_told(deployment):
     deployment.add(Tombstone(kind="meal", digest=noted.digest, study_id=None, erased_at=noted.at))
     assert "ledger's entries" not in deployment.findings()
     deployment.add(Tombstone(kind="meal", digest=lost.digest, study_id=None, erased_at=lost.at))
-    assert deployment.findings()["ledger's entries"].message.startswith("1 erasures that the database remembers")
+    assert deployment.findings()["ledger's entries"].message.startswith("it lacks 1 erasures")
 
 
 def test_blob_that_should_be_gone_is_told(deployment):
@@ -405,7 +405,7 @@ def test_blob_that_should_be_gone_is_told(deployment):
     deployment.add(BlobDeletion(blob_key="a/b/left/young", requested_at=now))
     assert "erasures" not in deployment.bad()
     deployment.add(BlobDeletion(blob_key="a/b/left/old", requested_at=now - timedelta(hours=2)))
-    assert "1 blobs that should be gone" in deployment.bad()["erasures"]
+    assert "1 blobs still have to be deleted" in deployment.bad()["erasures"]
 
 
 def webhook(deployment, key=KEY, **changes):
@@ -470,7 +470,7 @@ def test_backup_that_went_to_a_pipe_is_no_known_good_one(deployment):
     found = deployment.findings()["backup"]
     assert (found.level, found.message) == (
         "note",
-        "the last `tada backup` is 0 h old, and was sent to a pipe: whether it was kept is not known here.",
+        "the last `tada backup` is 0 h old, and was sent to a pipe: whether it was stored is not known here.",
     )
     assert "tada restore --check" in found.advice
     note_backup(deployment.database, blobs=7, damaged=0)
@@ -493,7 +493,7 @@ def test_part_that_cannot_be_asked_is_a_finding_and_hides_no_other(deployment, m
 
     monkeypatch.setattr(doctor_data, "find_missing", broken)
     bad = deployment.bad()
-    assert bad["photographs"] == "it could not be asked (OSError)."
+    assert bad["photographs"] == "the check failed (OSError)."
     assert "backup" in deployment.findings()
 
 
@@ -504,11 +504,11 @@ def test_command_tells_findings_as_json_and_says_no(deployment):
     assert findings["workers"] == {
         "subject": "workers",
         "level": "bad",
-        "message": "none: meals are kept, and none is estimated.",
+        "message": "none: meals are stored but not estimated.",
         "advice": "Start `tada worker`.",
     }
     told = run_tada("doctor", **variables(deployment)).stdout
-    assert "BAD  workers: none: meals are kept, and none is estimated. Start `tada worker`." in told.splitlines()
+    assert "BAD  workers: none: meals are stored but not estimated. Start `tada worker`." in told.splitlines()
 
 
 def test_command_migrates_nothing(deployment):

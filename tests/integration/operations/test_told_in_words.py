@@ -17,7 +17,7 @@ import app.worker
 from app.cli.serving import serve
 from app.core.errors import StorageFullError, TadaError, UnavailableError
 from app.core.settings import Settings
-from app.operations.in_words import explained_errors, in_words
+from app.operations.explain_errors import explain_error, explained_errors
 from app.operations.prepare import prepare_patiently
 from app.storage import s3
 from app.worker import run_worker
@@ -68,7 +68,7 @@ def test_role_without_rights_is_told_in_a_sentence_by_processes(weak, tmp_path, 
     assert ended.returncode == 2, ended.stderr
     assert "Traceback" not in ended.stderr
     *log, told = ended.stderr.splitlines()
-    assert told.startswith("tada: The database does not let us: permission denied for schema public")
+    assert told.startswith("tada: The database denies permission: permission denied for schema public")
     assert all(json.loads(line) for line in log)
 
 
@@ -113,7 +113,7 @@ def test_database_that_is_away_is_told_by_server_and_worker(tmp_path, impatient,
 
 def test_file_that_is_no_database_is_told(tmp_path, impatient):
     (tmp_path / "tada.sqlite3").write_bytes(b"no database at all" * 1000)
-    with pytest.raises(UnavailableError, match="damaged, or none of ours: file is not a database"):
+    with pytest.raises(UnavailableError, match="damaged, or not ours: file is not a database"):
         run_worker(Settings(data_dir=tmp_path))
 
 
@@ -157,22 +157,22 @@ def test_statement_that_sqlite_does_not_take_is_a_fault_of_the_program():
     with pytest.raises(sqlite3.OperationalError) as caught:
         connection.execute("SELECT 1 FROM nowhere")
     connection.close()
-    assert in_words(caught.value) is None
-    assert in_words(sa.exc.OperationalError("SELECT 1 FROM nowhere", {}, caught.value)) is None
+    assert explain_error(caught.value) is None
+    assert explain_error(sa.exc.OperationalError("SELECT 1 FROM nowhere", {}, caught.value)) is None
     with pytest.raises(sqlite3.OperationalError) as caught:
         sqlite3.connect("/nowhere/at/all")
-    assert in_words(caught.value).message.startswith("The database does not answer: unable to open")
+    assert explain_error(caught.value).message.startswith("The database does not answer: unable to open")
 
 
 def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
     away = sa.exc.OperationalError("SELECT 1", {}, Exception("the database system is starting up"))
     wrapped = RuntimeError("it did not begin")
     wrapped.__cause__ = away
-    assert in_words(wrapped).message == "The database does not answer: the database system is starting up"
+    assert explain_error(wrapped).message == "The database does not answer: the database system is starting up"
     full = sqlite3.OperationalError("database or disk is full")
     full.sqlite_errorcode = sqlite3.SQLITE_FULL
-    assert "TMPDIR" in in_words(full).message  # a scratch file's, which no engine of SQLAlchemy wraps
-    assert isinstance(in_words(OSError(28, "No space left on device", "/data")), StorageFullError)
-    assert in_words(sa.exc.ProgrammingError("SELEC", {}, Exception("syntax error"))) is None
+    assert "TMPDIR" in explain_error(full).message  # a scratch file's, which no engine of SQLAlchemy wraps
+    assert isinstance(explain_error(OSError(28, "No space left on device", "/data")), StorageFullError)
+    assert explain_error(sa.exc.ProgrammingError("SELEC", {}, Exception("syntax error"))) is None
     with pytest.raises(KeyError), explained_errors():
         raise KeyError("x")

@@ -672,7 +672,7 @@ def test_command_reports_a_whole_release_and_names_a_lost_file_by_its_key(owner,
     add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
     told = json.loads(command("--json").stdout)
     assert (told["is_whole"], told["is_reproduced"], told["tables"]) == (False, False, None)
-    assert "which rows differ is not told without its files" in command().stdout
+    assert "differences of rows are not shown without its files" in command().stdout
 
 
 def test_equal_rows_are_compared_by_their_number(owner, run, state, eaten):

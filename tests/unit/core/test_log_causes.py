@@ -3,7 +3,7 @@
 import pytest
 import structlog
 
-from app.core.log_causes import LINES, WINDOW_SECONDS, OneTracebackACause
+from app.core.log_causes import LINES, WINDOW_SECONDS, OneTracebackPerCause
 
 
 class Clock:
@@ -21,7 +21,7 @@ def clock():
 @pytest.fixture
 def log(clock):
     """log(event, error): the line as it goes out, None if it is left out."""
-    processor = OneTracebackACause(clock)
+    processor = OneTracebackPerCause(clock)
 
     def write(event, error):
         try:
@@ -52,7 +52,7 @@ def test_hundreds_of_lines_of_one_cause_have_one_traceback(log, clock):
     written = [line for line in lines if line is not None]
     assert len(written) == LINES
     assert [("exc_info" in line) for line in written] == [True] + [False] * (LINES - 1)
-    assert {line["cause"] for line in written[1:]} == {"ConnectionRefusedError, told within the last minute"}
+    assert {line["cause"] for line in written[1:]} == {"ConnectionRefusedError, logged within the last minute"}
     clock.now += WINDOW_SECONDS + 1
     again = log("request_failed", raised())
     assert "exc_info" in again

@@ -10,7 +10,7 @@ import uuid
 import pytest
 import structlog
 
-from app.core.logs import configure_logging, request_id_of, tell, telling
+from app.core.logs import bind_log_context, configure_logging, log_context, request_id_of
 from app.core.settings import Settings
 
 
@@ -54,15 +54,15 @@ def test_anything_but_a_uuid_is_replaced_by_an_id_of_ours(sent):
 
 def test_facts_stand_in_all_lines_from_then_on_and_in_none_after_the_end(lines):
     log = structlog.get_logger()
-    with telling():
+    with log_context():
         log.info("before")
-        tell(meal_id="m1")
+        bind_log_context(meal_id="m1")
         thread = threading.Thread(target=lambda: log.info("elsewhere"))
         thread.start()
         thread.join()
         log.info("later", code="c1")
     log.info("outside")
-    tell(meal_id="m2")
+    bind_log_context(meal_id="m2")
     log.info("outside too")
     assert [(line["event"], line.get("meal_id")) for line in lines()] == [
         ("before", None),
@@ -75,9 +75,9 @@ def test_facts_stand_in_all_lines_from_then_on_and_in_none_after_the_end(lines):
 
 def test_fact_told_in_a_thread_that_works_for_the_request_stands_in_its_last_line(lines):
     log = structlog.get_logger()
-    with telling() as facts:
+    with log_context() as facts:
         context = contextvars.copy_context()  # as anyio.to_thread does
-        thread = threading.Thread(target=lambda: context.run(tell, meal_id="m1"))
+        thread = threading.Thread(target=lambda: context.run(bind_log_context, meal_id="m1"))
         thread.start()
         thread.join()
         log.info("request")
@@ -86,6 +86,6 @@ def test_fact_told_in_a_thread_that_works_for_the_request_stands_in_its_last_lin
 
 
 def test_word_of_the_line_itself_wins_over_a_fact(lines):
-    with telling(meal_id="m1"):
+    with log_context(meal_id="m1"):
         structlog.get_logger().info("other", meal_id="m2")
     assert lines()[0]["meal_id"] == "m2"
