@@ -234,7 +234,7 @@ def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployme
     bad = deployment.bad()
     assert bad["meals"] == "1 are stuck."
     assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]
-    assert "1 moved" in deployment.findings(requeue=True)["meals"].message
+    assert "1 queued again or failed" in deployment.findings(requeue=True)["meals"].message
     assert "meals" not in deployment.bad()
 
 
