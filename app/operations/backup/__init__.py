@@ -1,1 +1,1 @@
-"""`tada backup` and `tada restore`: a deployment in one file, checked whole before anything is restored from it."""
+"""`tada backup` and `tada restore`: a deployment in one file, verified completely before anything is restored."""

@@ -1,4 +1,4 @@
-"""Blobs on their way into a backup: read a few at a time ahead, each checked against the SHA-256 in its key."""
+"""Read blobs for a backup, a few ahead, each verified against the SHA-256 in its key."""
 
 import errno
 import hashlib
@@ -12,9 +12,9 @@ from typing import IO
 
 from app.storage.blob_store import KEY_PATTERN, BlobDamagedError, BlobMissingError, BlobStore, StoreRefusesError
 
-READERS = 4  # at the same time: a remote store answers late, and its answers may overlap
+READERS = 4  # concurrent, since a remote store has latency
 AHEAD = 8  # blobs read and not yet written
-IN_MEMORY_BYTES = 8 * 1024 * 1024  # of one blob; what is larger waits on disk
+IN_MEMORY_BYTES = 8 * 1024 * 1024  # of one blob; larger ones are spooled to disk
 PIECE_BYTES = 256 * 1024
 SHA256 = re.compile(r"^[0-9a-f]{64}$")
 
@@ -26,7 +26,7 @@ NO_KEY = "not a key of the store"
 
 @dataclass(frozen=True, slots=True)
 class ReadBlob:
-    """A blob as it was read. content None: fault says why there is none. Close it."""
+    """The result of reading a blob. content None: `fault` has the reason. Close it after use."""
 
     key: str
     size: int
@@ -34,30 +34,30 @@ class ReadBlob:
     fault: str | None
 
     def pieces(self) -> Iterator[bytes]:
-        """The bytes."""
+        """Yield the content."""
         if self.content is None:
             raise ValueError(f"{self.key} was not read")
         while piece := self.content.read(PIECE_BYTES):
             yield piece
 
     def close(self) -> None:
-        """Let go of the bytes."""
+        """Release the content."""
         if self.content is not None:
             self.content.close()
 
 
 def is_blob_key(key: str) -> bool:
-    """Whether it is a key as we make them, with the SHA-256 of its bytes at the end."""
+    """Return whether this is a key of ours, which ends with the SHA-256 of the blob."""
     return KEY_PATTERN.match(key) is not None and SHA256.match(sha256_of_key(key)) is not None
 
 
 def sha256_of_key(key: str) -> str:
-    """What the bytes must come to."""
+    """Return the SHA-256 in a key."""
     return key.rpartition("/")[2]
 
 
 def read_blobs(blobs: BlobStore, keys: Iterable[str]) -> Generator[ReadBlob, None, None]:
-    """The blobs of these keys, in their order. Raises OSError where the store does not answer."""
+    """Yield the blobs of these keys, in order. Raises OSError if the store does not answer."""
     remaining, waiting = iter(keys), deque[Future[ReadBlob]]()
     with ThreadPoolExecutor(READERS, thread_name_prefix="backup") as readers:
         try:
@@ -68,9 +68,9 @@ def read_blobs(blobs: BlobStore, keys: Iterable[str]) -> Generator[ReadBlob, Non
             while waiting:
                 yield from _next(waiting)
         finally:
-            for left in waiting:
-                left.add_done_callback(_close)
-                left.cancel()
+            for future in waiting:
+                future.add_done_callback(_close)
+                future.cancel()
 
 
 def _next(waiting: deque[Future[ReadBlob]]) -> Iterator[ReadBlob]:
@@ -81,13 +81,13 @@ def _next(waiting: deque[Future[ReadBlob]]) -> Iterator[ReadBlob]:
         blob.close()
 
 
-def _close(left: Future[ReadBlob]) -> None:
-    if not left.cancelled() and left.exception() is None:
-        left.result().close()
+def _close(future: Future[ReadBlob]) -> None:
+    if not future.cancelled() and future.exception() is None:
+        future.result().close()
 
 
 def _read(blobs: BlobStore, key: str) -> ReadBlob:
-    """Twice at most: what cannot be read while the store answers is damaged; a store that is away damages nothing."""
+    """Read a blob, trying twice: if only this blob fails, it is damaged; if the store is down, raise OSError."""
     if not is_blob_key(key):
         return ReadBlob(key, 0, None, NO_KEY)
     for _ in range(2):
@@ -96,7 +96,7 @@ def _read(blobs: BlobStore, key: str) -> ReadBlob:
         except OSError as error:
             if isinstance(error, StoreRefusesError) or error.errno != errno.EIO:
                 raise
-        next(blobs.keys("nobody/"), None)  # raises where the fault is not this blob's
+        next(blobs.keys("nobody/"), None)  # raises if the store itself fails
     return ReadBlob(key, 0, None, UNREADABLE)
 
 
@@ -111,7 +111,7 @@ def _read_once(blobs: BlobStore, key: str) -> ReadBlob:
     except BlobMissingError:
         content.close()
         return ReadBlob(key, 0, None, MISSING)
-    except BlobDamagedError:  # a store on another machine noticed it by itself
+    except BlobDamagedError:  # detected by a remote store
         content.close()
         return ReadBlob(key, 0, None, CHANGED)
     except BaseException:

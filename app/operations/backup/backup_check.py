@@ -1,8 +1,8 @@
-"""A backup is read from its first byte to its last before anything is restored from it: whole, unchanged, understood.
+"""Verify a backup completely before anything is restored from it.
 
-Every checksum, every row against the tables of its revision, every blob against the SHA-256 in its key and against the
-rows that name it. What does not fit is refused (`backup_broken` and the like), so what a restore does afterwards
-it does with known values. Memory stays flat whatever the file claims.
+Checks every checksum, every row against the tables of its revision, every blob against the SHA-256 in its key and the
+rows that name it. Anything invalid is refused (`backup_broken` and the like), so a restore only handles valid values.
+Memory use is bounded whatever the file contains.
 """
 
 import hashlib
@@ -16,16 +16,16 @@ from typing import IO
 from app.db.layout import TableLayout, layout_at
 from app.db.schema_state import is_before_baseline, revisions
 from app.db.scratch_keys import ScratchKeys, scratch_keys
-from app.operations.backup.backup import Tell, blob_namer
+from app.operations.backup.backup import ReportProgress, blob_namer
 from app.operations.backup.backup_blobs import is_blob_key, sha256_of_key
 from app.operations.backup.backup_format import (
     BLOBS,
-    DAMAGED_TOLD,
     END,
     ERASED,
     LACKING,
     MANIFEST,
     MAX_CHUNK_BYTES,
+    MAX_DAMAGED_LISTED,
     MAX_DOCUMENT_BYTES,
     MAX_LACKING_BYTES,
     SUMS,
@@ -35,7 +35,7 @@ from app.operations.backup.backup_format import (
     Manifest,
     broken,
     chunk_name,
-    described,
+    manifest_tables,
     read_end,
     read_lacking,
     read_manifest,
@@ -48,12 +48,12 @@ from app.people.access.secret_box import SecretBox
 from app.privacy.erasure_ledger import KINDS
 
 GZIP_WINDOW = 31  # zlib's number for gzip's own header and check
-OpenBox = Callable[[Manifest], SecretBox | None]  # the key to check the seal with; raises where it is another's
+OpenBox = Callable[[Manifest], SecretBox | None]  # returns the key to verify the seal with; raises for a different key
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedBackup(Backup):
-    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows."""
+    """A verified backup. chunks: table -> SHA-256 of each chunk of its rows. blobs_offset: of the first blob."""
 
     layout: tuple[TableLayout, ...]
     chunks: Mapping[str, list[str]]
@@ -62,25 +62,25 @@ class CheckedBackup(Backup):
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """What the rows of a backup name. blobs: their keys; erasures: those of tombstones, as the ledger calls them."""
+    """Keys that the rows of a backup name. blobs: keys of blobs; erasures: of tombstones, as in the ledger."""
 
     blobs: ScratchKeys
     erasures: ScratchKeys
 
 
 @contextmanager
-def nothing_named() -> Iterator[Named]:
-    """To be filled by check_backup; gone at the end."""
+def empty_named() -> Iterator[Named]:
+    """Yield an empty set of keys for check_backup; removed at the end."""
     with scratch_keys() as blobs, scratch_keys() as erasures:
         yield Named(blobs, erasures)
 
 
-def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -> CheckedBackup:
-    """Read all of it. named: becomes what its rows name.
+def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, report_progress: ReportProgress) -> CheckedBackup:
+    """Read and verify a backup. named: receives the keys that its rows name.
 
     Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`), and what open_box raises.
     """
-    reading = _Reading(file, named, tell)
+    reading = _Reading(file, named, report_progress)
     manifest = reading.manifest()
     box = open_box(manifest)
     layout = _layout_of(manifest)
@@ -92,14 +92,14 @@ def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -
     erased, damaged, damaged_first = reading.lacking()
     end = reading.end(box)
     if (end.rows, end.blobs, end.blob_bytes, end.erased, end.damaged) != (rows, blobs, blob_bytes, erased, damaged):
-        raise broken("its counts are not those of its end")
+        raise broken("its counts differ from those at its end")
     if named.blobs.has_unseen():
         raise broken("its rows name blobs that are not in it")
     return CheckedBackup(manifest, end, damaged_first, layout, chunks, blobs_offset)
 
 
 def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequence[object]], None]:
-    """What notes the erasure that a row of this table tells of, if it is one that stands in the ledger."""
+    """Return a function that adds the erasure recorded by a row of this table, if the ledger has such entries."""
     if table.name != "tombstone":
         return lambda _row: None
     places = [place for column in ("kind", "digest") if (place := table.place(column)) is not None]
@@ -113,116 +113,116 @@ def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequen
 
 
 def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[object]]) -> Iterator[list[object]]:
-    """The rows of a chunk. Raises InvalidInputError (`backup_broken`)."""
+    """Yield the rows of a chunk. Raises InvalidInputError (`backup_broken`)."""
     unpacker = zlib.decompressobj(GZIP_WINDOW)
     try:
         text = unpacker.decompress(content, MAX_CHUNK_BYTES)
     except zlib.error as error:
         raise broken(f"{name} cannot be unpacked") from error
     if unpacker.unconsumed_tail or not unpacker.eof or unpacker.unused_data or not text.endswith(b"\n"):
-        raise broken(f"{name} unpacks to something else than was packed")
+        raise broken(f"{name} does not unpack to what was packed")
     for line in io.BytesIO(text):
         try:
             yield read(line)
         except ValueError as error:
-            raise broken(f"{name} holds a row that is none: {error}") from error
+            raise broken(f"{name} has an invalid row: {error}") from error
 
 
 class _Reading:
-    """The members in their order, each exactly once; the one that is next is looked at before it is read."""
+    """Reads the members in order, each exactly once, with a look-ahead of one."""
 
-    def __init__(self, file: IO[bytes], named: Named, tell: Tell) -> None:
+    def __init__(self, file: IO[bytes], named: Named, report_progress: ReportProgress) -> None:
         self._members = members(file)
-        self._named, self._tell = named, tell
+        self._named, self._report_progress = named, report_progress
         self._sums, self._count = hashlib.sha256(), 0
         self._next = self._advance()
 
     @property
     def offset(self) -> int:
-        """Where the next member begins."""
-        return self._here().offset
+        """Return the offset of the next member."""
+        return self._current().offset
 
     def manifest(self) -> Manifest:
         return read_manifest(self._content(MANIFEST, MAX_DOCUMENT_BYTES))
 
     def table(self, table: TableLayout) -> tuple[int, list[str]]:
-        """How many rows, and the chunks' checksums."""
+        """Read a table; return the number of its rows and the chunks' checksums."""
         read, count = row_reader(table), 0
         name_blob, name_erasure = blob_namer(table, self._named.blobs), erasure_namer(table, self._named.erasures)
         sums: list[str] = []
-        while (found := TABLE_MEMBER.match(self._here().name)) and found[1] == table.name:
+        while (match := TABLE_MEMBER.match(self._current().name)) and match[1] == table.name:
             name = chunk_name(table.name, len(sums) + 1)
-            member = self._here()
+            member = self._current()
             for row in unpacked_rows(self._content(name, MAX_CHUNK_BYTES), name, read):
                 name_blob(row)
                 name_erasure(row)
                 count += 1
             sums.append(member.sha256)
-            self._tell(f"checked: {table.name}, {count} rows")
+            self._report_progress(f"checked: {table.name}, {count} rows")
         return count, sums
 
     def blobs(self) -> tuple[int, int]:
-        """How many, and how many bytes."""
+        """Read all blobs; return their number and total size in bytes."""
         count = size = 0
-        while self._here().name.startswith(BLOBS):
-            member = self._here()
+        while self._current().name.startswith(BLOBS):
+            member = self._current()
             key = member.name.removeprefix(BLOBS)
             if not is_blob_key(key) or not self._named.blobs.see(key):
-                raise broken("it holds a blob that none of its rows names")
+                raise broken("it has a blob that none of its rows names")
             for _ in member.pieces():
                 pass
             if member.sha256 != sha256_of_key(key):
-                raise broken(f"blob {key} is not what was stored")
+                raise broken(f"blob {key} has been changed")
             count += 1
             size += member.size
             self._done(member)
-            self._tell(f"checked: {count} blobs, {size / 1e6:.0f} MB")
+            self._report_progress(f"checked: {count} blobs, {size / 1e6:.0f} MB")
         return count, size
 
     def lacking(self) -> tuple[int, int, dict[str, str]]:
-        """How many are erased, how many damaged, and the first of these with the reason."""
-        member, erased, damaged = self._here(), 0, 0
+        """Read the list of missing blobs; return the numbers of erased and damaged ones, and the first damaged ones."""
+        member, erased, damaged = self._current(), 0, 0
         first: dict[str, str] = {}
         if member.name != LACKING:
             raise broken(f"{LACKING} is not where it should be")
         for line in member.lines(MAX_LACKING_BYTES):
-            key, why = read_lacking(line)
-            see = self._named.blobs.see_erased if why == ERASED else self._named.blobs.see
-            if not see(key):
-                raise broken("it lacks a blob that it holds, or that none of its rows names")
-            if why == ERASED:
+            key, reason = read_lacking(line)
+            mark_seen = self._named.blobs.see_erased if reason == ERASED else self._named.blobs.see
+            if not mark_seen(key):
+                raise broken("it lists a blob as missing that it has, or that none of its rows names")
+            if reason == ERASED:
                 erased += 1
                 continue
             damaged += 1
-            if len(first) < DAMAGED_TOLD:
-                first[key] = why
+            if len(first) < MAX_DAMAGED_LISTED:
+                first[key] = reason
         self._done(member)
         return erased, damaged, first
 
     def end(self, box: SecretBox | None) -> End:
         expected, count = self._sums.hexdigest(), self._count
-        member = self._here()
+        member = self._current()
         if member.name != SUMS:
             raise broken(f"{SUMS} is not where it should be")
         for _ in member.pieces():
             pass
         if member.sha256 != expected:
-            raise broken("a checksum is not right")
+            raise broken("a checksum is wrong")
         self._done(member)
         end = read_end(self._content(END, MAX_DOCUMENT_BYTES), box)
         if (end.members, end.sums_sha256) != (count, expected):
-            raise broken("a checksum is not right")
+            raise broken("a checksum is wrong")
         if self._next is not None:
-            raise broken("something follows its end")
+            raise broken("there is data after its end")
         return end
 
-    def _here(self) -> Member:
+    def _current(self) -> Member:
         if self._next is None:
             raise broken("it ends too early")
         return self._next
 
     def _content(self, name: str, limit: int) -> bytes:
-        member = self._here()
+        member = self._current()
         if member.name != name:
             raise broken(f"{name} is not where it should be")
         content = member.content(limit)
@@ -239,18 +239,18 @@ class _Reading:
 
 
 def _layout_of(manifest: Manifest) -> tuple[TableLayout, ...]:
-    """The tables of the backup's revision, which must be those that the manifest tells; in its order."""
+    """Return the tables of the backup's revision, in the manifest's order; they must match the manifest."""
     if is_before_baseline(manifest.revision):
         raise too_old(f"its schema is {manifest.revision!r}")
     if manifest.revision not in revisions():
         raise too_new(f"its schema is {manifest.revision!r}")
     tables = {table.name: table for table in layout_at(manifest.revision)}
-    told = manifest.tables
-    if tables.keys() != told.keys() or any(
-        sorted(described([tables[name]])[name]) != sorted(told[name]) for name in told
+    listed = manifest.tables
+    if tables.keys() != listed.keys() or any(
+        sorted(manifest_tables([tables[name]])[name]) != sorted(listed[name]) for name in listed
     ):
         raise broken("its tables are not those of its revision")
     columns = {name: {column.name: column for column in table.columns} for name, table in tables.items()}
     return tuple(
-        replace(tables[name], columns=tuple(columns[name][column] for column, _ in told[name])) for name in told
+        replace(tables[name], columns=tuple(columns[name][column] for column, _ in listed[name])) for name in listed
     )

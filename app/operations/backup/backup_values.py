@@ -1,8 +1,7 @@
-"""A row of the database as one line of JSON and back, every value exactly: the same line from SQLite and PostgreSQL.
+"""Convert a row of the database to a line of JSON and back without loss, alike for SQLite and PostgreSQL.
 
-Ids, instants (UTC, microseconds) and dates as text, bytes as base64, JSON columns as the text that the database keeps,
-so that NULL is null and JSON's null is "null"; a float as its shortest decimal that reads back as the same one, what is
-not finite as a word.
+Ids, instants (UTC, microseconds) and dates are text, bytes base64, JSON columns the database's text, so that NULL is
+null and JSON's null is "null"; a float is its shortest decimal that reads back equal, or "NaN" or "Infinity".
 """
 
 import base64
@@ -23,9 +22,9 @@ ValueT = TypeVar("ValueT")
 
 
 def row_writer(table: TableLayout) -> Callable[[Sequence[object]], bytes]:
-    """From a row to its line, the line's end included. The line's maker raises TypeError for a value of another type.
+    """Return a function from a row to its line, which raises TypeError for a value of another type.
 
-    A database that holds such (SQLite may) is to be told of now, not when the backup is needed.
+    Such values (SQLite may have them) must be reported now, not when the backup is needed.
     """
     writers = [_CODECS[column.type].write for column in table.columns]
     dumps = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), check_circular=False).encode
@@ -40,13 +39,13 @@ def row_writer(table: TableLayout) -> Callable[[Sequence[object]], bytes]:
 
 
 def row_reader(table: TableLayout) -> Callable[[bytes], list[object]]:
-    """From a line to its row; ValueError, which names the column, for what no row_writer made."""
+    """Return a function from a line to its row, which raises ValueError, naming the column, for an invalid line."""
     columns = [(column.name, _CODECS[column.type].read, column.is_nullable) for column in table.columns]
 
     def read(line: bytes) -> list[object]:
         values = _parsed(line.decode("utf-8", "surrogatepass"), parse_constant=_no_constant)
         if not isinstance(values, list) or len(values) != len(columns):
-            raise ValueError("not the table's columns")  # what was written is wrong, not the call
+            raise ValueError("not the table's columns")  # invalid data, not a wrong call
         row: list[object] = []
         for value, (name, reader, is_nullable) in zip(values, columns, strict=True):
             if value is None:
@@ -64,7 +63,7 @@ def row_reader(table: TableLayout) -> Callable[[bytes], list[object]]:
 
 
 def _exactly(kind: type[ValueT], value: object) -> ValueT:
-    """Return a value of exactly this type (True is no integer)."""
+    """Return a value of exactly this type (True is not an integer)."""
     if not isinstance(value, kind) or type(value) is not kind:
         raise TypeError(type(value).__name__)
     return value
@@ -116,7 +115,7 @@ def _read_instant(value: object) -> datetime:
 
 
 def _read_json(value: object) -> str:
-    """Return the text, which must be JSON."""
+    """Return a text that is JSON."""
     text = _text(value)
     _parsed(text)
     return text
@@ -136,7 +135,7 @@ def _no_constant(name: str) -> NoReturn:
 
 @dataclass(frozen=True, slots=True)
 class _Codec:
-    """write: from a value of the database to one of JSON, read: back; both raise for a value of another type."""
+    """write: converts a value of the database to JSON; read: back. Both raise for a value of another type."""
 
     write: Callable[[object], object]
     read: Callable[[object], object]

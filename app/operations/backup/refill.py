@@ -1,8 +1,8 @@
-"""An empty deployment's database is filled with the rows of a backup: all of them or none.
+"""Fill an empty deployment's database with the rows of a backup: all or none.
 
-Indexes and references are set aside while the rows come and made again after them, in the same transaction: several
-times as fast, and what refers to nothing is found at once. So are the triggers (triggers.py), which would mark days row
-by row; all days are marked at the end, and the workers write their sums.
+Indexes and foreign keys are dropped before and recreated after the inserts, in the same transaction: this is several
+times faster, and finds dangling references. So are the triggers (triggers.py), which would mark days row by row;
+all days are marked at the end, and the workers compute their sums.
 """
 
 import contextlib
@@ -25,15 +25,15 @@ from app.db.session import Database
 from app.operations.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
 
 ROWS_AT_A_TIME = 2_000
-STARTER = "starter"  # the food table that every new deployment has: a restore brings its own
-OF_FOODS = frozenset(
+STARTER = "starter"  # the food table of every new deployment; a restore replaces it
+FOOD_TABLES = frozenset(
     {
         "component", "food", "food_activation", "food_change", "food_code", "food_density", "food_ingredient",
         "food_nutrient", "food_portion", "food_posting", "food_release", "food_word", "food_word_trigram",
     }
 )  # fmt: skip
-LEAVE_SECONDS = 10.0  # a closed connection is gone a moment later, on a busy machine some seconds
-SQLITE_CACHE_KIB = 64 * 1024  # ids are random: pages of the key are touched in no order
+LEAVE_SECONDS = 10.0  # until closed connections are gone, which takes seconds on a busy machine
+SQLITE_CACHE_KIB = 64 * 1024  # ids are random, so index pages are written in random order
 OTHERS = """
     SELECT count(*) FROM pg_stat_activity
     WHERE datname = current_database() AND pid <> pg_backend_pid() AND usename = current_user
@@ -57,18 +57,18 @@ SEQUENCES = """
 
 
 def require_alone(database: Database) -> None:
-    """Raises ConflictError (`deployment_in_use`) while another process has this database open."""
+    """Raise ConflictError (`deployment_in_use`) if another process has this database open."""
     database.dispose()
     if not (_is_alone_on_sqlite(database) if database.is_sqlite else _is_alone_on_postgres(database)):
         raise ConflictError(
-            "Another process has the database open: stop servers, workers and whoever else is connected as the same "
-            "user, then do the same again.",
+            "Another process has the database open: stop servers, workers and other clients connected as the same "
+            "user, then try again.",
             code="deployment_in_use",
         )
 
 
 def require_empty(database: Database, layout: Sequence[TableLayout]) -> None:
-    """Raises ConflictError (`deployment_not_empty`) where a table has rows that a new deployment does not have."""
+    """Raise ConflictError (`deployment_not_empty`) if a table has rows that a new deployment does not have."""
     filled = _filled_table(database, layout, but_starter=True)
     if filled is not None:
         raise ConflictError(
@@ -79,33 +79,33 @@ def require_empty(database: Database, layout: Sequence[TableLayout]) -> None:
 
 
 def make_tables(database: Database, revision: str, layout: Sequence[TableLayout]) -> None:
-    """The tables of a revision, without a row; those of an empty deployment are made anew."""
-    there = current_revision(database)
-    if there == revision and _filled_table(database, layout, but_starter=False) is None:
+    """Create the empty tables of a revision, replacing those of an empty deployment."""
+    current = current_revision(database)
+    if current == revision and _filled_table(database, layout, but_starter=False) is None:
         return
-    if there is not None:
+    if current is not None:
         downgrade(database, "base")
     upgrade(database, revision)
 
 
 class Refill:
-    """The one transaction of a refill. Made by `refilling`."""
+    """The transaction of a refill. Created by `refilling`."""
 
     def __init__(self, connection: sa.Connection) -> None:
         self._connection = connection
 
     def put(self, table: TableLayout, rows: Iterable[Sequence[object]]) -> int:
-        """Insert rows, each a value for every column of the layout. Returns how many.
+        """Insert rows, each with a value for every column of the layout, and return their number.
 
-        Raises InvalidInputError (`backup_refused`) for what this database cannot hold.
+        Raises InvalidInputError (`backup_refused`) for values that this database refuses.
         """
-        with _told(table.name):
+        with _explain_refusal(table.name):
             if self._connection.dialect.name == "sqlite":
                 return self._insert(table, rows)
             return self._copy(table, rows)
 
     def change(self, statement: sa.Update | sa.Delete) -> int:
-        """Carry out a change of what was put. Returns how many rows it met."""
+        """Change inserted rows, and return the number of rows affected."""
         return self._connection.execute(statement).rowcount
 
     def _insert(self, table: TableLayout, rows: Iterable[Sequence[object]]) -> int:
@@ -129,39 +129,39 @@ class Refill:
 
 @contextmanager
 def refilling(database: Database, layout: Sequence[TableLayout]) -> Iterator[Refill]:
-    """One transaction in which the tables are filled; at its end references are whole and counters stand behind."""
+    """Yield a transaction to fill the tables; at its end references are checked and sequences advanced."""
     with database.write() as session:
         connection = session.connection()
-        aside = _sqlite_aside if database.is_sqlite else _postgres_aside
+        without_indexes = _sqlite_without_indexes if database.is_sqlite else _postgres_without_indexes
         drop_triggers(connection)
-        with aside(connection, [table.name for table in layout]):
+        with without_indexes(connection, [table.name for table in layout]):
             yield Refill(connection)
         create_triggers(connection)
         connection.exec_driver_sql(MARK_ALL_DAYS)
 
 
 @contextmanager
-def _sqlite_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterator[None]:
-    connection.exec_driver_sql("PRAGMA defer_foreign_keys = ON")  # until commit: rows refer to later ones
+def _sqlite_without_indexes(connection: sa.Connection, tables: Sequence[str]) -> Iterator[None]:
+    connection.exec_driver_sql("PRAGMA defer_foreign_keys = ON")  # until commit, since rows refer to later ones
     connection.exec_driver_sql(f"PRAGMA cache_size = -{SQLITE_CACHE_KIB}")
-    made = connection.execute(
+    indexes = connection.execute(
         sa.text("SELECT name, sql FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL AND tbl_name IN :tables")
         .bindparams(sa.bindparam("tables", tables, expanding=True))
     ).all()  # fmt: skip
     quote = connection.dialect.identifier_preparer.quote
-    for index in made:
+    for index in indexes:
         connection.exec_driver_sql(f"DROP INDEX {quote(index.name)}")
     yield
-    for index in made:
-        with _told(index.name):
+    for index in indexes:
+        with _explain_refusal(index.name):
             connection.exec_driver_sql(index.sql)
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
     if broken is not None:
-        raise _refused(broken[0], "a row refers to one that is not there")
+        raise _refused(broken[0], "a row has a dangling reference")
 
 
 @contextmanager
-def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterator[None]:
+def _postgres_without_indexes(connection: sa.Connection, tables: Sequence[str]) -> Iterator[None]:
     for setting in ("statement_timeout", "idle_in_transaction_session_timeout"):
         connection.exec_driver_sql(f"SET LOCAL {setting} = 0")
     quote = connection.dialect.identifier_preparer.quote
@@ -174,10 +174,10 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
         connection.exec_driver_sql(f"DROP INDEX {quote(name)}")
     yield
     for name, definition in indexes:
-        with _told(name):
+        with _explain_refusal(name):
             connection.exec_driver_sql(definition.replace("%", "%%"))
     for table, name, definition in keys:
-        with _told(table):
+        with _explain_refusal(table):
             connection.exec_driver_sql(f"ALTER TABLE {quote(table)} ADD CONSTRAINT {quote(name)} {definition}")
     for table, column, sequence in connection.execute(sa.text(SEQUENCES), names).all():
         query = f"SELECT setval(:name, (SELECT max({quote(column)}) FROM {quote(table)}))"  # noqa: S608  # catalogue's
@@ -186,23 +186,23 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
 
 
 @contextmanager
-def _told(where: str) -> Iterator[None]:
-    """What a database says of values that it does not take, without them; what is its own trouble stays as it is."""
+def _explain_refusal(place: str) -> Iterator[None]:
+    """Raise `backup_refused` for values that the database refuses, without quoting them; keep operational errors."""
     try:
         yield
     except OperationalError:
         raise
-    except psycopg.OperationalError as error:  # of COPY, which SQLAlchemy knows nothing of
+    except psycopg.OperationalError as error:  # of COPY, which bypasses SQLAlchemy
         raise OperationalError("COPY", None, error) from error
     except StatementError as error:
-        raise _refused(where, type(error.orig).__name__) from None
+        raise _refused(place, type(error.orig).__name__) from None
     except psycopg.Error as error:
-        raise _refused(where, type(error).__name__) from None
+        raise _refused(place, type(error).__name__) from None
 
 
-def _refused(where: str, why: str) -> InvalidInputError:
+def _refused(place: str, reason: str) -> InvalidInputError:
     return InvalidInputError(
-        f"The database does not take the backup's rows: {where}: {why}. Nothing of them was kept.",
+        f"The database refuses the backup's rows: {place}: {reason}. None of them was stored.",
         code="backup_refused",
     )
 
@@ -218,7 +218,7 @@ def _is_alone_on_postgres(database: Database) -> bool:
 
 
 def _is_alone_on_sqlite(database: Database) -> bool:
-    """Only who is alone can leave the write-ahead log's mode; the next connection of ours enters it again."""
+    """Return whether no one else has the file open: only then can WAL mode be left; the next connection restores it."""
     path = sa.make_url(database.url).database
     if not path or not Path(path).exists():
         return True
@@ -233,15 +233,15 @@ def _is_alone_on_sqlite(database: Database) -> bool:
 
 
 def _filled_table(database: Database, layout: Sequence[TableLayout], *, but_starter: bool) -> str | None:
-    """The first table that is there and has a row. but_starter: other than the food table of new deployments."""
+    """Return the first table with a row. but_starter: ignore the food table of new deployments."""
     with database.read() as session:
-        there = set(sa.inspect(session.connection()).get_table_names())
+        existing = set(sa.inspect(session.connection()).get_table_names())
         for table in layout:
             query = sa.select(sa.literal(1)).select_from(sa.table(table.name)).limit(1)
             if but_starter and table.name == "food_release":
                 query = query.where(sa.column("source", sa.Text()) != STARTER)
-            elif but_starter and table.name in OF_FOODS:
+            elif but_starter and table.name in FOOD_TABLES:
                 continue
-            if table.name in there and session.execute(query).first() is not None:
+            if table.name in existing and session.execute(query).first() is not None:
                 return table.name
     return None

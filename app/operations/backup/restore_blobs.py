@@ -1,4 +1,4 @@
-"""Blobs of a checked backup into the store: a few at a time, each checked again on its way, durable when it returns."""
+"""Store the blobs of a verified backup: a few at a time, each verified again; durable when it returns."""
 
 import contextlib
 import os
@@ -8,18 +8,18 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import IO
 
-from app.operations.backup.backup import Tell
+from app.operations.backup.backup import ReportProgress
 from app.operations.backup.backup_blobs import sha256_of_key
 from app.operations.backup.backup_format import BLOBS, broken
 from app.operations.backup.backup_tar import Member, members
 from app.storage.blob_store import BlobStore
 
-WRITERS = 4  # at the same time: a store waits for its disk, or for its network
+WRITERS = 4  # concurrent, since a store waits for disk or network
 AHEAD = 8  # blobs staged and not yet durable
 
 
-def put_blobs(file: IO[bytes], offset: int, blobs: BlobStore, tell: Tell) -> None:
-    """Store all blobs of the backup; offset: where its first one begins. The same again is harmless. Raises OSError."""
+def put_blobs(file: IO[bytes], offset: int, blobs: BlobStore, report_progress: ReportProgress) -> None:
+    """Store all blobs of the backup; offset: of the first one. Repeating it is harmless. Raises OSError."""
     waiting: deque[Future[None]] = deque()
     count = size = 0
     with ThreadPoolExecutor(WRITERS, thread_name_prefix="restore") as writers:
@@ -31,7 +31,7 @@ def put_blobs(file: IO[bytes], offset: int, blobs: BlobStore, tell: Tell) -> Non
             count, size = count + 1, size + member.size
             if len(waiting) >= AHEAD:
                 waiting.popleft().result()
-            tell(f"restored: {count} blobs, {size / 1e6:.0f} MB")
+            report_progress(f"restored: {count} blobs, {size / 1e6:.0f} MB")
         while waiting:
             waiting.popleft().result()
 

@@ -318,7 +318,7 @@ def test_backup_that_lacks_more_blobs_than_a_document_holds_is_restored(
             session.add(RunArtefact(**place, media_type="image/png", sha256=f"{number:064x}", bytes=1))
     for module in (backup_check, restore):
         monkeypatch.setattr(module, "MAX_DOCUMENT_BYTES", limit)
-    monkeypatch.setattr(backup, "DAMAGED_TOLD", 3)
+    monkeypatch.setattr(backup, "MAX_DAMAGED_LISTED", 3)
     done = source.back_up(tmp_path / "one.tar")
     assert (done.end.damaged, len(done.damaged_first)) == (limit // 100, 3)
     machine = empty_machine(kind)

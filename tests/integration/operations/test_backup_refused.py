@@ -22,7 +22,7 @@ from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
 from app.nutrition.foods import load_starter_table
-from app.operations.backup.backup_check import check_backup, nothing_named
+from app.operations.backup.backup_check import check_backup, empty_named
 from app.operations.backup.backup_format import (
     CHUNK_BYTES,
     FORMAT,
@@ -92,7 +92,7 @@ def forgery(backup_file):
 
 
 def checked(content, box=BOX):
-    with nothing_named() as named:
+    with empty_named() as named:
         return check_backup(io.BytesIO(content), lambda _manifest: box, named, quiet)
 
 
@@ -253,7 +253,7 @@ def test_blob_that_is_told_as_lacking_is_taken_as_such_and_counted(forgery):
 
 def test_blob_with_other_bytes_is_refused_by_name(forgery):
     forgery.change("blobs/", lambda content: content[::-1])
-    assert "is not what was stored" in refusal(forgery.to_bytes(BOX)).message
+    assert "has been changed" in refusal(forgery.to_bytes(BOX)).message
 
 
 @pytest.mark.parametrize("kind_of_member", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.DIRTYPE, tarfile.FIFOTYPE])
