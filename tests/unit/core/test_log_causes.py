@@ -3,7 +3,7 @@
 import pytest
 import structlog
 
-from app.core.log_causes import LINES, WINDOW_SECONDS, OneTracebackPerCause
+from app.core.log_causes import MAX_LINES, WINDOW_SECONDS, OneTracebackPerCause
 
 
 class Clock:
@@ -50,17 +50,17 @@ def test_hundreds_of_lines_of_one_cause_have_one_traceback(log, clock):
     """While PostgreSQL was away there were 424 tracebacks."""
     lines = [log("request_failed" if n % 2 else "heartbeat_failed", raised(text=f"request {n}")) for n in range(424)]
     written = [line for line in lines if line is not None]
-    assert len(written) == LINES
-    assert [("exc_info" in line) for line in written] == [True] + [False] * (LINES - 1)
+    assert len(written) == MAX_LINES
+    assert [("exc_info" in line) for line in written] == [True] + [False] * (MAX_LINES - 1)
     assert {line["cause"] for line in written[1:]} == {"ConnectionRefusedError, logged within the last minute"}
     clock.now += WINDOW_SECONDS + 1
     again = log("request_failed", raised())
     assert "exc_info" in again
-    assert again["lines_left_out"] == 424 - LINES
+    assert again["lines_left_out"] == 424 - MAX_LINES
 
 
 def test_lines_of_a_mistake_of_ours_are_all_kept_since_each_may_name_another_meal(log):
-    lines = [log("photo_damaged", raised_elsewhere()) for _ in range(5 * LINES)]
+    lines = [log("photo_damaged", raised_elsewhere()) for _ in range(5 * MAX_LINES)]
     assert None not in lines
 
 
