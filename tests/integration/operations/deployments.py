@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from app.core.settings import Settings
 from app.db.base import Base
-from app.db.layout import OF_NO_WORTH_LATER
+from app.db.layout import TRANSIENT_TABLES
 from app.db.session import Database
 from app.estimates.save_estimate import save_estimate
 from app.jobs import queries as jobs
@@ -64,7 +64,7 @@ class Deployment:
         found = {}
         with self.database.read() as session:
             for table in Base.metadata.sorted_tables:
-                if table.name in OF_NO_WORTH_LATER:
+                if table.name in TRANSIENT_TABLES:
                     continue
                 columns = [sa.type_coerce(column, column.type).label(column.name) for column in table.columns]
                 rows = session.execute(sa.select(*columns)).mappings()

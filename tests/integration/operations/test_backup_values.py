@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from app.db.base import Base, UtcDateTime
-from app.db.layout import OF_NO_WORTH_LATER, SQL_TYPES, ColumnLayout, TableLayout, layout_at
+from app.db.layout import SQL_TYPES, TRANSIENT_TABLES, ColumnLayout, TableLayout, layout_at
 from app.db.schema_state import head_revision
 from app.db.session import Database
 from app.db.snapshot import Snapshot
@@ -113,7 +113,7 @@ def test_layout_is_that_of_the_models():
         (table.name, column.name): next(kind for type_, kind in kinds.items() if isinstance(column.type, type_))
         for table in Base.metadata.sorted_tables
         for column in table.columns
-        if table.name not in OF_NO_WORTH_LATER
+        if table.name not in TRANSIENT_TABLES
     }
     found = {(t.name, column.name): column.type for t in layout_at(head_revision()) for column in t.columns}
     assert found == modelled
