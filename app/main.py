@@ -41,7 +41,7 @@ from app.http.request_log import RequestLog
 from app.http.state import ApiState
 from app.jobs.queue import JobQueue
 from app.meals.receive_photo import PhotoIntake
-from app.metrics.instruments import tell_build
+from app.metrics.instruments import register_build
 from app.openapi import openapi_document
 from app.operations import health_api as health
 from app.operations import metrics_api as metrics
@@ -101,7 +101,7 @@ stable `code`.
 @asynccontextmanager
 async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     """What the endpoints of one process share: opened at its start, closed at its end."""
-    tell_build("api")
+    register_build("api")
     box = open_secret_box(settings)
     database = open_database(settings)
     blobs = open_blob_store(settings.resolved_blob_url, settings)

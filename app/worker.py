@@ -17,7 +17,7 @@ from app.db.session import Database, open_database
 from app.estimates.estimate_meal import EstimateMeal
 from app.jobs.chores import Chore
 from app.jobs.worker_process import run_jobs
-from app.metrics.instruments import REGISTRY, tell_build
+from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
 from app.operations.chores import worker_chores
@@ -66,7 +66,7 @@ def run_worker(settings: Settings) -> int:
 
 def _serve_metrics(settings: Settings) -> MetricsServer | None:
     """On the worker's own port, if it has one. A worker works without it: a port that is taken is told, no more."""
-    tell_build("worker")
+    register_build("worker")
     if settings.worker_metrics_port is None:
         return None
     token = settings.metrics_token.get_secret_value() if settings.metrics_token is not None else None

@@ -1,4 +1,4 @@
-"""What a process counts of itself, for Prometheus; instruments.py, reader.py: who may read it, server.py: a worker's.
+"""A process's metrics for Prometheus: instruments.py, reader.py (who may read them), server.py (for workers).
 
-docs/monitoring.md tells each of them. Labels are routes, codes and stages: never a person, a study or a meal.
+docs/monitoring.md describes each metric. Labels are routes, codes and stages, never a person, a study or a meal.
 """

@@ -1,8 +1,8 @@
-"""The counters, gauges and histograms of one process, in a registry of its own. Names: tada_*, seconds and bytes.
+"""The counters, gauges and histograms of one process, in a separate registry. Names: tada_*, seconds and bytes.
 
-Each process counts for itself and is a target of its own. Every label has few values, all known to the program: codes,
-routes' patterns, stages, states. What counts stands where the thing happens; what the database knows is asked at the
-scrape (operations/figures.py).
+Each process is a separate target. Every label has few values, all defined by the program: codes, routes' patterns,
+stages, states. Counters are updated where things happen; figures of the database are read at the scrape
+(operations/figures.py).
 """
 
 import platform
@@ -27,7 +27,7 @@ WAIT_BUCKETS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0,
 
 BUILD = Gauge("tada_build", "Always 1; which program this is.", ["version", "python", "part"], registry=REGISTRY)
 
-# outcomes of a job that tell of the server and not of the photographs: each is a meal that could have been measured
+# outcomes of a job caused by the server and not by the photographs: the meal could have been measured
 SERVER_FAILURES = (
     "internal_error",
     "job_gave_up",
@@ -39,7 +39,7 @@ SERVER_FAILURES = (
 )
 CHILD_OUTCOMES = ("ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised")
 MADE_OUTCOMES = ("done", "again", "lost", "died", "storage_full", "internal_error")
-# refusals of an upload that tell of the server and not of the phone
+# refusals of an upload caused by the server and not by the phone
 REFUSALS = ("storage_full", "unavailable", "internal_error", "server_busy")
 
 # HTTP
@@ -144,21 +144,21 @@ CLOCK_DOUBTED = Gauge(
 
 
 def outcome_label(code: str) -> str:
-    """A code as a label: what a child process made up, and no code of ours, is "other"."""
+    """Return a code as a label; a text from a child process that is not a code becomes "other"."""
     return code if re.fullmatch(r"[a-z_]{1,64}", code) else "other"
 
 
-def tell_build(part: Literal["api", "worker"]) -> None:
-    """Name this process, and begin its counters at 0: an alert does not see a series that begins at 1."""
+def register_build(part: Literal["api", "worker"]) -> None:
+    """Label this process, and start its counters at 0, since alerts do not see a series that starts at 1."""
     BUILD.labels(__version__, platform.python_version(), part).set(1)
-    begun: list[tuple[Counter, Iterable[tuple[str, ...]]]]
+    counters: list[tuple[Counter, Iterable[tuple[str, ...]]]]
     if part == "api":
-        begun = [
+        counters = [
             (UPLOADS, product(("kept", "repeated", "cut", *REFUSALS))),
             (SIGN_INS, product(("ok", "failed", "limited"))),
         ]
     else:
-        begun = [
+        counters = [
             (ESTIMATES, product(("meal", "after", "remeasure"), ("ok", *SERVER_FAILURES))),
             (CHILD_RESULTS, product(CHILD_OUTCOMES)),
             (DELIVERIES, product(("delivered", "failed", "given_up"))),
@@ -166,6 +166,6 @@ def tell_build(part: Literal["api", "worker"]) -> None:
             (BLOBS_DELETED, product(("erased", "orphan"))),
             (FILES_MADE, product(("export", "release"), MADE_OUTCOMES)),
         ]
-    for counter, labels in begun:
-        for each in labels:
-            counter.labels(*each)
+    for counter, label_sets in counters:
+        for labels in label_sets:
+            counter.labels(*labels)

@@ -1,7 +1,7 @@
-"""A worker's metrics over HTTP, on a port of their own: /metrics for who may read it, /healthz for whoever asks.
+"""A worker's metrics over HTTP, on a separate port: /metrics with access control, /healthz for everyone.
 
-/healthz says only that the process lives: a worker whose database is away waits for it, and a restart would not help.
-Callers cost a worker little, whatever they do: few at a time, each for some seconds.
+/healthz only reports that the process is alive: a worker without its database waits for it, and a restart would not
+help. Callers are limited in number and time, so that they cost a worker little.
 """
 
 import contextlib
@@ -22,12 +22,12 @@ from app.metrics.reader import may_read
 
 log = structlog.get_logger()
 
-REQUEST_SECONDS = 10.0  # for all of a request and its answer, however slowly they come; then the caller is cut off
-MOST_CALLERS = 16  # at the same time, each with a thread; who comes beyond them is turned away
+REQUEST_SECONDS = 10.0  # for a whole request and response; then the connection is closed
+MAX_CALLERS = 16  # concurrent, each with a thread; further ones are refused
 
 
 class MetricsServer:
-    """Serves a registry until it is stopped. port 0: any free one. token: None: to this machine only."""
+    """Serves a registry until it is stopped. port 0: any free one. token None: only to this machine."""
 
     def __init__(self, registry: CollectorRegistry, host: str, port: int, token: str | None) -> None:
         self._server = _Server((host, port), _Handler)
@@ -37,22 +37,22 @@ class MetricsServer:
 
     @property
     def port(self) -> int:
-        """The port that it listens on."""
+        """Return the port that it listens on."""
         return self._server.server_port
 
     def start(self) -> None:
-        """Begin; returns at once."""
+        """Start serving in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End."""
+        """Stop serving."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
 
 
 class _Server(ThreadingHTTPServer):
-    """Threads as many as callers, who are counted and timed. Accepting and cutting off are one thread's."""
+    """One thread per caller, limited in number and time. One thread accepts and closes connections."""
 
     daemon_threads = True
     registry: CollectorRegistry
@@ -60,31 +60,31 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._lock = threading.Lock()
-        self._since: dict[socket.socket, float] = {}  # of each caller; seconds, monotonic
+        self._since: dict[socket.socket, float] = {}  # start of each caller; seconds, monotonic
         super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: object) -> None:
-        """In a thread of its own; not at all where there are too many."""
+        """Handle a request in a separate thread; refuse it if there are too many."""
         with self._lock:
-            if len(self._since) >= MOST_CALLERS:
+            if len(self._since) >= MAX_CALLERS:
                 self.shutdown_request(request)
                 return
             self._since[request] = time.monotonic()
         try:
             super().process_request(request, client_address)
-        except BaseException:  # no thread was to be had
+        except BaseException:  # no thread could be started
             self._forget(request)
             raise
 
     def process_request_thread(self, request: Any, client_address: object) -> None:
-        """What the thread does."""
+        """Handle the request, then forget its caller."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._forget(request)
 
     def service_actions(self) -> None:
-        """Called twice a second: cut off who has taken too long. Reading or writing, their thread notices it."""
+        """Close connections that have taken too long; called twice a second. Their threads then fail and end."""
         with self._lock:
             for request, since in self._since.items():
                 if time.monotonic() - since > REQUEST_SECONDS:
@@ -92,7 +92,7 @@ class _Server(ThreadingHTTPServer):
                         request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: object) -> None:  # noqa: ARG002  # socketserver's own
-        """A caller that leaves in the middle, or is cut off, is no fault of ours."""
+        """Log errors, except those of callers that disconnect or are disconnected."""
         error = sys.exception()
         if not isinstance(error, OSError):
             log.error("metrics_not_told", exc_info=error)
@@ -107,7 +107,7 @@ class _Handler(BaseHTTPRequestHandler):
     server_version = "tada"
     sys_version = ""
 
-    def do_GET(self) -> None:  # the name that http.server asks for
+    def do_GET(self) -> None:  # http.server's name
         path = self.path.partition("?")[0]
         if path == "/healthz":
             self._answer(HTTPStatus.OK, "application/json", b'{"status":"ok"}')
@@ -138,4 +138,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002  # http.server's own name
-        """Nothing: a line a scrape tells nobody anything."""
+        """Log nothing: a line per scrape is useless."""

@@ -1,1 +1,1 @@
-"""Where the bytes of photographs and artefacts are kept: one contract (blob_store.py), a file a kind of store."""
+"""Storage of photographs and artefacts: one contract (blob_store.py), one file per kind of store."""

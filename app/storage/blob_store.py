@@ -1,7 +1,7 @@
-"""The contract of a blob store. A blob has one owner and never changes; a key holds the SHA-256 of its content.
+"""The contract of a blob store. A blob has one owner and never changes; its key ends with the SHA-256 of its content.
 
-Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for what a run made. Putting the same
-key again is harmless, so an upload or a job that is tried again needs no clean-up first.
+Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for a run's artefacts. Putting the
+same key again is harmless, so retrying an upload or a job needs no clean-up.
 """
 
 import re
@@ -19,18 +19,18 @@ KEY_PATTERN = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_
 
 
 class BlobMissingError(TadaError):
-    """The database names a blob that the store does not have: `tada doctor` lists them."""
+    """The store lacks a blob that the database names; `tada doctor` lists such blobs."""
 
     code = "blob_missing"
     status = 500
 
     def __init__(self, key: str) -> None:
         super().__init__("A file of this meal is not in the store. The people who run the server can see which.")
-        self.add_note(f"blob key: {key}")  # in the log's traceback; the caller need not know our ids
+        self.add_note(f"blob key: {key}")  # for the log's traceback; callers do not see our ids
 
 
 class BlobDamagedError(TadaError):
-    """The store gave other bytes than were put, or fewer: its disk or somebody's tool altered them."""
+    """The store returned different or fewer bytes than were put: they were altered on disk."""
 
     code = "blob_damaged"
     status = 500
@@ -41,15 +41,15 @@ class BlobDamagedError(TadaError):
 
 
 class StoreRefusesError(OSError):
-    """The store answers, and will not serve us as we are set: a wrong key, a bucket that is not there.
+    """The store refuses our configuration: a wrong key, a missing bucket.
 
-    Its errno is one that passes (app/children/faults.py): meals wait until the setting is mended, and none fails by it.
+    Its errno counts as temporary (app/children/faults.py): meals wait until the setting is fixed, and none fails.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class StoredBlob:
-    """A blob as a listing tells it: its key, when it was put there, its size in bytes."""
+    """An entry of a listing: key, time of storage, size in bytes."""
 
     key: str
     stored_at: datetime
@@ -57,10 +57,10 @@ class StoredBlob:
 
 
 class BlobStore(ABC):
-    """What the services need of a store. All calls block, for a bounded time; errors of the store are OSError.
+    """A blob store. All calls block for a bounded time; errors of the store are OSError.
 
-    A store on another machine compares what it gives back with the SHA-256 of what was put: BlobDamagedError.
-    keeps_versions: whether it keeps what is deleted, so that no erasure is one; None: not known, or not before `check`.
+    A remote store compares what it returns with the SHA-256 of what was put, and raises BlobDamagedError.
+    keeps_versions: whether deleted blobs are kept, which defeats erasure; None: not known, or not before `check`.
     """
 
     keeps_versions: bool | None = None
@@ -69,24 +69,24 @@ class BlobStore(ABC):
         self._staging = Staging(staging)
 
     def staging_folder(self) -> Path:
-        """A local folder for files in the making, from which `put_file` is cheapest."""
+        """Return a local folder for temporary files, from which `put_file` is cheapest."""
         return self._staging.folder
 
     def remove_abandoned(self) -> None:
-        """Remove what processes that died left in the staging folder."""
+        """Remove files that dead processes left in the staging folder."""
         self._staging.remove_abandoned()
 
     def free_bytes(self) -> int:
-        """Room left for uploads on this machine: where the blobs are, or for a store elsewhere the staging folder."""
+        """Return the free space for uploads on this machine: of the blobs' disk, or of a remote store's staging folder."""
         return shutil.disk_usage(self._staging.folder).free
 
     @abstractmethod
     def put_file(self, key: str, source: Path) -> None:
-        """Move a finished local file under the key. When this returns, the blob is durable and the file gone."""
+        """Move a complete local file to the key. When this returns, the blob is durable and the file is gone."""
 
     @abstractmethod
     def put_files(self, files: Mapping[str, Path]) -> None:
-        """As put_file, of several at once, by key. If it raises, some may be stored."""
+        """Put several files at once, by key. If it raises, some may be stored."""
 
     @abstractmethod
     def put_bytes(self, key: str, content: bytes) -> None:
@@ -99,51 +99,51 @@ class BlobStore(ABC):
             file.writelines(pieces)
 
     def read(self, key: str) -> bytes:
-        """A small blob's bytes. Raises BlobMissingError."""
+        """Return a small blob's content. Raises BlobMissingError."""
         return b"".join(self.stream(key))
 
     @abstractmethod
     def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
-        """A blob's bytes piece by piece; close it if you do not read it to the end.
+        """Yield a blob's content in pieces; close the generator unless you exhaust it.
 
         Raises BlobMissingError before the first piece, BlobDamagedError instead of the last one.
         """
 
     @abstractmethod
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
-        """`length` bytes of a blob from `start` on, piece by piece; close it if you do not read it to the end.
+        """Yield `length` bytes of a blob from `start` on, in pieces; close the generator unless you exhaust it.
 
-        Raises BlobMissingError before the first piece, BlobDamagedError where the blob is too short. A part cannot be
-        compared with what was put: whoever has all parts can.
+        Raises BlobMissingError before the first piece, BlobDamagedError if the blob is too short. A part is not
+        verified against the SHA-256; a caller with all parts can do so.
         """
 
     @abstractmethod
     def has(self, key: str) -> bool:
-        """Whether a blob is there."""
+        """Return whether the blob exists."""
 
     @abstractmethod
     def delete(self, key: str) -> None:
-        """Remove a blob; one that is not there is no error."""
+        """Delete a blob; a missing one is not an error."""
 
     @abstractmethod
     def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
-        """All blobs whose keys begin with the prefix, which is empty or ends with a slash, in no order.
+        """Yield all blobs whose keys begin with the prefix, which is empty or ends with a slash, unordered.
 
-        What is put or deleted meanwhile may be listed or not.
+        Blobs put or deleted meanwhile may be listed or not.
         """
 
     @abstractmethod
     def check(self) -> None:
-        """Raise OSError if the store cannot be written now."""
+        """Raise OSError if the store is not writable."""
 
 
 def require_valid_prefix(prefix: str) -> None:
-    """Refuse a prefix that is neither empty nor a folder of keys."""
+    """Raise ValueError for a prefix that is neither empty nor a folder of keys."""
     if prefix and (not prefix.endswith("/") or not KEY_PATTERN.match(prefix[:-1])):
         raise ValueError(f"not a prefix of blob keys: {prefix!r}")
 
 
 def require_valid_key(key: str) -> None:
-    """Refuse a key that could leave the store's folder; keys are built by us, so this guards against our own bugs."""
+    """Raise ValueError for a key that could escape the store's folder; we build all keys, so this catches our bugs."""
     if not KEY_PATTERN.match(key):
         raise ValueError(f"not a blob key: {key!r}")

@@ -1,8 +1,8 @@
-"""Blobs as files: temporary file, fsync, rename, fsync of the folders: what is acknowledged is on disk.
+"""Blobs as files: temporary file, fsync, rename, fsync of the folders, so that acknowledged blobs are on disk.
 
-A sync is slow because the disk is; syncs at the same time share one write of the file system's journal. So all files of
-a call are synced at once, then all folders up to the store's own, those too that are there already: another upload may
-have made them a moment ago and not have synced them yet.
+Syncs are slow, but concurrent ones share one write of the file system's journal. So all files of a call are synced
+concurrently, then all folders up to the store's root, existing ones too, since another upload may have just created
+them without having synced them.
 """
 
 import contextlib
@@ -26,8 +26,8 @@ from app.storage.blob_store import (
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
 PIECE_BYTES = 256 * 1024
-SYNCS_AT_ONCE = 32  # threads, which only wait for the disk
-MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
+SYNCS_AT_ONCE = 32  # threads that only wait for the disk
+MOVE_ATTEMPTS = 5  # a concurrent deletion may remove the target folder while it is empty
 
 
 class LocalBlobStore(BlobStore):
@@ -43,7 +43,7 @@ class LocalBlobStore(BlobStore):
         self.put_files({key: source})
 
     def put_files(self, files: Mapping[str, Path]) -> None:
-        """As put_file, of several at once."""
+        """Put several files, syncing them concurrently."""
         if not files:
             return
         targets = {self._path(key): source for key, source in files.items()}
@@ -54,7 +54,7 @@ class LocalBlobStore(BlobStore):
         self._sync(sorted(folders))
 
     def put_bytes(self, key: str, content: bytes) -> None:
-        """Write to a staged file first, then as put_file."""
+        """Write a staged file, then put it."""
         handle, name = tempfile.mkstemp(dir=self._staging.folder)
         staged = Path(name)
         try:
@@ -65,7 +65,7 @@ class LocalBlobStore(BlobStore):
             staged.unlink(missing_ok=True)
 
     def stream(self, key: str, chunk_bytes: int = PIECE_BYTES) -> Generator[bytes, None, None]:
-        """Read the file piece by piece; it is opened before the first piece is asked for."""
+        """Open the file at once, and yield it in pieces."""
         file = self._open(key)
 
         def pieces() -> Generator[bytes, None, None]:
@@ -76,28 +76,28 @@ class LocalBlobStore(BlobStore):
         return pieces()
 
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
-        """Read from there on; the file is opened before the first piece is asked for."""
+        """Open the file at once, and yield the part in pieces."""
         file = self._open(key)
 
         def pieces() -> Generator[bytes, None, None]:
-            left = length
+            remaining = length
             with file:
                 file.seek(start)
-                while left:
-                    piece = file.read(min(PIECE_BYTES, left))
+                while remaining:
+                    piece = file.read(min(PIECE_BYTES, remaining))
                     if not piece:
                         raise BlobDamagedError(key)
-                    left -= len(piece)
+                    remaining -= len(piece)
                     yield piece
 
         return pieces()
 
     def has(self, key: str) -> bool:
-        """Whether the file is there."""
+        """Return whether the file exists."""
         return self._path(key).is_file()
 
     def delete(self, key: str) -> None:
-        """Remove the file, then its folders as far as they are empty, and sync what is left of them."""
+        """Remove the file, then its empty folders, and sync the remaining folder."""
         path = self._path(key)
         with contextlib.suppress(FileNotFoundError):
             path.unlink()
@@ -106,7 +106,7 @@ class LocalBlobStore(BlobStore):
             try:
                 folder.rmdir()
             except FileNotFoundError:
-                pass  # another deletion was quicker; what is above it may be empty
+                pass  # another deletion removed it; its parent may be empty
             except OSError:
                 break  # not empty
             folder = folder.parent
@@ -114,7 +114,7 @@ class LocalBlobStore(BlobStore):
             _sync(folder)
 
     def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
-        """Walk the folder, the staging folder left out."""
+        """Walk the folder without the staging folder."""
         require_valid_prefix(prefix)
         folders = [self._root / prefix]
         while folders:
@@ -129,9 +129,9 @@ class LocalBlobStore(BlobStore):
                     folders.append(Path(entry.path))
                     continue
                 with contextlib.suppress(FileNotFoundError):
-                    found = entry.stat()
-                    stored_at = datetime.fromtimestamp(found.st_mtime, UTC)
-                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at, found.st_size)
+                    status = entry.stat()
+                    stored_at = datetime.fromtimestamp(status.st_mtime, UTC)
+                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at, status.st_size)
 
     def check(self) -> None:
         """Write, sync and remove a small file."""
@@ -154,9 +154,9 @@ class LocalBlobStore(BlobStore):
         return self._root / key
 
     def _sync(self, paths: Iterable[Path]) -> None:
-        """Sync files or folders, all at once. Raises what the disk says."""
-        first, *others = paths
-        waiting = [self._syncs.submit(_sync, path) for path in others]
+        """Sync files or folders concurrently. Raises errors of the disk."""
+        first, *remaining = paths
+        waiting = [self._syncs.submit(_sync, path) for path in remaining]
         try:
             _sync(first)
         finally:
@@ -166,12 +166,12 @@ class LocalBlobStore(BlobStore):
 
 
 def _move(source: Path, target: Path) -> None:
-    """Rename, making the folders that are not there."""
-    for tries_left in reversed(range(MOVES)):
+    """Rename a file, creating missing folders."""
+    for tries_left in reversed(range(MOVE_ATTEMPTS)):
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
-        except FileNotFoundError:  # a deletion beside us found the folder empty
+        except FileNotFoundError:  # a concurrent deletion removed the empty folder
             if not tries_left:
                 raise
         else:

@@ -1,4 +1,4 @@
-"""From a blob URL to a store: `file:///var/lib/tada/blobs`, or `s3://bucket/prefix` with the TADA_S3_ settings."""
+"""Open a blob store by its URL: `file:///var/lib/tada/blobs`, or `s3://bucket/prefix` with the TADA_S3_ settings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,36 +12,41 @@ from app.storage.local import LocalBlobStore
 if TYPE_CHECKING:
     from app.storage.s3 import S3Place
 
-STAGING = "staging"  # a folder in data_dir, for what goes to a store elsewhere
+STAGING = "staging"  # a folder in data_dir for uploads to a remote store
 
 
 def open_blob_store(url: str, settings: Settings) -> BlobStore:
-    """The store that a URL names; asks no network. Raises InvalidInputError, `settings_invalid`."""
+    """Return the store of a URL, without network access. Raises InvalidInputError, `settings_invalid`."""
     parts = urlsplit(url)
     if parts.scheme == "file" and parts.path and not parts.netloc:
         return LocalBlobStore(Path(unquote(parts.path)))
     if parts.scheme == "s3":
-        from app.storage.s3 import S3BlobStore  # noqa: PLC0415  # 5 MB of a process that has files only
+        from app.storage.s3 import S3BlobStore  # noqa: PLC0415  # saves 5 MB in processes with a local store
 
         return S3BlobStore(s3_place(url, settings), settings.data_dir.absolute() / STAGING)
     raise _invalid("TADA_BLOB_URL and TADA_ERASURE_URL are file:///an/absolute/path or s3://bucket/prefix.")
 
 
 def s3_place(url: str, settings: Settings) -> "S3Place":
-    """What s3://bucket/prefix and the settings say. Raises InvalidInputError; never quotes the URL."""
+    """Parse s3://bucket/prefix and the settings. Raises InvalidInputError, which never quotes the URL."""
     from app.storage.s3 import S3Place  # noqa: PLC0415  # as above
 
     parts = urlsplit(url)
     if "@" in parts.netloc or ":" in parts.netloc or parts.query or parts.fragment or not parts.netloc:
         raise _invalid(
-            "A store's URL is s3://bucket/prefix and no more: keys stand in TADA_S3_ACCESS_KEY_ID and so on."
+            "A store's URL is s3://bucket/prefix and nothing else: set keys in TADA_S3_ACCESS_KEY_ID and so on."
         )
     if (settings.s3_access_key_id is None) != (settings.s3_secret_access_key is None):
         raise _invalid("TADA_S3_ACCESS_KEY_ID and TADA_S3_SECRET_ACCESS_KEY go together: set both or none.")
     endpoint = settings.s3_endpoint
     if endpoint is not None:
-        said = urlsplit(endpoint)
-        if said.scheme not in ("http", "https") or not said.hostname or said.username or said.path.strip("/"):
+        endpoint_parts = urlsplit(endpoint)
+        if (
+            endpoint_parts.scheme not in ("http", "https")
+            or not endpoint_parts.hostname
+            or endpoint_parts.username
+            or endpoint_parts.path.strip("/")
+        ):
             raise _invalid("TADA_S3_ENDPOINT must be like https://s3.example.org:9000: http or https, a host, no path.")
     return S3Place(
         bucket=parts.netloc,

@@ -1,8 +1,8 @@
 """Blobs as objects of an S3 bucket (AWS, MinIO, SeaweedFS and others), over obstore.
 
-Every call is bounded in time: a few seconds to connect, PATIENCE for an answer, a few tries. What is put carries its
-SHA-256 twice: as S3's own checksum, which the server compares before it says yes, and as the object's metadata, which
-is compared when the object is read. Objects are read in ranges, so a slow reader holds neither memory nor a connection.
+Every call is bounded in time: a few seconds to connect, PATIENCE for a response, a few attempts. An object has its
+SHA-256 twice: as S3's checksum, which the server verifies, and in the object's metadata, which is verified when the
+object is read. Objects are read in ranges, so a slow reader holds neither memory nor a connection.
 """
 
 import errno
@@ -36,15 +36,15 @@ from app.storage.blob_store import (
 from app.storage.s3_errors import is_empty_range, is_missing, store_error
 
 if TYPE_CHECKING:
-    from obstore.store import S3Config  # not there at run time
+    from obstore.store import S3Config  # exists for type checking only
 
 MEBIBYTE = 1024 * 1024
-PART_BYTES = 8 * MEBIBYTE  # larger files go in parts, one after the other; S3 takes none under 5 MiB
-BLOCK_BYTES = 1 * MEBIBYTE  # of a part in the making
-PUTS_AT_ONCE = 4  # in one process: each holds about a part in memory
-RANGE_BYTES = 512 * 1024  # each thread that reads keeps a few of these: malloc gives large blocks back late
+PART_BYTES = 8 * MEBIBYTE  # larger files are sent in parts, sequentially; S3's minimum is 5 MiB
+BLOCK_BYTES = 1 * MEBIBYTE  # unit in which parts are read
+PUTS_AT_ONCE = 4  # in one process; each holds about one part in memory
+RANGE_BYTES = 512 * 1024  # each reading thread keeps a few of these, since malloc returns large blocks late
 STREAM_BYTES = 256 * 1024  # forty threads may stream to slow phones
-PAGE_KEYS = 1000  # what S3 lists at a time
+PAGE_KEYS = 1000  # S3's page size
 PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
 DIGEST = "sha256"  # the object's metadata: x-amz-meta-sha256
 EMPTY_SHA256 = hashlib.sha256().hexdigest()
@@ -52,7 +52,7 @@ EMPTY_SHA256 = hashlib.sha256().hexdigest()
 
 @dataclass(frozen=True, slots=True)
 class S3Place:
-    """Where the objects are. endpoint None: AWS; keys None: the SDK's chain (environment, web identity, machine)."""
+    """Location and credentials. endpoint None: AWS; keys None: the SDK's chain (environment, web identity, machine)."""
 
     bucket: str
     prefix: str
@@ -67,7 +67,7 @@ class S3Place:
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """Seconds to connect and for one answer; `tries` at most, and none after `retry_seconds`."""
+    """Seconds to connect and for one response; at most `tries` attempts, none after `retry_seconds`."""
 
     connect_seconds: float = 3.0
     answer_seconds: float = 20.0
@@ -79,7 +79,7 @@ class Patience:
 PATIENCE = Patience()
 PROBE_PATIENCE = Patience(
     connect_seconds=2.0, answer_seconds=4.0, retry_seconds=0.0, tries=1
-)  # readiness is asked often
+)  # readiness is checked often
 
 
 class S3BlobStore(BlobStore):
@@ -96,7 +96,7 @@ class S3BlobStore(BlobStore):
         return str(self._place)
 
     def put_file(self, key: str, source: Path) -> None:
-        """Send the file, in parts if it is large; then remove it."""
+        """Send the file, in parts if it is large, then remove it."""
         require_valid_key(key)
         with source.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -107,7 +107,7 @@ class S3BlobStore(BlobStore):
         source.unlink()
 
     def put_files(self, files: Mapping[str, Path]) -> None:
-        """One after the other: those of other uploads go beside them, and a put holds its bytes in memory."""
+        """Send the files one after the other, since a put holds its bytes in memory; other uploads run concurrently."""
         for key, source in files.items():
             self.put_file(key, source)
 
@@ -124,11 +124,11 @@ class S3BlobStore(BlobStore):
             file.writelines(ranges)
 
     def read(self, key: str) -> bytes:
-        """All ranges at once."""
+        """Read all ranges."""
         return b"".join(self._ranges(key, RANGE_BYTES))
 
     def stream(self, key: str, chunk_bytes: int = STREAM_BYTES) -> Generator[bytes, None, None]:
-        """Range by range; the first is there before the first piece is asked for."""
+        """Fetch the first range at once, and yield the content range by range."""
         ranges = self._ranges(key, STREAM_BYTES)
         first = next(ranges, b"")
 
@@ -142,7 +142,7 @@ class S3BlobStore(BlobStore):
         return pieces()
 
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
-        """Range by range; the first is there before the first piece is asked for."""
+        """Fetch the first range at once, and yield the content range by range."""
         require_valid_key(key)
         first = self._range(key, start, min(STREAM_BYTES, length)) if length else b""
 
@@ -150,17 +150,17 @@ class S3BlobStore(BlobStore):
             block, place = first, start + len(first)
             while block:
                 yield block
-                left = start + length - place
-                block = self._range(key, place, min(STREAM_BYTES, left)) if left else b""
+                remaining = start + length - place
+                block = self._range(key, place, min(STREAM_BYTES, remaining)) if remaining else b""
                 place += len(block)
 
         return pieces()
 
     def has(self, key: str) -> bool:
-        """Ask for its first byte: unlike HEAD, S3 then says whether it is the bucket that is not there."""
+        """Request the first byte: unlike HEAD, S3 then reports whether the bucket is missing."""
         require_valid_key(key)
         try:
-            with self._told(key):
+            with self._translate_errors(key):
                 obstore.get(self._store, key, options={"range": (0, 1)}).bytes()
         except BlobMissingError:
             return False
@@ -169,34 +169,34 @@ class S3BlobStore(BlobStore):
         return True
 
     def delete(self, key: str) -> None:
-        """Remove the object; to S3 one that is not there is no error."""
+        """Delete the object; to S3 a missing one is not an error."""
         require_valid_key(key)
         try:
-            with self._told(key):
+            with self._translate_errors(key):
                 obstore.delete(self._store, key)
-        except BlobMissingError:  # some servers say so
+        except BlobMissingError:  # some servers report it
             return
 
     def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
-        """Page by page of a thousand; what stands in the bucket and is no key of ours is left out."""
+        """List page by page of a thousand, without objects whose names are not keys of ours."""
         require_valid_prefix(prefix)
         pages = obstore.list(self._store, prefix or None, chunk_size=PAGE_KEYS)
         while True:
-            with self._told(None):
+            with self._translate_errors(None):
                 page = next(pages, None)
             if page is None:
                 return
-            for found in page:
-                if KEY_PATTERN.match(found["path"]):
-                    yield StoredBlob(found["path"], found["last_modified"], found["size"])
+            for entry in page:
+                if KEY_PATTERN.match(entry["path"]):
+                    yield StoredBlob(entry["path"], entry["last_modified"], entry["size"])
 
     def check(self) -> None:
         """Put and delete a probe that no listing shows."""
         key = f"{PROBES}/{uuid.uuid4().hex}"
-        with self._told(key):
-            made = obstore.put(self._probed, key, b"ok")
+        with self._translate_errors(key):
+            result = obstore.put(self._probed, key, b"ok")
             obstore.delete(self._probed, key)
-        self.keeps_versions = made["version"] not in (None, "null")
+        self.keeps_versions = result["version"] not in (None, "null")
 
     @cached_property
     def _probed(self) -> S3Store:
@@ -212,7 +212,7 @@ class S3BlobStore(BlobStore):
             self._turns.release()
 
     def _put(self, key: str, content: bytes | mmap.mmap | Iterator[bytes | mmap.mmap], digest: str) -> None:
-        with self._told(key):
+        with self._translate_errors(key):
             obstore.put(
                 self._store,
                 key,
@@ -223,23 +223,23 @@ class S3BlobStore(BlobStore):
             )
 
     def _ranges(self, key: str, range_bytes: int) -> Generator[bytes, None, None]:
-        """The object in ranges; the last one comes only if the whole is what was put."""
+        """Yield the object in ranges; yield the last one only if the SHA-256 of the whole matches."""
         require_valid_key(key)
         digest, start = hashlib.sha256(), 0
         while True:
             try:
-                with self._told(key):
-                    found = obstore.get(self._store, key, options={"range": (start, start + range_bytes)})
-                    block = bytes(found.bytes())
+                with self._translate_errors(key):
+                    response = obstore.get(self._store, key, options={"range": (start, start + range_bytes)})
+                    block = bytes(response.bytes())
             except _EmptyObjectError:
                 if start or not self._is_meant_empty(key):
                     raise BlobDamagedError(key) from None
                 return
             digest.update(block)
             start += len(block)
-            total_bytes = found.meta["size"]
+            total_bytes = response.meta["size"]
             if start == total_bytes:
-                if found.attributes.get(DIGEST, digest.hexdigest()) != digest.hexdigest():
+                if response.attributes.get(DIGEST, digest.hexdigest()) != digest.hexdigest():
                     raise BlobDamagedError(key)
                 yield block
                 return
@@ -248,9 +248,9 @@ class S3BlobStore(BlobStore):
             yield block
 
     def _range(self, key: str, start: int, length: int) -> bytes:
-        """These bytes of the object, all of them."""
+        """Return exactly these bytes of the object."""
         try:
-            with self._told(key):
+            with self._translate_errors(key):
                 block = bytes(obstore.get(self._store, key, options={"range": (start, start + length)}).bytes())
         except _EmptyObjectError:
             raise BlobDamagedError(key) from None
@@ -259,40 +259,40 @@ class S3BlobStore(BlobStore):
         return block
 
     def _is_meant_empty(self, key: str) -> bool:
-        with self._told(key):
-            said = obstore.get(self._store, key).attributes.get(DIGEST, EMPTY_SHA256)
-        return said == EMPTY_SHA256
+        with self._translate_errors(key):
+            digest = obstore.get(self._store, key).attributes.get(DIGEST, EMPTY_SHA256)
+        return digest == EMPTY_SHA256
 
     @contextmanager
-    def _told(self, key: str | None) -> Iterator[None]:
-        """Errors of obstore as ours; their texts hold addresses and keys of blobs, so they are not chained."""
+    def _translate_errors(self, key: str | None) -> Iterator[None]:
+        """Translate errors of obstore to ours, unchained, since their texts contain addresses and keys of blobs."""
         try:
             yield
         except (BaseError, FileNotFoundError) as error:
-            said = str(error)
+            text = str(error)
         else:
             return
-        if is_empty_range(said):
+        if is_empty_range(text):
             raise _EmptyObjectError from None
-        if key is not None and is_missing(said):
+        if key is not None and is_missing(text):
             raise BlobMissingError(key) from None
-        raise store_error(said, self._place) from None
+        raise store_error(text, self._place) from None
 
 
 class _EmptyObjectError(Exception):
-    """A range was asked for of an object without bytes."""
+    """A range was requested of an empty object."""
 
 
 def _block(file: io.BufferedReader, length: int) -> bytes | mmap.mmap:
-    """The next bytes of a file, in memory that goes back to the system at once.
+    """Return the next bytes of a file, in memory that is returned to the system at once.
 
-    What malloc gives stays with the thread that asked: megabytes in each of the forty threads that take uploads.
+    Memory from malloc stays with its thread: megabytes in each of the forty threads that handle uploads.
     """
     if not length:
-        return b""  # no memory can be mapped for nothing
+        return b""  # mmap does not support length 0
     block = mmap.mmap(-1, length)
     if file.readinto(block) != length:
-        raise OSError(errno.EIO, "a staged file was cut while it was sent")
+        raise OSError(errno.EIO, "a staged file was truncated while it was sent")
     return block
 
 
@@ -304,8 +304,8 @@ def _blocks(file: io.BufferedReader, length: int) -> Iterator[bytes | mmap.mmap]
 def _open(place: S3Place, patience: Patience) -> S3Store:
     config: S3Config = {
         "region": place.region,
-        "checksum_algorithm": "SHA256",  # without it SeaweedFS takes altered bytes, though the signature covers them
-        "disable_bulk_delete": True,  # some servers lack it, and we delete one at a time
+        "checksum_algorithm": "SHA256",  # without it SeaweedFS accepts altered bytes, though the signature covers them
+        "disable_bulk_delete": True,  # some servers lack it, and we delete one object at a time
     }
     if place.endpoint is not None:
         config["endpoint"] = place.endpoint

@@ -1,8 +1,7 @@
-"""The folder of files in the making: each store that is open has one of its own in it, until its process ends.
+"""Staging folders for temporary files: each open store has its own until its process ends.
 
-Beside each such folder lies a file that its process holds locked. The kernel takes the lock away with the process, so
-whether a folder is abandoned is known at once and without a clock: one that jumps would make files that are being
-written look old.
+Beside each folder is a lock file that its process keeps locked. The kernel releases the lock with the process, so an
+abandoned folder is recognised at once and without a clock, which might jump and make current files look old.
 """
 
 import contextlib
@@ -17,9 +16,9 @@ LOCK_SUFFIX = ".lock"
 
 
 class Staging:
-    """A folder of our own in `parent`, which is made if need be and freed of what processes that died left there.
+    """A private folder in `parent`, which is created if needed and cleared of folders of dead processes.
 
-    Raises OSError, also where the file system has no locks.
+    Raises OSError, also if the file system has no locks.
     """
 
     def __init__(self, parent: Path) -> None:
@@ -29,24 +28,24 @@ class Staging:
         lock, handle = _new_lock(parent)
         self.folder = lock.with_suffix("")
         self.folder.mkdir()
-        weakref.finalize(self, _give_up, lock, handle)
+        weakref.finalize(self, _release, lock, handle)
 
     def remove_abandoned(self) -> None:
-        """Remove the folders of processes that died."""
+        """Remove the folders of dead processes."""
         for path in list(self._parent.iterdir()):
-            with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time
+            with contextlib.suppress(FileNotFoundError):  # another process is cleaning up too
                 if path.suffix == LOCK_SUFFIX:
                     _remove_if_unlocked(path)
 
 
 def _new_lock(parent: Path) -> tuple[Path, int]:
-    """A new file that is locked, and its open handle."""
+    """Create a locked file; return it and its open handle."""
     while True:
         handle, name = tempfile.mkstemp(suffix=LOCK_SUFFIX, dir=parent)
         fcntl.flock(handle, fcntl.LOCK_EX)
         if os.fstat(handle).st_nlink:
             return Path(name), handle
-        os.close(handle)  # another process had it for abandoned in the moment before it was locked
+        os.close(handle)  # another process removed it as abandoned before it was locked
 
 
 def _remove_if_unlocked(lock: Path) -> None:
@@ -59,13 +58,13 @@ def _remove_if_unlocked(lock: Path) -> None:
 
 
 def _remove(lock: Path) -> None:
-    """The folder, then its lock."""
-    with contextlib.suppress(FileNotFoundError):  # its process died before it had made it
+    """Remove the folder, then its lock."""
+    with contextlib.suppress(FileNotFoundError):  # its process died before creating it
         shutil.rmtree(lock.with_suffix(""))
     lock.unlink(missing_ok=True)
 
 
-def _give_up(lock: Path, handle: int) -> None:
-    with contextlib.suppress(OSError):  # what cannot be removed now is, once this process has died
+def _release(lock: Path, handle: int) -> None:
+    with contextlib.suppress(OSError):  # otherwise another process removes it later
         _remove(lock)
     os.close(handle)

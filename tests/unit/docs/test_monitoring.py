@@ -223,8 +223,8 @@ def test_panels_lie_within_the_grid_and_on_no_other():
 
 
 def test_series_begin_at_zero_where_an_alert_counts_their_increase():
-    instruments.tell_build("api")
-    instruments.tell_build("worker")
+    instruments.register_build("api")
+    instruments.register_build("worker")
     told = {
         (sample.name, tuple(sorted(sample.labels.items())))
         for family in instruments.REGISTRY.collect()
