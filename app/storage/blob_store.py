@@ -77,7 +77,7 @@ class BlobStore(ABC):
         self._staging.remove_abandoned()
 
     def free_bytes(self) -> int:
-        """Return the free space for uploads on this machine: of the blobs' disk, or of a remote store's staging folder."""
+        """Return the free space for uploads on this machine: of the blobs' disk or a remote store's staging folder."""
         return shutil.disk_usage(self._staging.folder).free
 
     @abstractmethod

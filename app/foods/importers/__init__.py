@@ -1,1 +1,1 @@
-"""Readers of published food tables, one a format: file -> plain values, validated, with file and line in each error."""
+"""Readers of published food tables, one per format: file -> validated values; errors name file and line."""

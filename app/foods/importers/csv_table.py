@@ -1,6 +1,6 @@
-"""Our own template for national and local tables: a CSV file, one row per food; more densities and portions beside it.
+"""Read our own template for national and local tables: a CSV file, one row per food; densities and portions beside it.
 
-What the columns mean is in docs/foods.md; docs/food-template.csv is an example. An empty cell is "not known" and
+The columns are described in docs/foods.md; docs/food-template.csv is an example. An empty cell means "not known",
 never 0. Figures are per 100 g edible portion; each component's column names its unit, which is converted within its
 quantity.
 """
@@ -49,10 +49,10 @@ COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DE
 TRACES = frozenset({"tr", "tr.", "trace", "traces"})
 MIN_FOODS_FOR_ENERGY = 10
 MIN_ATWATER_KCAL = 20.0  # below, rounding and fruit acids are a large part
-_CARBOHYDRATES = ("CHOAVL", "CHOAVLDF", "CHOAVLM", "205.2", "205")  # what is available first
+_CARBOHYDRATES = ("CHOAVL", "CHOAVLDF", "CHOAVLM", "205.2", "205")  # available carbohydrate first
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,49}")
 _KEY = re.compile(r"[A-Za-z0-9._-]+")
-_COMPONENT = re.compile(r"(?P<which>\S+)\s*\((?P<unit>[^()]+)\)")
+_COMPONENT = re.compile(r"(?P<name>\S+)\s*\((?P<unit>[^()]+)\)")
 _REFUSE = re.compile(r"(?P<part>\([^()]+\)|[^()\d]+?)\s+(?P<percent>\d+(?:\.\d+)?)\s*%?")
 _YES_OR_NO = {"": False, "no": False, "0": False, "false": False, "yes": True, "1": True, "true": True}
 
@@ -61,7 +61,7 @@ Choice = TypeVar("Choice", bound=str)
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A line of a file, its cells by column."""
+    """A line of a file with its cells by column."""
 
     place: Place
     cells: Mapping[str, str]
@@ -86,10 +86,10 @@ class _Row:
 
 
 def read_csv_table(path: Path, *, name: str, version: str, released_on: date) -> ImportedTable:
-    """The table in a CSV file, or in the foods.csv, densities.csv and portions.csv of a folder or zip, checked whole.
+    """Read and validate a table: a CSV file, or foods.csv, densities.csv and portions.csv of a folder or zip.
 
-    name: of the release, and the first part of each food's key. Raises ImportFileError, which names file, line and
-    column, at the first thing that is wrong; InvalidInputError if name or version cannot be.
+    name: of the release, and the first part of each food's key. Raises ImportFileError, with file, line and column, at
+    the first error; InvalidInputError if name or version is invalid.
     """
     if not _NAME.fullmatch(name) or name in RESERVED_NAMES:
         why = "lower-case letters, digits, '.', '_' and '-', 2 to 50 of them, and no name of a published table"
@@ -117,22 +117,22 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     _require_likely_energy(foods_file, foods)
     checksum = _checksum(files, foods_file, f"{name} {version} {released_on}")
     table = FoodTable(name, version.strip(), released_on, checksum, with_group_medians(foods, name))
-    given = {found.component.number: found.component for found in components.values()}
-    return ImportedTable(FORMAT, table, sorted_components(given), skipped)
+    by_number = {source.component.number: source.component for source in components.values()}
+    return ImportedTable(FORMAT, table, sorted_components(by_number), skipped)
 
 
 def _components(files: SourceFiles, file: str) -> dict[str, SourceComponent]:
-    """Column -> component, for each column that is not one of COLUMNS."""
+    """Return column -> component, for each column that is not one of COLUMNS."""
     _, header = next(files.lines(file, "utf-8-sig"), (1, ""))
     if ";" in header and "," not in header:
         raise ImportFileError(file, 1, "the columns are separated by semicolons; save the table with commas")
     components: dict[str, SourceComponent] = {}
     for column in files.csv_header(file, REQUIRED):
         if column not in COLUMNS:
-            found = _component(file, column)
-            if any(found.component == other.component for other in components.values()):
-                raise ImportFileError(file, 1, f"column {column!r}: {found.component.name} has a column already")
-            components[column] = found
+            source = _component(file, column)
+            if any(source.component == other.component for other in components.values()):
+                raise ImportFileError(file, 1, f"column {column!r}: {source.component.name} has a column already")
+            components[column] = source
     return components
 
 
@@ -141,21 +141,22 @@ def _component(file: str, column: str) -> SourceComponent:
     if match is None:
         why = f"column {column!r} is neither one of {', '.join(COLUMNS)} nor a component such as 'CA (mg)'"
         raise ImportFileError(file, 1, why)
-    which, unit = match["which"], unit_of(match["unit"])
+    name, unit = match["name"], unit_of(match["unit"])
     if unit is None:
         raise ImportFileError(file, 1, f"column {column!r}: unknown unit {match['unit']!r}")
-    known = [one for one in COMPONENTS if which in (one.number, one.tagname)]
-    if not known:
-        near = [one.tagname for one in COMPONENTS if one.tagname and one.tagname.startswith(which.upper())]
+    candidates = [component for component in COMPONENTS if name in (component.number, component.tagname)]
+    if not candidates:
+        tagnames = [component.tagname for component in COMPONENTS if component.tagname]
+        near = [tagname for tagname in tagnames if tagname.startswith(name.upper())]
         hint = f"; did you mean {' or '.join(near[:3])}?" if near else ""
-        raise ImportFileError(file, 1, f"column {column!r}: unknown component {which!r}{hint}")
-    for component in known:  # VITD is 328 in ug and 324 in IU
+        raise ImportFileError(file, 1, f"column {column!r}: unknown component {name!r}{hint}")
+    for component in candidates:  # VITD is 328 in ug and 324 in IU
         try:
             return SourceComponent(component, convert(1.0, unit, component.unit))
         except UnitMismatchError:
             continue
-    units = " or ".join(component.unit for component in known)
-    raise ImportFileError(file, 1, f"column {column!r}: {unit} does not fit {which}, which is given in {units}")
+    units = " or ".join(component.unit for component in candidates)
+    raise ImportFileError(file, 1, f"column {column!r}: {unit} does not fit {name}, which is given in {units}")
 
 
 def _food(
@@ -173,7 +174,11 @@ def _food(
     mixed = row.cell("is_mixed_dish").lower()
     if mixed not in _YES_OR_NO:
         raise row.place.error(f"is_mixed_dish is {mixed!r}; give yes or no")
-    measured = [_density(one, form, state or "not told") for one in (row, *densities) if one.cell("g_per_ml")]
+    measured = [
+        _density(density_row, form, state or "not told")
+        for density_row in (row, *densities)
+        if density_row.cell("g_per_ml")
+    ]
     if not row.cell("g_per_ml") and any(row.cell(column) for column in DENSITY_COLUMNS):
         raise row.place.error("there is a density's kind, spread, state or source, but no g_per_ml")
     of_portions = portion_densities(
@@ -200,18 +205,18 @@ def _food(
 
 
 def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Skipped) -> Iterator[tuple[str, float]]:
-    for column, found in components.items():
+    for column, source in components.items():
         text = row.cell(column)
         if not text:
             continue
         if text.lower() in TRACES:
             skipped.add("traces, taken as 0", f"{row.cell('key')} {column}")
-            yield found.component.number, 0.0
+            yield source.component.number, 0.0
             continue
-        value = row.place.number(column, text) * found.factor
-        if value > most_in_100_g(found.component):
+        value = row.place.number(column, text) * source.factor
+        if value > most_in_100_g(source.component):
             raise row.place.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
-        yield found.component.number, value
+        yield source.component.number, value
 
 
 def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
@@ -265,7 +270,7 @@ def _densities(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[_
 def _beside(
     files: SourceFiles, file: str, required: tuple[str, ...], optional: tuple[str, ...], keys: Mapping[str, None]
 ) -> Iterator[_Row]:
-    """The rows of a file beside foods.csv, where there is one, each of a food that foods.csv has."""
+    """Yield the rows of an optional file beside foods.csv; each must be of a food in foods.csv."""
     if not files.has(file):
         return
     unknown = [column for column in files.csv_header(file, required) if column not in (*required, *optional)]
@@ -281,26 +286,28 @@ def _beside(
 
 
 def _require_likely_energy(file: str, foods: Sequence[Food]) -> None:
-    """Raises ImportFileError if energies are far from what the macronutrients hold: kcal under a header of kJ.
+    """Raise ImportFileError if energies differ widely from those of the macronutrients: kcal in a column of kJ.
 
-    By the median over the foods that have all of them, and of ten foods at least: single foods may be odd (polyols,
-    fibre, vinegar), and general Atwater factors are within some 20 % for most.
+    Uses the median over at least ten foods with all of them: single foods may deviate (polyols, fibre, vinegar), and
+    general Atwater factors are within some 20 % for most.
     """
     ratios = []
     for food in foods:
-        held = food.per_100_g
-        carbohydrate = next((held[number] for number in _CARBOHYDRATES if number in held), None)
-        if "208" in held and "203" in held and "204" in held and carbohydrate is not None:
-            atwater = 4.0 * held["203"] + 9.0 * held["204"] + 4.0 * carbohydrate + 7.0 * held.get("221", 0.0)
+        contents = food.per_100_g
+        carbohydrate = next((contents[number] for number in _CARBOHYDRATES if number in contents), None)
+        if "208" in contents and "203" in contents and "204" in contents and carbohydrate is not None:
+            atwater = (
+                4.0 * contents["203"] + 9.0 * contents["204"] + 4.0 * carbohydrate + 7.0 * contents.get("221", 0.0)
+            )
             if atwater > MIN_ATWATER_KCAL:
-                ratios.append(held["208"] / atwater)
+                ratios.append(contents["208"] / atwater)
     if len(ratios) >= MIN_FOODS_FOR_ENERGY and not 0.5 < statistics.median(ratios) < 2.0:
         why = f"the energies are {statistics.median(ratios):.2g} times what protein, fat and carbohydrate hold"
         raise ImportFileError(file, 1, f"{why}: kcal under a header of kJ, or the reverse?")
 
 
 def _checksum(files: SourceFiles, foods_file: str, release: str) -> str:
-    """Of what is read and what the caller says of it, whatever the file is called."""
+    """Return the checksum of the files' content and the release's name, version and date; file names do not matter."""
     digest = hashlib.sha256(release.encode())
     for role, file in ((FOODS, foods_file), (DENSITIES, DENSITIES), (PORTIONS, PORTIONS)):
         if files.has(file):

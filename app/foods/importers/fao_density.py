@@ -1,7 +1,7 @@
-"""FAO/INFOODS Density Database 2.0 (2012), the workbook: densities of foods by name, without any nutrients.
+"""Read the workbook of the FAO/INFOODS Density Database 2.0 (2012): densities of foods by name, without nutrients.
 
-The sheet tells neither whether a figure is of the piece or of a heap of it, nor how the food was prepared, but in its
-names and headings. Where these do not settle it the row is left out: a density of the wrong kind is worse than none.
+Only names and headings indicate whether a density is of the piece or of a heap, and how the food was prepared. Where
+they do not decide it, the row is left out: a density of the wrong kind is worse than none.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ from app.nutrition.portion_density import usual_relative_sd
 
 FORMAT = "fao-density"
 SHEET = "Density DB"
-RELEASED_ON = date(2012, 1, 1)  # the workbook names the year alone
+RELEASED_ON = date(2012, 1, 1)  # the workbook states only the year
 WATER_G_PER_ML = 0.998  # at 20 C, which turns the rows that give only a specific gravity into g/ml
 CRUMB_RELATIVE_SD = 0.2  # SR28 and FAO differ by half for crumb and leaves, which hold more or less air
 LEAVES_RELATIVE_SD = 0.4
@@ -59,20 +59,20 @@ _READY = re.compile(r"^(bread|cake|breakfast|porridge,|rice, puffed)", re.IGNORE
 _COOKED = _words("boiled|cooked|fried|poached")
 _UNCOOKED = _words("raw|dry|dried|fresh|flour")
 
-# By how the heading opens, lower case. Fruits, meat and eggs are in no list: whole or in pieces, the sheet is silent.
+# Lower-case prefixes of headings. Fruits, meat and eggs are in no list: the sheet does not say whether whole or cut.
 _LIQUID_SECTIONS = ("beverages", "beer", "spirits", "wine", "milk", "oils", "soups")
 _BULK_SECTIONS = (
     "cereal", "tubers", "nuts", "vegetables", "legumes", "herbes", "fish", "snacks", "mixed dishes", "dairy",
 )  # fmt: skip
 _DRY_SECTION = "cereal"
-_COOKED_OR_RAW_SECTIONS = ("tubers", "vegetables", "legumes", "fish")  # without a word it may be either
+_COOKED_OR_RAW_SECTIONS = ("tubers", "vegetables", "legumes", "fish")  # without an indication they may be either
 
 
 @dataclass(frozen=True, slots=True)
 class FaoRow:
-    """One row. row: its number in the sheet, from 1. half_range: of a published range, or 0. biblio_id: whose it is.
+    """One row. row: its number in the sheet, from 1. half_range: of a published range, or 0. biblio_id: its source.
 
-    section: the heading that it stands under.
+    section: the heading above it.
     """
 
     row: int
@@ -84,7 +84,7 @@ class FaoRow:
 
 
 def read_fao_density(path: Path) -> ImportedTable:
-    """The workbook -> a food a row whose kind of density is clear. Raises ImportFileError as read_fao_rows does."""
+    """Return a food per row whose kind of density is clear. Raises ImportFileError as read_fao_rows does."""
     skipped, foods = Skipped(), []
     for row in read_fao_rows(path).values():
         why, form = _why_left_out(row), _form(row)
@@ -114,7 +114,7 @@ def read_fao_density(path: Path) -> ImportedTable:
 def fao_density(
     row: FaoRow, form: FoodForm, kind: DensityKind, state: str, *, relative_sd: float | None = None
 ) -> Density:
-    """A row as a density. relative_sd: where the usual spread of form and kind is wrong. Never less than a range's."""
+    """Return a row as a density. relative_sd: replaces the usual spread, which is never less than a range's half."""
     share = usual_relative_sd(form, kind) if relative_sd is None else relative_sd
     sd = max(share * row.g_per_ml, row.half_range_g_per_ml)
     text = f'FAO/INFOODS 2012, Density Database 2.0, row {row.row} "{row.name}" ({row.biblio_id})'
@@ -122,9 +122,9 @@ def fao_density(
 
 
 def read_fao_rows(path: Path) -> Mapping[int, FaoRow]:
-    """Row number -> row, for the rows with a density or a specific gravity; a range gives its middle.
+    """Return row number -> row, for the rows with a density or a specific gravity; a range gives its middle.
 
-    Raises ImportFileError if there is no such file, it is no such workbook, or a figure in it cannot be.
+    Raises ImportFileError if the file is missing or not such a workbook, or a figure in it is invalid.
     """
     try:
         cells = [*_cells(path)]
@@ -155,7 +155,7 @@ def read_fao_rows(path: Path) -> Mapping[int, FaoRow]:
 
 
 def _cells(path: Path) -> Iterator[tuple[object, ...]]:
-    # From memory: openpyxl would judge a file by its ending.
+    # From memory, since openpyxl would check the file's extension.
     workbook = openpyxl.load_workbook(io.BytesIO(path.read_bytes()), read_only=True, data_only=True)
     try:
         if SHEET not in workbook.sheetnames:
@@ -187,29 +187,29 @@ def _why_left_out(row: FaoRow) -> str | None:
 
 
 def _form(row: FaoRow) -> FoodForm | None:
-    """How the food lay when it was weighed: a slab stands for whatever holds no air. None where nothing settles it."""
+    """Return the form of the weighed food; a slab represents any food without air. None if it is unclear."""
     if _UNCLEAR.match(row.name):
         return None
     if _CRUMB.match(row.name) or _SPREAD.match(row.name):
         return "slab"
     if _LIQUID.search(row.name):
         return "liquid"
-    of = row.section.lower()
-    if of.startswith(_LIQUID_SECTIONS):
+    section = row.section.lower()
+    if section.startswith(_LIQUID_SECTIONS):
         return "heap" if _POWDER.search(row.name) else "liquid"
-    return "heap" if _BULK.search(row.name) or of.startswith(_BULK_SECTIONS) else None
+    return "heap" if _BULK.search(row.name) or section.startswith(_BULK_SECTIONS) else None
 
 
 def _state(row: FaoRow, form: FoodForm) -> FoodState | None:
-    """Boiled dry beans are cooked here, a dry sherry is not raw."""
-    of = row.section.lower()
-    if form == "liquid" or of.startswith("mixed dishes") or _READY.match(row.name):
+    """Return the state of the weighed food: boiled dry beans are cooked, a dry sherry is not raw."""
+    section = row.section.lower()
+    if form == "liquid" or section.startswith("mixed dishes") or _READY.match(row.name):
         return "as_eaten"
     if _COOKED.search(row.name):
         return "cooked"
-    if _UNCOOKED.search(row.name) or of.startswith(_DRY_SECTION):
+    if _UNCOOKED.search(row.name) or section.startswith(_DRY_SECTION):
         return "raw"
-    return None if of.startswith(_COOKED_OR_RAW_SECTIONS) else "as_eaten"
+    return None if section.startswith(_COOKED_OR_RAW_SECTIONS) else "as_eaten"
 
 
 def _relative_sd(row: FaoRow, form: FoodForm) -> float | None:

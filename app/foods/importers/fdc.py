@@ -1,8 +1,8 @@
-"""FoodData Central's CSV release, zip or folder, whole or one of its data sets -> its table, checked.
+"""Read and validate FoodData Central's CSV release, a zip or folder, with all or some of its data sets.
 
-Taken are Foundation, SR Legacy and Survey (FNDDS) foods; branded foods and laboratory samples are counted. The whole
-release has more than twenty million nutrient values, nearly all of branded foods: files are streamed, and only what
-belongs to wanted foods is kept.
+Foundation, SR Legacy and Survey (FNDDS) foods are imported; branded foods and laboratory samples are only counted. The
+full release has more than twenty million nutrient values, nearly all of branded foods: files are streamed, and only
+rows of imported foods are kept in memory.
 Columns as in the releases of 2020 to 2026; FNDDS names its nutrients by number (208), the others by id (1008).
 """
 
@@ -36,7 +36,7 @@ from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_
 
 FORMAT = "fdc"
 
-# In the order of their worth: analysed foods first. The second word is the data set's part of a release's name.
+# In order of preference: analysed foods first. The value is the data set's part of a release's name.
 DATA_TYPES = {"foundation_food": "foundation", "sr_legacy_food": "sr-legacy", "survey_fndds_food": "survey"}
 SURVEY = "survey_fndds_food"
 NDB_FILES = {"foundation_food": "foundation_food.csv", "sr_legacy_food": "sr_legacy_food.csv"}
@@ -52,7 +52,7 @@ _Contents = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class FdcFood:
-    """A food of food.csv that is wanted. line: in that file."""
+    """A food of food.csv to import. line: in that file."""
 
     fdc_id: str
     data_type: str
@@ -64,7 +64,7 @@ class FdcFood:
 
 @dataclass(frozen=True, slots=True)
 class _Category:
-    """What a food's category says: its name, the group whose words judge its form, whether its foods are dishes."""
+    """A food category: its name, the group by which the form is inferred, whether its foods are dishes."""
 
     name: str
     form_group: str
@@ -72,9 +72,9 @@ class _Category:
 
 
 class FdcRelease:
-    """The release at a path. Each method streams one file and checks it. Raises ImportFileError.
+    """The release at a path. Each method streams and validates one file. Raises ImportFileError.
 
-    foods: FDC id -> food, the newest version of each. skipped: what was left out so far.
+    foods: FDC id -> food, the newest version of each. skipped: things left out so far.
     """
 
     def __init__(self, path: Path) -> None:
@@ -88,17 +88,17 @@ class FdcRelease:
         self.categories = self._categories()
 
     def has(self, *data_types: str) -> bool:
-        """Whether there is a food of one of these types."""
+        """Return whether there is a food of one of these types."""
         return any(food.data_type in data_types for food in self.foods.values())
 
     def checksum(self) -> str:
-        """SHA-256 of what is read of it, hex."""
+        """Return the SHA-256 of the files that are read, hex."""
         return self._files.checksum((*ALWAYS, *OPTIONAL))
 
     def date_in_name(self) -> date | None:
-        """The release's date, where the name of the zip or folder tells it: FoodData_Central_csv_2025-04-24.zip."""
-        found = _DATE.search(self._path.name)
-        return None if found is None else date.fromisoformat(found[0])
+        """Return the date in the name of the zip or folder, such as FoodData_Central_csv_2025-04-24.zip."""
+        match = _DATE.search(self._path.name)
+        return None if match is None else date.fromisoformat(match[0])
 
     def _all_foods(self) -> dict[str, FdcFood]:
         """food.csv: FDC id -> food, for the data types that are taken."""
@@ -145,23 +145,23 @@ class FdcRelease:
         for place, (fdc_id, nutrient_id, amount) in self._files.csv_fields("food_nutrient.csv", columns, of=self.foods):
             if nutrient_id not in components:
                 raise place.error(f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv")
-            found = components[nutrient_id]
-            if found is None:
+            source = components[nutrient_id]
+            if source is None:
                 self.skipped.add("values of nutrients that are left out", f"{fdc_id} {nutrient_id}")
                 continue
-            number = found.component.number
-            what = f"{fdc_id} {number} {found.component.name}"
+            number = source.component.number
+            example = f"{fdc_id} {number} {source.component.name}"
             if not amount:
-                self.skipped.add("values without an amount", what)
+                self.skipped.add("values without an amount", example)
                 continue
             if amount.startswith("-"):
                 place.number(f"nutrient {nutrient_id}", amount[1:])
-                self.skipped.add("values below zero (by difference)", what)
+                self.skipped.add("values below zero (by difference)", example)
                 continue
-            value = place.number(f"nutrient {nutrient_id}", amount) * found.factor
+            value = place.number(f"nutrient {nutrient_id}", amount) * source.factor
             if contents.setdefault(fdc_id, {}).setdefault(number, value) != value:
                 contradicted.add((fdc_id, number))
-            used[number] = found.component
+            used[number] = source.component
         for fdc_id, number in sorted(contradicted):
             del contents[fdc_id][number]
             self.skipped.add("values that are given twice and differ", f"{fdc_id} {number}")
@@ -252,7 +252,9 @@ class FdcRelease:
             is_survey = food.data_type == SURVEY
             code = self.food_codes[food.fdc_id][0] if is_survey else self.ndb_numbers.get(food.fdc_id, food.fdc_id)
             other = newest.get((food.data_type, code))
-            older, newer = (None, food) if other is None else sorted((other, food), key=lambda one: one.published_on)
+            older, newer = (
+                (None, food) if other is None else sorted((other, food), key=lambda version: version.published_on)
+            )
             newest[food.data_type, code] = newer
             if older is not None:
                 self.skipped.add("older versions of a food", f"{older.fdc_id} {older.name}")
@@ -275,7 +277,7 @@ class FdcRelease:
         return categories
 
     def _one_of(self, file: str, columns: tuple[str, ...]) -> str:
-        """The one of these columns that the release calls it by: the names have changed."""
+        """Return the one of these columns that the release has; names have changed between releases."""
         header = self._files.csv_header(file)
         for column in columns:
             if column in header:
@@ -284,10 +286,10 @@ class FdcRelease:
 
 
 def read_fdc(path: Path) -> ImportedTable:
-    """The release, checked whole. Raises ImportFileError, with file and line, at the first thing that is wrong.
+    """Read and validate the whole release. Raises ImportFileError, with file and line, at the first error.
 
-    Named fdc if all three data sets are in it, else by those that are (fdc-survey), so that one downloaded alone does
-    not take the place of another.
+    It is named fdc if it has all three data sets, otherwise after those it has (fdc-survey), so that one data set does
+    not replace another.
     """
     release = FdcRelease(path)
     contents, used = release.contents()
@@ -320,7 +322,7 @@ def _food(
     if food.fdc_id in release.food_codes:
         ids["fndds"] = release.food_codes[food.fdc_id][0]
     form = usual_form(food.name, category.form_group)
-    # FNDDS codes foods as they are eaten; "raw" in its names is how they are eaten then.
+    # FNDDS describes foods as eaten, including those with "raw" in their names.
     state: FoodState = "as_eaten" if food.data_type == SURVEY else usual_state(food.name)
     densities = portion_densities(
         portions, form, state, f"USDA FDC {food.fdc_id}", cup_kind=cup_kind(food.name, category.form_group, form)

@@ -1,6 +1,6 @@
-"""The files of a published release, in a zip or in a folder: lines with their numbers, and one checksum for either.
+"""The files of a published release, in a zip or in a folder: numbered lines, and the same checksum for either.
 
-Whatever is wrong with a file is an ImportFileError that names the file and, where there is one, the line.
+Errors in a file raise ImportFileError with the file and, if there is one, the line.
 """
 
 import csv
@@ -19,17 +19,17 @@ from app.core.errors import InvalidInputError
 
 _CHUNK = 1 << 20
 
-# float() also takes 1_000, inf, nan and the digits of other scripts.
+# Stricter than float(), which accepts 1_000, inf, nan and the digits of other scripts.
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
 
-# What zipfile raises on damaged bytes: its own error mostly, but also what a wrong offset, length or flag leads to.
+# Errors that zipfile raises on damaged files: its own, and those caused by a wrong offset, length or flag.
 DAMAGED_ZIP = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, LookupError,
 )  # fmt: skip
 
 
 class ImportFileError(InvalidInputError):
-    """A file that cannot be imported: which, in which line, and why."""
+    """A file cannot be imported; the message has the file, the line and the reason."""
 
     code = "food_import_invalid"
 
@@ -39,17 +39,17 @@ class ImportFileError(InvalidInputError):
 
 
 class Place(NamedTuple):
-    """A line of a file, which every error about its fields names."""
+    """A line of a file, named in errors about its fields."""
 
     file: str
     line: int
 
     def error(self, why: str) -> ImportFileError:
-        """Return the error that this line cannot be imported, and why."""
+        """Return the error that this line cannot be imported."""
         return ImportFileError(self.file, self.line, why)
 
     def number(self, field: str, text: str) -> float:
-        """Return the finite figure >= 0 of a field. Raises ImportFileError."""
+        """Return a field's finite number >= 0. Raises ImportFileError."""
         if not _NUMBER.match(text):
             hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", text) else ""
             raise self.error(f"{field} is {text!r}, no number{hint}")
@@ -59,16 +59,16 @@ class Place(NamedTuple):
         return value
 
     def text(self, field: str, text: str, limit: int) -> str:
-        """Return the text of a field in one line. Raises ImportFileError if it is empty or longer than `limit`."""
-        words = " ".join(text.split())
-        if not words:
+        """Return a field's text in one line. Raises ImportFileError if it is empty or longer than `limit`."""
+        collapsed = " ".join(text.split())
+        if not collapsed:
             raise self.error(f"{field} is empty")
-        if len(words) > limit:
-            raise self.error(f"{field} has {len(words)} characters; at most {limit} are kept")
-        return words
+        if len(collapsed) > limit:
+            raise self.error(f"{field} has {len(collapsed)} characters; at most {limit} are kept")
+        return collapsed
 
     def new_key(self, row: str, key: str, seen: Container[str]) -> str:
-        """Return the key of a row. Raises ImportFileError if it is empty or already seen."""
+        """Return the key of a row. Raises ImportFileError if it is empty or in `seen`."""
         if not key:
             raise self.error(f"{row} has no id")
         if key in seen:
@@ -77,7 +77,7 @@ class Place(NamedTuple):
 
 
 class SourceFiles:
-    """The files at a path: a zip, a folder, or one plain file. Names are matched without their folder, case aside.
+    """The files at a path: a zip, a folder, or one plain file. Names are matched without folder, ignoring case.
 
     plain_file: the name of the one plain file, None for a zip or a folder.
 
@@ -99,20 +99,20 @@ class SourceFiles:
             self._members.setdefault(_plain_name(member), []).append(member)
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Return whether there is a file of this name."""
         return name.upper() in self._members
 
     def require(self, names: Iterable[str]) -> None:
-        """Raises ImportFileError if one of these files is missing, or is there more than once (two releases)."""
+        """Raise ImportFileError if one of these files is missing, or exists more than once (two releases)."""
         for name in names:
             if not self.has(name):
                 raise ImportFileError(str(self._path), None, f"it holds no {name}; give the release whole")
-            found = self._members[name.upper()]
-            if len(found) > 1:
-                raise ImportFileError(str(self._path), None, f"it holds {name} more than once: {', '.join(found)}")
+            members = self._members[name.upper()]
+            if len(members) > 1:
+                raise ImportFileError(str(self._path), None, f"it holds {name} more than once: {', '.join(members)}")
 
     def checksum(self, names: Iterable[str]) -> str:
-        """SHA-256, hex, over these files' names and bytes: the same for a zip and for the folder it unpacks to."""
+        """Return the SHA-256, hex, of these files' names and contents: the same for a zip and its unpacked folder."""
         digest = hashlib.sha256()
         for name in sorted(name.upper() for name in names if self.has(name)):
             digest.update(f"{name}\n".encode())
@@ -122,13 +122,13 @@ class SourceFiles:
         return digest.hexdigest()
 
     def lines(self, name: str, encoding: str) -> Iterator[tuple[int, str]]:
-        """Each line with its number, from 1, without its end; bytes of another encoding raise ImportFileError."""
+        """Yield each line with its number, from 1, without its end. Raises ImportFileError for another encoding."""
         with self.open(name) as file:
             for number, raw in enumerate(file, start=1):
                 yield number, _decode(raw, encoding, name, number)
 
     def csv_header(self, name: str, columns: Iterable[str] = ()) -> list[str]:
-        """The columns of a UTF-8 CSV file.
+        """Return the columns of a UTF-8 CSV file.
 
         Raises ImportFileError if a column of `columns` is missing, or a column is there twice.
         """
@@ -159,8 +159,8 @@ class SourceFiles:
         """
         columns = tuple(columns)
         header = self.csv_header(name, columns)
-        wanted = [header.index(column) for column in columns]
-        first, width = wanted[0] if wanted else 0, len(header)
+        indices = [header.index(column) for column in columns]
+        first, width = indices[0] if indices else 0, len(header)
         records = self._csv_records(name)
         next(records, None)
         for line, row in records:
@@ -169,7 +169,7 @@ class SourceFiles:
                     continue
                 raise ImportFileError(name, line, f"{len(row)} fields under {width} columns")
             if of is None or row[first].strip() in of:
-                yield Place(name, line), tuple([row[index].strip() for index in wanted])
+                yield Place(name, line), tuple([row[index].strip() for index in indices])
 
     def _csv_records(self, name: str) -> Generator[tuple[int, list[str]]]:
         reader = csv.reader(self._csv_lines(name), strict=True)
@@ -182,14 +182,14 @@ class SourceFiles:
     def _csv_lines(self, name: str) -> Iterator[str]:
         with self.open(name) as file:
             for number, raw in enumerate(file, start=1):
-                if raw.isascii() and b"\0" not in raw:  # nearly all of twenty million lines
+                if raw.isascii() and b"\0" not in raw:  # the fast path for nearly all of twenty million lines
                     yield raw.decode("ascii")
                 else:
                     yield _decode(raw, "utf-8-sig", name, number) + "\n"
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
-        """One file, to be read as bytes. Raises ImportFileError if it is missing, or the zip is damaged there."""
+        """Open one file to read bytes. Raises ImportFileError if it is missing, or the zip is damaged there."""
         self.require([name])
         (member,) = self._members[name.upper()]
         try:

@@ -1,8 +1,8 @@
-"""USDA National Nutrient Database for Standard Reference, release 28, ASCII: zip or folder -> its table, checked whole.
+"""Read and validate USDA's National Nutrient Database for Standard Reference, release 28, ASCII, as zip or folder.
 
-Fields are separated by ^, texts stand in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the encoding is Windows-1252
-(only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the published release
-every food has nutrient values and every value its food; anything else is a file that was cut off or altered.
+Fields are separated by ^, texts enclosed in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the encoding is
+Windows-1252 (only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the
+published release every food has nutrient values and every value its food; otherwise a file was truncated or altered.
 """
 
 import re
@@ -54,9 +54,9 @@ class Sr28Food:
 
 
 class Sr28Release:
-    """The release at a path, a zip or a folder. Raises ImportFileError if it is no such release.
+    """The release at a path, a zip or a folder. Raises ImportFileError if it is not such a release.
 
-    Each file is read once, whole, and checked: fields, figures, references, duplicates.
+    Each file is read once and validated: fields, figures, references, duplicates.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,7 +64,7 @@ class Sr28Release:
         self._files.require(FILES)
 
     def checksum(self) -> str:
-        """SHA-256 of what is read of it, hex."""
+        """Return the SHA-256 of the files that are read, hex."""
         return self._files.checksum(FILES)
 
     @cached_property
@@ -77,7 +77,7 @@ class Sr28Release:
 
     @cached_property
     def components(self) -> dict[str, SourceComponent]:
-        """NUTR_DEF.txt: Nutr_No -> component, with the factor that its figures take."""
+        """NUTR_DEF.txt: Nutr_No -> component, with the factor of its figures."""
         name, components = "NUTR_DEF.txt", dict[str, SourceComponent]()
         for place, fields in self._records(name, 6):
             number = place.new_key("nutrient", fields[0], components)
@@ -105,16 +105,16 @@ class Sr28Release:
         contents: dict[str, dict[str, float]] = {number: {} for number in ndb_numbers}
         for place, fields in self._records(name, 18):
             self._require_food(place, fields[0])
-            found = self.components.get(fields[1])
-            if found is None:
+            source = self.components.get(fields[1])
+            if source is None:
                 raise place.error(f"nutrient {fields[1]} is none of NUTR_DEF.txt")
             of_food = contents.get(fields[0])
             if of_food is None:
                 continue
-            number = found.component.number
+            number = source.component.number
             if number in of_food:
                 raise place.error(f"nutrient {number} of food {fields[0]} is there twice")
-            of_food[number] = place.number(f"nutrient {number}", fields[2]) * found.factor
+            of_food[number] = place.number(f"nutrient {number}", fields[2]) * source.factor
         for ndb_number, of_food in contents.items():
             if not of_food:
                 raise ImportFileError(name, None, f"it has no value of food {ndb_number}; is the file cut off?")
@@ -122,10 +122,10 @@ class Sr28Release:
 
     def portions(self, skipped: Skipped) -> dict[str, list[Portion]]:
         """WEIGHT.txt: NDB number -> its household measures, in the file's order."""
-        portions, seen = dict[str, list[Portion]](), set[str]()
+        portions, keys = dict[str, list[Portion]](), set[str]()
         for place, fields in self._records("WEIGHT.txt", 7):
             self._require_food(place, fields[0])
-            seen.add(place.new_key("portion", f"{fields[0]} {fields[1]}", seen))
+            keys.add(place.new_key("portion", f"{fields[0]} {fields[1]}", keys))
             amount = place.number("the amount", fields[2])
             mass_g = place.number("the weight", fields[4])
             if amount == 0.0 or mass_g == 0.0:
@@ -155,16 +155,16 @@ class Sr28Release:
 
 
 def read_sr28(path: Path) -> ImportedTable:
-    """The whole release, checked. Raises ImportFileError, with file and line, at the first thing that is wrong."""
+    """Read and validate the whole release. Raises ImportFileError, with file and line, at the first error."""
     release, skipped = Sr28Release(path), Skipped()
     contents, portions = release.contents(release.foods), release.portions(skipped)
     foods = [
         _food(source, release.groups[source.group_code], contents[number], portions.get(number, []))
         for number, source in release.foods.items()
     ]
-    components = {found.component.number: found.component for found in release.components.values()}
-    whole = with_group_medians(foods, "USDA SR28 and the starter table", starter_foods_by_ndb())
-    table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), whole)
+    components = {source.component.number: source.component for source in release.components.values()}
+    foods_with_medians = with_group_medians(foods, "USDA SR28 and the starter table", starter_foods_by_ndb())
+    table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), foods_with_medians)
     return ImportedTable(FORMAT, table, sorted_components(components), skipped)
 
 
@@ -192,8 +192,8 @@ def _food(source: Sr28Food, group: str, per_100_g: Mapping[str, float], portions
     )
 
 
-def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
-    """Ref_desc and Refuse of a food -> its parts with their percent of the whole food; [] if nothing is refused.
+def parse_refuse(description: str, percent: float) -> list[tuple[str, float]]:
+    """Parse Ref_desc and Refuse of a food: parts with their percent of the whole food; [] if there is no refuse.
 
     "8% core, 16% crown, 26% parings" gives three parts, "Core and stem" one. The published parts are rounded and may
     not add up to the published total (here 50 and 49), so they are scaled to it.
@@ -201,26 +201,26 @@ def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
     if percent == 0.0:
         return []
     parts: list[tuple[str, float]] = []
-    for piece in re.split(r"[,;]", re.sub(r",\s*(?=\d+(?:\.\d+)?\s*%\s*(?:,|;|$))", " ", words)):
+    for piece in re.split(r"[,;]", re.sub(r",\s*(?=\d+(?:\.\d+)?\s*%\s*(?:,|;|$))", " ", description)):
         match = _PERCENT_FIRST.match(piece.strip()) or _PERCENT_LAST.match(piece.strip())
         if match is None or float(match["percent"]) == 0.0:
             parts = []
             break
         parts.append((match["part"].strip().lower(), float(match["percent"])))
     if not parts:
-        return [(words.strip().lower() or "refuse", percent)]
+        return [(description.strip().lower() or "refuse", percent)]
     scale = percent / sum(share for _, share in parts)
     return [(part, round(share * scale, 2)) for part, share in parts]
 
 
 def _aliases(source: Sr28Food) -> tuple[str, ...]:
-    """The common names, but codes and words that the name has anyway ("Beef" of "Beef, chuck, short ribs ...")."""
-    words = set(re.findall(r"\w+", source.name.lower()))
+    """Return the common names without codes and words of the name itself ("Beef" of "Beef, chuck, short ribs ...")."""
+    name_words = set(re.findall(r"\w+", source.name.lower()))
     names = (name.strip() for name in re.split(r"[,;]", source.common_names))
     return tuple(
         dict.fromkeys(
             name
             for name in names
-            if name and not _NO_ALIAS.search(name) and not set(re.findall(r"\w+", name.lower())) <= words
+            if name and not _NO_ALIAS.search(name) and not set(re.findall(r"\w+", name.lower())) <= name_words
         )
     )

@@ -1,4 +1,4 @@
-"""What We Eat in America's food categories: which are mixed dishes, and which group's words judge a food's form.
+"""What We Eat in America's food categories: which are mixed dishes, and the group by which the form is inferred.
 
 The four digits are ordered: 1000s milk and dairy, 2000s protein foods, 3000s mixed dishes, 4000s grains, 5000s snacks
 and sweets, 6000s fruits and vegetables, 7000s beverages, 8000s fats, condiments and sugars, 9000s infant foods.
@@ -6,7 +6,7 @@ and sweets, 6000s fruits and vegetables, 7000s beverages, 8000s fats, condiments
 
 from bisect import bisect_right
 
-# From this code on, the group as usual_form.py knows it.
+# First code -> the group, by its name in usual_form.py.
 _GROUPS: tuple[tuple[int, str], ...] = (
     (0, "Meals, Entrees, and Side Dishes"),
     (1000, "Beverages"),
@@ -42,10 +42,10 @@ _STARTS = [start for start, _ in _GROUPS]
 
 
 def group_of_category(code: int) -> str:
-    """The group, as SR names it, whose words judge the form of a food of this category."""
+    """Return the SR group by which the form of a food of this category is inferred."""
     return _GROUPS[bisect_right(_STARTS, code) - 1][1]
 
 
 def is_mixed_category(code: int) -> bool:
-    """Whether the category's foods are dishes of several foods (sandwiches, pizza and soups among them)."""
+    """Return whether the category's foods are dishes of several foods (including sandwiches, pizza and soups)."""
     return 3000 <= code <= 3999

@@ -100,7 +100,7 @@ def test_proxy_here_that_adds_nothing_is_taken_for_a_caller_from_here():
 
 def test_callers_beyond_the_most_are_turned_away_and_slow_ones_cut_off(serve, monkeypatch):
     """Else whoever reaches the port has the worker start threads without end, and keep them."""
-    monkeypatch.setattr(server_module, "MOST_CALLERS", 2)
+    monkeypatch.setattr(server_module, "MAX_CALLERS", 2)
     get = serve()
     with contextlib.ExitStack() as stack:
         slow = [stack.enter_context(connection_to(get.port)) for _ in range(2)]
