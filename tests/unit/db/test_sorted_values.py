@@ -17,7 +17,7 @@ RUNS = st.lists(st.lists(VALUES, max_size=30), min_size=1, max_size=12).filter(a
 def halved():
     """So that few values are halved as many are."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sorted_values, "FEW", 3)
+        patched.setattr(sorted_values, "SORT_LIMIT", 3)
         yield
 
 

@@ -46,7 +46,7 @@ def families(tmp_path_factory):
     database = Database(f"sqlite:///{folder / 'none.sqlite3'}")
     asked = DeploymentFigures(database, LocalBlobStore(folder / "blobs"), Settings(data_dir=folder))
     now = datetime.now(UTC)
-    asked._ask = lambda: Deployment(
+    asked._fetch = lambda: Deployment(
         Figures(
             now,
             {"queued": 1},
