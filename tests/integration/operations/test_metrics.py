@@ -227,4 +227,4 @@ def test_openmetrics_is_told_to_who_asks_for_it(local):
 
 def forget(local):
     """The figures of a moment ago."""
-    local.app.state.api.part(DeploymentFigures)._answer = None
+    local.app.state.api.part(DeploymentFigures)._cached = None
