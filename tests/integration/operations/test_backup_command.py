@@ -119,7 +119,7 @@ def test_second_backup_to_a_name_that_was_taken_meanwhile_leaves_the_first(place
     file = tmp_path / "one.tar"
     for has_links in (True, False):
         with monkeypatch.context() as patch:
-            patch.setattr(backup_module, "_require_free_name", lambda _path: None)  # they looked before
+            patch.setattr(backup_module, "_require_unused_name", lambda _path: None)  # they looked before
             if not has_links:
                 patch.setattr(backup_module.os, "link", no_links)
             file.write_bytes(b"the first one")
@@ -148,7 +148,7 @@ def test_restore_with_another_ledger_is_refused_until_told_to_go_on(place, datab
     assert "--other-ledger" in refused.stderr
     restored = run_tada("restore", "--other-ledger", tmp_path / "one.tar", **machine)
     assert restored.returncode == 0, restored.stderr
-    assert "1 erasures that the backup remembers are not in it" in restored.stderr
+    assert "it lacks 1 erasures that the backup records" in restored.stderr
 
 
 def test_restore_tells_what_came_and_refuses_a_second_time(place, tmp_path):
