@@ -65,8 +65,8 @@ def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...
         pictures["overlay.jpg"] = _overlay(pair.left, trace.colours[0], items)
     out = [_jpeg(name, picture) for name, picture in pictures.items() if picture is not None]
     if scene is not None:
-        known = np.isfinite(scene.points_table[..., 2])
-        points, colours = scene.points_table[known].astype(np.float64), first[known]
+        is_measured = np.isfinite(scene.points_table[..., 2])
+        points, colours = scene.points_table[is_measured].astype(np.float64), first[is_measured]
         step = max(1, len(points) // CLOUD_POINTS)
         out.append(Artefact("points.ply", "model/ply", write_ply(points[::step], colours[::step])))
     content = write_scene(trace, pair, items)
@@ -124,12 +124,12 @@ def _rectified_by_f(trace: Trace, refined: RefinedViews, matches: Matches, epipo
     x = undistort_to_pinhole(views[0], matches.first_px[good])
     x_second = undistort_to_pinhole(views[1], matches.second_px[good])
     size = (views[0].camera.width, views[0].camera.height)
-    found = rectify_by_fundamental(epipolar.from_matches, x, x_second, size)
-    if found is None:
+    homographies = rectify_by_fundamental(epipolar.from_matches, x, x_second, size)
+    if homographies is None:
         return None
     # One frame for both: the first view's corners, as far as they stay finite.
     corners = np.array([[0.0, 0.0], [size[0], 0.0], [size[0], size[1]], [0.0, size[1]]])
-    moved = homogeneous(corners) @ found[0].T
+    moved = homogeneous(corners) @ homographies[0].T
     if (moved[:, 2] <= 0).any():
         return None
     mapped = moved[:, :2] / moved[:, 2:]
@@ -138,7 +138,7 @@ def _rectified_by_f(trace: Trace, refined: RefinedViews, matches: Matches, epipo
     frame = np.array([[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]])
     shown = tuple(int(np.ceil(side)) for side in (high - low) * scale)
     pictures = []
-    for view, homography, colour in zip(views, found, (trace.colour_of(0), trace.colour_of(1)), strict=True):
+    for view, homography, colour in zip(views, homographies, (trace.colour_of(0), trace.colour_of(1)), strict=True):
         small, reduction = _reduced(view, colour)
         reduce = np.diag([reduction, reduction, 1.0])
         camera = reduce @ view.camera.matrix
@@ -156,13 +156,13 @@ def _with_rows(picture: ImageArray) -> ImageArray:
 
 def _coloured(values: Float32Array) -> ImageArray:
     """Values from their 1st to their 99th percentile in colours; black for NaN."""
-    known = np.isfinite(values)
-    if not known.any():
+    is_measured = np.isfinite(values)
+    if not is_measured.any():
         return np.zeros((*values.shape, 3), np.uint8)
-    low, high = np.percentile(values[known], [1, 99])
+    low, high = np.percentile(values[is_measured], [1, 99])
     scaled = np.clip((np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-6) * 255, 0, 255).astype(np.uint8)
     picture = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)
-    picture[~known] = 0
+    picture[~is_measured] = 0
     return picture
 
 

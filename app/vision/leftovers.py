@@ -62,17 +62,17 @@ class _Motion:
 
 
 def match_pieces(
-    served: Sequence[Sight], left: Sequence[Sight], told: Mapping[int, int | None] | None = None
+    served: Sequence[Sight], left: Sequence[Sight], stated: Mapping[int, int | None] | None = None
 ) -> list[Match]:
-    """What each piece is of, in the order of `left`. told: piece -> item that a person named, None: of none of them."""
+    """What each piece is of, in the order of `left`. stated: piece -> item that a person named, None: of none of them."""
     if not served or not left:
         return [Match(None, 0.0)] * len(left)
-    told = told or {}
+    stated = stated or {}
     unplaced = _scores(served, left)
     totals = [  # (log prior, (left, served) scores) of each way in which the board may have moved
-        (math.log(NO_FRAME), _as_told(unplaced, told)),
+        (math.log(NO_FRAME), _with_statements(unplaced, stated)),
         *(
-            (motion.log_prior, _as_told(unplaced + _places(served, left, motion), told))
+            (motion.log_prior, _with_statements(unplaced + _places(served, left, motion), stated))
             for motion in _motions(served, left)
         ),
     ]
@@ -84,14 +84,14 @@ def match_pieces(
     matches = []
     for piece, item in enumerate(chosen):
         if item is None:
-            others = any(table[piece].max() > 0.0 for _, table in totals) and piece not in told
+            others = any(table[piece].max() > 0.0 for _, table in totals) and piece not in stated
             matches.append(Match(None, 0.0, is_ambiguous=others))
             continue
         without = max(_assign(_without(table, piece, item, served), prior)[0] for prior, table in near)
         margin = best - max(without, far)
         is_sure = margin >= MIN_MARGIN
         matches.append(Match(item if is_sure else None, margin, is_ambiguous=not is_sure))
-    return _within_what_was_served(served, left, matches, told)
+    return _within_what_was_served(served, left, matches, stated)
 
 
 def _scores(served: Sequence[Sight], left: Sequence[Sight]) -> Float64Array:
@@ -103,9 +103,9 @@ def _scores(served: Sequence[Sight], left: Sequence[Sight]) -> Float64Array:
     return out
 
 
-def _as_told(table: Float64Array, told: Mapping[int, int | None]) -> Float64Array:
+def _with_statements(table: Float64Array, stated: Mapping[int, int | None]) -> Float64Array:
     out = table.copy()
-    for piece, item in told.items():
+    for piece, item in stated.items():
         out[piece] = -FORCED
         if item is not None:
             out[piece, item] = FORCED
@@ -172,8 +172,8 @@ def _by_two(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[tuple[Fl
     """(rotation, shift) that bring two pieces onto two items that lay as far apart, the best fitting first."""
     was, at = _centres(served), _centres(left)
     sds = np.array([_place_sd(item) for item in served])
-    wanted, across = was[None] - was[:, None], at[None] - at[:, None]  # from the row's to the column's
-    lever, length = np.hypot(*np.moveaxis(across, -1, 0)), np.hypot(*np.moveaxis(wanted, -1, 0))
+    displacement, across = was[None] - was[:, None], at[None] - at[:, None]  # from the row's to the column's
+    lever, length = np.hypot(*np.moveaxis(across, -1, 0)), np.hypot(*np.moveaxis(displacement, -1, 0))
     misfit = np.abs(lever[:, :, None, None] - length) / np.hypot(sds[:, None], sds[None])
     misfit[np.tril_indices(len(left))] = np.inf  # each two pieces once
     misfit[:, :, np.arange(len(served)), np.arange(len(served))] = np.inf
@@ -181,7 +181,7 @@ def _by_two(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[tuple[Fl
     fitting = np.argwhere(misfit <= 2.0)
     order = np.argsort(misfit[tuple(fitting.T)], kind="stable")[:MAX_MOTIONS]
     for a, b, i, k in fitting[order]:
-        angle = math.atan2(*wanted[i, k][::-1]) - math.atan2(*across[a, b][::-1])
+        angle = math.atan2(*displacement[i, k][::-1]) - math.atan2(*across[a, b][::-1])
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         yield turn, 0.5 * (was[i] + was[k]) - turn @ (0.5 * (at[a] + at[b]))
 
@@ -212,14 +212,14 @@ def _without(table: Float64Array, piece: int, item: int, served: Sequence[Sight]
 
 
 def _within_what_was_served(
-    served: Sequence[Sight], left: Sequence[Sight], matches: Sequence[Match], told: Mapping[int, int | None]
+    served: Sequence[Sight], left: Sequence[Sight], matches: Sequence[Match], stated: Mapping[int, int | None]
 ) -> list[Match]:
     """Several pieces of one item hold no more together than was served: else the least sure one is nobody's."""
     out = list(matches)
     for item, whole in enumerate(served):
         pieces = sorted((j for j, match in enumerate(out) if match.served == item), key=lambda j: -out[j].margin)
         while len(pieces) > 1 and _is_more(whole, [left[j] for j in pieces]):
-            last = next((j for j in reversed(pieces) if j not in told), None)
+            last = next((j for j in reversed(pieces) if j not in stated), None)
             if last is None:
                 break
             pieces.remove(last)

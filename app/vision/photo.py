@@ -79,10 +79,10 @@ def read_photo(data: bytes, *, max_pixels: int, least_short_side_px: int = MIN_S
 
     Failures: not_an_image, image_truncated, image_unreadable, image_too_many_pixels (nothing decoded), image_too_small.
     """
-    found = read_reduced_photo(
+    read = read_reduced_photo(
         data, max_pixels=max_pixels, least_long_side_px=None, least_short_side_px=least_short_side_px
     )
-    return found if isinstance(found, Failure) else found.photo
+    return read if isinstance(read, Failure) else read.photo
 
 
 def read_reduced_photo(
@@ -206,10 +206,10 @@ def _pixels_of_sound_jpeg(image: Image.Image, data: bytes, factor: int) -> Image
     scan = _jpeg_scan_offset(data)
     if scan is None or data.rfind(b"\xff\xd9", scan) < 0:
         return None
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), REDUCED_READ[factor] | cv2.IMREAD_IGNORE_ORIENTATION)
-    if found is None or found.shape[1::-1] != tuple(-(-side // factor) for side in image.size):
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), REDUCED_READ[factor] | cv2.IMREAD_IGNORE_ORIENTATION)
+    if decoded is None or decoded.shape[1::-1] != tuple(-(-side // factor) for side in image.size):
         return None
-    return np.asarray(found, np.uint8)
+    return np.asarray(decoded, np.uint8)
 
 
 def _jpeg_scan_offset(data: bytes) -> int | None:
@@ -253,8 +253,8 @@ def _focal_35mm(exif: Mapping[int, object], width: int, height: int) -> float | 
 
     width, height: of the image as stored, for files that do not tell the size that the resolution belongs to.
     """
-    told = _positive(exif.get(ExifTags.Base.FocalLengthIn35mmFilm))
-    if told is None:
+    focal_35mm = _positive(exif.get(ExifTags.Base.FocalLengthIn35mmFilm))
+    if focal_35mm is None:
         focal_mm = _positive(exif.get(ExifTags.Base.FocalLength))
         per_unit = _positive(exif.get(ExifTags.Base.FocalPlaneXResolution))
         unit_mm = MM_PER_RESOLUTION_UNIT.get(_whole_number(exif.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)))
@@ -262,8 +262,8 @@ def _focal_35mm(exif: Mapping[int, object], width: int, height: int) -> float | 
             return None
         columns = _positive(exif.get(ExifTags.Base.ExifImageWidth)) or width
         rows = _positive(exif.get(ExifTags.Base.ExifImageHeight)) or height
-        told = focal_mm * per_unit / unit_mm / math.hypot(columns, rows) * DIAGONAL_35MM
-    return told if FOCAL_35MM_RANGE[0] <= told <= FOCAL_35MM_RANGE[1] else None
+        focal_35mm = focal_mm * per_unit / unit_mm / math.hypot(columns, rows) * DIAGONAL_35MM
+    return focal_35mm if FOCAL_35MM_RANGE[0] <= focal_35mm <= FOCAL_35MM_RANGE[1] else None
 
 
 def _name(value: object) -> str | None:

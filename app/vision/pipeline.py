@@ -57,14 +57,14 @@ def estimate_meal(
     """
     stages: dict[str, float] = {}
     trace = Trace()
-    found = _run(pair, options, _Stages(stages, on_stage), trace)
-    items = () if isinstance(found, Failure) else found
+    outcome = _run(pair, options, _Stages(stages, on_stage), trace)
+    items = () if isinstance(outcome, Failure) else outcome
     return MealEstimate(
         method=options.method,
         pipeline_version=PIPELINE_VERSION,
         stages=stages,
         items=items,
-        failure=found if isinstance(found, Failure) else None,
+        failure=outcome if isinstance(outcome, Failure) else None,
         views=trace.views,
         parameters={"seed": options.seed, **trace.parameters(), "tuning": asdict(TUNING)},
         artefacts=draw_artefacts(trace, pair, items) if want_artefacts else (),

@@ -58,8 +58,8 @@ STEPS = 65_535  # of a coordinate in 16 bits
 
 def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) -> bytes | None:
     """The file, or None where not even a marker was found. items: the answer's, in the order of trace.items."""
-    found = next((marker for marker in trace.markers if marker is not None), None)
-    if found is None:
+    observation = next((marker for marker in trace.markers if marker is not None), None)
+    if observation is None:
         return None
     content: Document = {
         "version": SCENE_VERSION,
@@ -70,7 +70,7 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
                 zip(("left", "right"), (pair.left, pair.right), trace.markers, strict=True)
             )
         },
-        "board": _board(found),
+        "board": _board(observation),
     }
     scene = trace.scene
     if scene is None or trace.views is None:
@@ -83,7 +83,7 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     ]
     content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
     room = (MAX_BYTES - len(_encoded(content))) // POINT_BYTES
-    content["points"], ranges = _points(trace, scene, found.spec, min(MAX_POINTS, max(room, 0)))
+    content["points"], ranges = _points(trace, scene, observation.spec, min(MAX_POINTS, max(room, 0)))
     for food, (start, count) in zip(foods, ranges, strict=True):
         food["points"] = {"start": start, "count": count}
     return _encoded(content)
@@ -151,14 +151,14 @@ def _item(index: int, item: MeasuredItem, estimate: ItemEstimate, topologies: li
 
 def _shape(volume: Volume, support_mm: float, topologies: list[IntArray]) -> Document:
     shape, vertices = volume.shape, _vertices(volume, support_mm)
-    known = [number for number, faces in enumerate(topologies) if np.array_equal(faces, shape.faces)]
-    if not known:
+    same = [number for number, faces in enumerate(topologies) if np.array_equal(faces, shape.faces)]
+    if not same:
         topologies.append(shape.faces)
     packed = _quantised(vertices)
     return {
         "size_mm": _size(vertices),
         "mesh_volume_ml": round(ml_from_mm3(enclosed_mm3(_unpacked(vertices), shape.faces)), 3),
-        "shape": {"vertices": packed, "topology": known[0] if known else len(topologies) - 1},
+        "shape": {"vertices": packed, "topology": same[0] if same else len(topologies) - 1},
         "slices": [
             {
                 "low_mm": round(each.low_mm + support_mm, 3),
@@ -219,9 +219,11 @@ def _points(trace: Trace, scene: Reconstruction, spec: MarkerSpec, most: int) ->
     foods = np.zeros(usable.shape, np.bool_)
     chosen = []
     # Well inside each mask: at its rim a window may have matched what lies behind.
-    wanted = [np.flatnonzero(usable & (inward_px(item.region.mask) > scene.disparity.reach_px)) for item in trace.items]
-    thinning = max(1.0, sum(map(len, wanted)) / max(FOOD_SHARE * most, 1.0))
-    for item, own in zip(trace.items, wanted, strict=True):
+    candidates = [
+        np.flatnonzero(usable & (inward_px(item.region.mask) > scene.disparity.reach_px)) for item in trace.items
+    ]
+    thinning = max(1.0, sum(map(len, candidates)) / max(FOOD_SHARE * most, 1.0))
+    for item, own in zip(trace.items, candidates, strict=True):
         foods |= item.region.mask
         chosen.append(_evenly(own, pair.shape[1], int(len(own) / thinning)))
     rest = np.flatnonzero(usable & ~foods)

@@ -54,7 +54,7 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
 
     Failures: calibration_views_insufficient (too few boards found, all at one slant, or no photographs of one size).
     """
-    found: dict[int, MarkerObservation] = {}
+    observations: dict[int, MarkerObservation] = {}
     rejected: list[RejectedPhoto] = []
     for index, photo in enumerate(photos):
         seen = find_marker(photo, spec)
@@ -63,28 +63,32 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
         elif photo.pixels_bgr.shape != photos[0].pixels_bgr.shape:
             rejected.append(RejectedPhoto(index, _other_size(photos[0], photo)))
         else:
-            found[index] = seen
-    if len(found) < MIN_VIEWS:
-        return _insufficient(f"the board was found in {len(found)} of {len(photos)} photographs of one size", rejected)
-    spread = _tilt_spread_deg(camera_from_exif(photos[0]), list(found.values()))
+            observations[index] = seen
+    if len(observations) < MIN_VIEWS:
+        return _insufficient(
+            f"the board was found in {len(observations)} of {len(photos)} photographs of one size", rejected
+        )
+    spread = _tilt_spread_deg(camera_from_exif(photos[0]), list(observations.values()))
     if spread < MIN_TILT_SPREAD_DEG:
         return _insufficient(
             f"all views see the board from almost one direction ({spread:.0f} degrees apart)", rejected
         )
     size = (photos[0].pixels_bgr.shape[1], photos[0].pixels_bgr.shape[0])
-    camera, rms_px, view_rms_px = _fit_intrinsics(list(found.values()), size)
+    camera, rms_px, view_rms_px = _fit_intrinsics(list(observations.values()), size)
     limit = max(TOLERATED_RMS_PX, MAX_VIEW_RMS_FACTOR * float(np.median(view_rms_px)))
-    poor = [index for index, rms in zip(found, view_rms_px, strict=True) if rms > limit]
-    if poor and len(found) - len(poor) >= MIN_VIEWS:
+    poor = [index for index, rms in zip(observations, view_rms_px, strict=True) if rms > limit]
+    if poor and len(observations) - len(poor) >= MIN_VIEWS:
         for index in poor:
-            found.pop(index)
+            observations.pop(index)
             message = f"The board's corners are more than {limit:.1f} px off the others' camera."
             rejected.append(
                 RejectedPhoto(index, Failure("calibration_view_poor", message, "Glue the board to a flat plate."))
             )
-        camera, rms_px, _ = _fit_intrinsics(list(found.values()), size)
-    reach = _reach(camera, list(found.values()))
-    return Calibration(camera, rms_px, reach, tuple(found), tuple(sorted(rejected, key=lambda photo: photo.index)))
+        camera, rms_px, _ = _fit_intrinsics(list(observations.values()), size)
+    reach = _reach(camera, list(observations.values()))
+    return Calibration(
+        camera, rms_px, reach, tuple(observations), tuple(sorted(rejected, key=lambda photo: photo.index))
+    )
 
 
 def _flat_points(seen: MarkerObservation) -> Float32Array:
@@ -141,7 +145,7 @@ def _other_size(first: Photo, other: Photo) -> Failure:
 
 
 def _insufficient(reason: str, rejected: Sequence[RejectedPhoto]) -> Failure:
-    told = "".join(f" Photograph {photo.index + 1}: {photo.failure.message}" for photo in rejected[:3])
+    reasons = "".join(f" Photograph {photo.index + 1}: {photo.failure.message}" for photo in rejected[:3])
     return Failure(
-        "calibration_views_insufficient", f"The camera cannot be calibrated: {reason}.{told}", CALIBRATE_ADVICE
+        "calibration_views_insufficient", f"The camera cannot be calibrated: {reason}.{reasons}", CALIBRATE_ADVICE
     )

@@ -90,9 +90,9 @@ def _white_of_colours(seen: Float64Array, usable: MaskArray, reference: Float64A
     if counts.sum(axis=0).min() < MIN_FOR_WHITE:
         return None
     weight = counts * _lightness_weight(reference)
-    known = np.where(counts, seen, 0.0)
+    counted = np.where(counts, seen, 0.0)
     return np.asarray(
-        PAPER_WHITE * (weight**2 * known**2).sum(axis=0) / (weight**2 * known * reference).sum(axis=0), np.float64
+        PAPER_WHITE * (weight**2 * counted**2).sum(axis=0) / (weight**2 * counted * reference).sum(axis=0), np.float64
     )
 
 
@@ -123,8 +123,8 @@ def _solve(relative: Float64Array, reference: Float64Array, weights: Float64Arra
             matrix[channel, other] += mixing
             matrix[channel, channel] -= mixing
     residual = (relative @ matrix.T - reference) * weights
-    known = np.maximum((weights > 0.0).sum(axis=1), 1)
-    return matrix, np.sqrt((residual**2).sum(axis=1) / known)
+    squares = np.maximum((weights > 0.0).sum(axis=1), 1)
+    return matrix, np.sqrt((residual**2).sum(axis=1) / squares)
 
 
 def _without_worst(

@@ -159,10 +159,10 @@ def _light_amid(beside: Float64Array) -> Float64Array:
     means = np.array([np.sqrt(pair[0] * pair[1]) for pair in pairs])
     if len(pairs) == 2 and max(map(_ratio, pairs)) <= SLOPING_LIGHT and _ratio(means) <= SAME_LIGHT:
         return np.asarray(means.mean(axis=0), np.float64)
-    known = beside[np.isfinite(beside).all(axis=1)]
-    known = known[np.argsort(known @ LUMINANCE_OF_RGB, kind="stable")]
-    for start in range(len(known) - MIN_WHITES, -1, -1):  # the brighter three first
-        three = known[start : start + MIN_WHITES]
+    measured = beside[np.isfinite(beside).all(axis=1)]
+    measured = measured[np.argsort(measured @ LUMINANCE_OF_RGB, kind="stable")]
+    for start in range(len(measured) - MIN_WHITES, -1, -1):  # the brighter three first
+        three = measured[start : start + MIN_WHITES]
         if _ratio(three) <= EVEN_LIGHT:
             return np.asarray(three.mean(axis=0), np.float64)
     return np.full(3, np.nan)

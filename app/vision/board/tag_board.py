@@ -90,16 +90,16 @@ def _detect_tags(grey: ImageArray, *names: str, error_correction: float | None =
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if error_correction is not None:
         parameters.errorCorrectionRate = error_correction
-    found: dict[int, Float64Array] = {}
+    largest_tags: dict[int, Float64Array] = {}
     for name in names:
         detector = cv2.aruco.ArucoDetector(_dictionary(name), parameters)
         corners, ids, _ = detector.detectMarkers(grey)
         for number, quad in zip(np.ravel(ids) if ids is not None else (), corners, strict=True):
             tag = np.asarray(quad, np.float64).reshape(4, 2)
-            if int(number) not in found or np.ptp(tag) > np.ptp(found[int(number)]):
-                found[int(number)] = tag
-    numbers = sorted(found)
-    return Tags(np.array(numbers, np.int64), np.array([found[number] for number in numbers]).reshape(-1, 4, 2))
+            if int(number) not in largest_tags or np.ptp(tag) > np.ptp(largest_tags[int(number)]):
+                largest_tags[int(number)] = tag
+    numbers = sorted(largest_tags)
+    return Tags(np.array(numbers, np.int64), np.array([largest_tags[number] for number in numbers]).reshape(-1, 4, 2))
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

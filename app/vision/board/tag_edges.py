@@ -133,9 +133,9 @@ def _fit_offsets(offset_px: Float64Array, is_found: MaskArray) -> tuple[Float64A
 def _corners_of_sides(corners_px: Float64Array, start_px: Float64Array, end_px: Float64Array) -> Float64Array:
     """(n, 4, 2) where neighbouring sides meet, each moved outwards by (n, 4) px at its start and at its end."""
     normals, ends = _normals(corners_px), np.roll(corners_px, -1, axis=1)
-    one = np.ones((*corners_px.shape[:2], 1))
-    start = np.concatenate([corners_px + normals * start_px[..., None], one], axis=-1)
-    end = np.concatenate([ends + normals * end_px[..., None], one], axis=-1)
+    ones = np.ones((*corners_px.shape[:2], 1))
+    start = np.concatenate([corners_px + normals * start_px[..., None], ones], axis=-1)
+    end = np.concatenate([ends + normals * end_px[..., None], ones], axis=-1)
     lines = np.cross(start, end)
     meeting = np.cross(np.roll(lines, 1, axis=1), lines)
     return np.asarray(meeting[..., :2] / meeting[..., 2:], np.float64)

@@ -77,9 +77,9 @@ def align_patches(
         & (sd < MAX_SD_PX)
         & (np.linalg.norm(shift, axis=1) < max_move_px)
     )
-    found = second_px + (jacobians @ shift[..., None])[..., 0]
-    found[~is_good] = np.nan
-    return found
+    aligned_px = second_px + (jacobians @ shift[..., None])[..., 0]
+    aligned_px[~is_good] = np.nan
+    return aligned_px
 
 
 def _residual(

@@ -15,7 +15,7 @@ def cut_sections(vertices: Float64Array, faces: IntArray, support_mm: float) -> 
     height = float(vertices[:, 2].max()) - support_mm
     thickness = slice_thickness_mm(height)
     lows = np.arange(0.0, height, thickness)
-    found = []
+    slices = []
     for low in lows:
         high = min(low + thickness, height)
         start, end = _segments(vertices, faces, support_mm + 0.5 * (low + high))
@@ -30,7 +30,7 @@ def cut_sections(vertices: Float64Array, faces: IntArray, support_mm: float) -> 
         spread, axes = np.linalg.eigh(np.cov((middle - centre).T, aweights=length))
         ratio = float(np.sqrt(spread[1] / max(spread[0], 1e-9)))
         half = float(np.sqrt(area / np.pi))
-        found.append(
+        slices.append(
             Slice(
                 low_mm=float(low),
                 high_mm=float(high),
@@ -40,7 +40,7 @@ def cut_sections(vertices: Float64Array, faces: IntArray, support_mm: float) -> 
                 source="fitted",
             )
         )
-    return tuple(found)
+    return tuple(slices)
 
 
 def _segments(vertices: Float64Array, faces: IntArray, height_mm: float) -> tuple[Float64Array, Float64Array]:

@@ -217,8 +217,8 @@ def _opposite(
     """(k,), (k,) indices of outline points that half a turn about the centre maps onto each other."""
     key = slices * SECTORS + sector_index(chosen[:, :2] - centre_mm)
     turned = slices * SECTORS + sector_index(centre_mm - chosen[:, :2])
-    _, one, other = np.intersect1d(key, turned, return_indices=True)
-    return one, other
+    _, index, opposite = np.intersect1d(key, turned, return_indices=True)
+    return index, opposite
 
 
 def _fit_outline(
@@ -230,7 +230,7 @@ def _fit_outline(
 ) -> SymmetryAxis:
     counts = np.bincount(slices)
     size = float(np.median(start.scaled_radius(chosen[:, :2])))
-    one, other = _opposite(chosen, slices, start.centre_mm)
+    index, opposite = _opposite(chosen, slices, start.centre_mm)
     weight = (counts / SECTORS)[slices]  # a short arc tells little of where its centre is
 
     def read(unknowns: Float64Array) -> SymmetryAxis:
@@ -250,7 +250,7 @@ def _fit_outline(
         return np.concatenate(
             [
                 weight * (radius - mean[slices]),
-                HALF_TURN_WEIGHT * (radius[one] - radius[other]),
+                HALF_TURN_WEIGHT * (radius[index] - radius[opposite]),
                 [OUTSIDE_WEIGHT * len(chosen) * outside],
             ]
         )

@@ -30,9 +30,9 @@ def propose_boxes(pixels_bgr: ImageArray) -> list[Box]:
     small = cv2.GaussianBlur(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_SD_PX)
     lab = lab_of(small)
     lab = lab * np.array([LIGHTNESS_WEIGHT, 1.0, 1.0], np.float32)
-    found = [box for colors in COLORS for box in _pieces(lab, colors)]
+    boxes = [box for colors in COLORS for box in _pieces(lab, colors)]
     kept: list[Box] = []
-    for box in sorted(found, key=lambda each: -each[2] * each[3]):
+    for box in sorted(boxes, key=lambda each: -each[2] * each[3]):
         if all(overlap(box, other) < SAME_IOU for other in kept):
             kept.append(box)
     if not kept:

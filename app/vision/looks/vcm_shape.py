@@ -74,5 +74,5 @@ def oriented_gradients(grey: ImageArray, mask: MaskArray) -> Float64Array:
 
 def _outline(mask: MaskArray) -> np.ndarray:
     """(n, 1, 2) the outermost outline of the largest piece, px."""
-    found = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    return np.asarray(max(found, key=cv2.contourArea)).reshape(-1, 1, 2)
+    contours = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    return np.asarray(max(contours, key=cv2.contourArea)).reshape(-1, 1, 2)

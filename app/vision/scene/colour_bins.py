@@ -58,8 +58,8 @@ def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Flo
     counts = np.zeros(BIN_COUNTS, np.float32)
     for place, bins in enumerate(versions):
         weight = 1.0 if place == 0 else SHADE_WEIGHT
-        found = np.bincount(bins[where], minlength=counts.size).astype(np.float32)
-        counts += weight * found.reshape(BIN_COUNTS)
+        binned = np.bincount(bins[where], minlength=counts.size).astype(np.float32)
+        counts += weight * binned.reshape(BIN_COUNTS)
     kernel = cv2.getGaussianKernel(9, 1.2, cv2.CV_32F)
     flat = cv2.sepFilter2D(
         counts.reshape(BIN_COUNTS[0] * BIN_COUNTS[1], BIN_COUNTS[2]),

@@ -238,17 +238,17 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
     picks = by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
     picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
-    one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
-    determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    to_second, to_third = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
+    determinant = to_second[:, 0] * to_third[:, 1] - to_second[:, 1] * to_third[:, 0]
     kept = np.abs(determinant) > MIN_DETERMINANT_MM2
-    picks, one, two, determinant = picks[kept], one[kept], two[kept], determinant[kept]
-    squares_one, squares_two = 0.5 * (one**2).sum(1), 0.5 * (two**2).sum(1)
-    centre_x = (squares_one * two[:, 1] - squares_two * one[:, 1]) / determinant
-    centre_y = (squares_two * one[:, 0] - squares_one * two[:, 0]) / determinant
+    picks, to_second, to_third, determinant = picks[kept], to_second[kept], to_third[kept], determinant[kept]
+    squares_one, squares_two = 0.5 * (to_second**2).sum(1), 0.5 * (to_third**2).sum(1)
+    centre_x = (squares_one * to_third[:, 1] - squares_two * to_second[:, 1]) / determinant
+    centre_y = (squares_two * to_second[:, 0] - squares_one * to_third[:, 0]) / determinant
     radius = np.hypot(centre_x, centre_y)
     rise_one, rise_two = picks[:, 1, 2] - picks[:, 0, 2], picks[:, 2, 2] - picks[:, 0, 2]
-    slope_x = (rise_one * two[:, 1] - rise_two * one[:, 1]) / determinant
-    slope_y = (rise_two * one[:, 0] - rise_one * two[:, 0]) / determinant
+    slope_x = (rise_one * to_third[:, 1] - rise_two * to_second[:, 1]) / determinant
+    slope_y = (rise_two * to_second[:, 0] - rise_one * to_third[:, 0]) / determinant
     kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1]) & (np.hypot(slope_x, slope_y) < MAX_SLOPE)
     if not kept.any():
         return []
@@ -271,7 +271,7 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     which, where = np.nonzero(outside)
     walled[which, sector[which, where]] = True
     score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
-    found: list[_Ring] = []
+    kept_rings: list[_Ring] = []
     tried: list[tuple[float, float, float]] = []
     for place in np.argsort(-score):
         x, y, r = (float(value) for value in rings[place])
@@ -279,11 +279,11 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
             continue
         tried.append((x, y, r))
         ring = _refined(cells, every, (x, y, r), np.array([heights[place], *slopes[place]]))
-        if ring is not None and not _is_among(ring.circle, [other.circle for other in found]):
-            found.append(ring)
-        if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
+        if ring is not None and not _is_among(ring.circle, [other.circle for other in kept_rings]):
+            kept_rings.append(ring)
+        if len(kept_rings) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
             break
-    return found
+    return kept_rings
 
 
 def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:

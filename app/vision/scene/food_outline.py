@@ -93,10 +93,10 @@ def _recut(
     height = np.nan_to_num(scene.height_mm[window], nan=-99.0)
     is_raised = (height > floor_mm + RAISED_MM) & (scene.reach_px[window] < FINE_REACH_PX)
     place += np.where(is_raised & mask[window], RAISED_NATS, 0.0)
-    found = mask[window]
-    nothing = np.zeros(found.shape, np.bool_)
+    food = mask[window]
+    nothing = np.zeros(food.shape, np.bool_)
     for _ in range(ROUNDS):
-        depth = _signed_depth_px(found)
+        depth = _signed_depth_px(food)
         inner = depth > min(INNER_PX, 0.5 * float(depth.max()))
         outer = (depth < -2) & (depth > -MARGIN_MM / scene.pixel_mm) & ~others[window] & ~scene.is_ignored[window]
         if not (inner.any() and outer.any()):
@@ -108,11 +108,11 @@ def _recut(
             ratio = np.log((colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN))[bins]
         ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
         features = contrast_features(lab, (inner, outer) if is_by_difference else None)
-        found = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
-        if not found.any():
+        food = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
+        if not food.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
-    out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
+    out[window] = _with_true_holes(largest_part(food), scene.height_mm[window], scene.pixel_mm)
     return out
 
 

@@ -98,23 +98,23 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
         is_always = deep | (core & (ratio > 2.0))
         return cut_in_two((ratio + evidence).astype(np.float32), features, is_never, is_always), colour
 
-    found, colour = cut(core, others, np.zeros_like(core))
+    is_food, colour = cut(core, others, np.zeros_like(core))
     over_floor = np.where(is_measured, height - np.float32(place.floor_mm), np.float32(np.nan))
     gaps = find_gaps(sure, over_floor, colour, scene.pixel_mm / scale)
     for _ in range(ROUNDS - 1):
-        food, others = _apart(found, is_ignored)
+        food, others = _apart(is_food, is_ignored)
         if not food.any():
             break
-        found, _ = cut(food, others, np.zeros_like(core))
+        is_food, _ = cut(food, others, np.zeros_like(core))
     # Where food and support are alike the cut closes a gap, for its border is longer than the colours are worth.
-    gaps &= found
-    open_found = found & ~gaps
+    gaps &= is_food
+    open_found = is_food & ~gaps
     if gaps.any():
         food, others = _apart(open_found, is_ignored)
         open_found, _ = cut(food, others | gaps, gaps)
-    gaps = touching(found & ~open_found, gaps)
+    gaps = touching(is_food & ~open_found, gaps)
     out = np.zeros(scene.is_ignored.shape, np.bool_)
-    out[window] = cv2.resize(found.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
+    out[window] = cv2.resize(is_food.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
     whole_gaps = np.zeros_like(out)
     whole_gaps[window] = _reduced(gaps, shape)
     return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
@@ -133,9 +133,9 @@ def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
     return core, deep
 
 
-def _apart(found: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
+def _apart(is_food: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
     """What teaches the colours of food and of the rest: either side of the border, without its mixed pixels."""
-    return found & (distance_px(~found) > 2), ~found & ~is_ignored & (distance_px(found) > 2)
+    return is_food & (distance_px(~is_food) > 2), ~is_food & ~is_ignored & (distance_px(is_food) > 2)
 
 
 def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:

@@ -62,7 +62,7 @@ MAX_FOODS = 12
 
 def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[MaskArray]:
     """(h, w) masks, one per food, of the scene's grid; they do not overlap. floor_mm: of the support over the table."""
-    found: list[MaskArray] = []
+    foods: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
     labels, stats, _ = labelled(_opened(food, size))
     lab = lab_bytes(scene.image_bgr)
@@ -73,16 +73,16 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
         window = (slice(max(0, y - 4), y + height + 4), slice(max(0, x - 4), x + width + 4))
         piece = _Piece(lab[window], scene.height_mm[window], scene.pixel_mm)
         waiting = [labels[window] == label]
-        while waiting and len(found) + len(waiting) <= MAX_FOODS:
+        while waiting and len(foods) + len(waiting) <= MAX_FOODS:
             mask = waiting.pop()
             is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
             parts = None if is_block else piece.best_cut(mask)
             if parts is None or _have_one_top([_framed(part, window, food.shape) for part in parts], scene, floor_mm):
-                found.append(_framed(mask, window, food.shape))
+                foods.append(_framed(mask, window, food.shape))
             else:
                 waiting += parts
-        found += [_framed(mask, window, food.shape) for mask in waiting]
-    return found
+        foods += [_framed(mask, window, food.shape) for mask in waiting]
+    return foods
 
 
 def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[MaskArray]:
@@ -91,10 +91,12 @@ def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[Ma
     piece = _Piece(lab, scene.height_mm, scene.pixel_mm)
     nearest = np.stack([distance_px(seed) for seed in seeds]).argmin(axis=0)
     shares = [mask & (nearest == place) for place in range(len(seeds))]
-    for one in range(len(seeds)):
-        for two in range(one + 1, len(seeds)):
-            if shares[one].any() and shares[two].any():
-                shares[one], shares[two] = piece.on_edges(shares[one], shares[two], seeds[one], seeds[two])
+    for first in range(len(seeds)):
+        for second in range(first + 1, len(seeds)):
+            if shares[first].any() and shares[second].any():
+                shares[first], shares[second] = piece.on_edges(
+                    shares[first], shares[second], seeds[first], seeds[second]
+                )
     return shares
 
 
@@ -141,22 +143,27 @@ class _Piece:
             if any(_is_same_cut(proposal, other, mask) for other in tried):
                 continue
             tried.append(proposal)
-            one, two = self.on_edges(proposal, mask & ~proposal)
-            if min(np.count_nonzero(one), np.count_nonzero(two)) >= least_px:
-                scored.append((self._judge(one, two), [one, two]))
+            first, second = self.on_edges(proposal, mask & ~proposal)
+            if min(np.count_nonzero(first), np.count_nonzero(second)) >= least_px:
+                scored.append((self._judge(first, second), [first, second]))
         return sorted(scored, key=lambda cut: -cut[0])
 
     def on_edges(
-        self, one: MaskArray, two: MaskArray, seed_one: MaskArray | None = None, seed_two: MaskArray | None = None
+        self,
+        first_part: MaskArray,
+        second_part: MaskArray,
+        seed_one: MaskArray | None = None,
+        seed_two: MaskArray | None = None,
     ) -> tuple[MaskArray, MaskArray]:
         """The same two parts with the border moved onto the edges near it and to where their colours part."""
-        mask = one | two
+        mask = first_part | second_part
         always, never = (
-            _inner_half(part) if seed is None else seed & mask for part, seed in ((one, seed_one), (two, seed_two))
+            _inner_half(part) if seed is None else seed & mask
+            for part, seed in ((first_part, seed_one), (second_part, seed_two))
         )
-        first, second = (colour_histogram([self._bins], part) for part in (one, two))
+        first, second = (colour_histogram([self._bins], part) for part in (first_part, second_part))
         ratio = np.clip(np.log((first + 3e-5) / (second + 3e-5))[self._bins], -COLOUR_NATS, COLOUR_NATS)
-        place = (distance_px(two) - distance_px(one)) * self._pixel_mm / PLACE_MM
+        place = (distance_px(second_part) - distance_px(first_part)) * self._pixel_mm / PLACE_MM
         ratio += np.clip(place, -PLACE_NATS, PLACE_NATS)
         cut = cut_in_two(np.where(mask, ratio, 0.0).astype(np.float32), self._features, never, always)
         rest = largest_part(mask & ~largest_part(mask & cut))
@@ -209,32 +216,32 @@ class _Piece:
                 if least_px <= np.count_nonzero(part) <= np.count_nonzero(mask) - least_px:
                     yield part
 
-    def _judge(self, one: MaskArray, two: MaskArray) -> float:
+    def _judge(self, first: MaskArray, second: MaskArray) -> float:
         """How well two parts stand for two foods: about 2 or more where they do, below 1 where they do not."""
-        border = one & dilated(two, 3)
+        border = first & dilated(second, 3)
         if not border.any():
             return 0.0
-        widths = [2 * float(inward_px(filled(part)).max()) for part in (one, two)]
+        widths = [2 * float(inward_px(filled(part)).max()) for part in (first, second)]
         length = 1.1 * np.count_nonzero(border) / min(widths)  # a slanted line has fewer pixels than its length
         near_mm = distance_px(border) * self._pixel_mm
         beside = (near_mm > BESIDE_MM[0]) & (near_mm < BESIDE_MM[1])
-        if min(np.count_nonzero(one & beside), np.count_nonzero(two & beside)) < 10:
+        if min(np.count_nonzero(first & beside), np.count_nonzero(second & beside)) < 10:
             return 0.0
         medians, spreads = [], []
-        for part in (one, two):
+        for part in (first, second):
             colours = self._lab[part & beside]
             medians.append(np.median(colours, axis=0))
             spreads.append(1.48 * np.median(np.abs(colours - medians[-1]), axis=0))
         spread = np.sqrt(0.5 * (spreads[0] ** 2 + spreads[1] ** 2)) + COLOUR_NOISE
         contrast = _contrast(medians[0], medians[1], spread)
-        dented = max(_dented(one | two, CONVEX), *(_dented(filled(part), BITTEN) for part in (one, two)))
-        notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(one | two, border)
-        valley = dented * self._valley(one, two, border)
-        crease = CREASE_WEIGHT * float(np.clip(self._crease(one | two, border) - 0.7, -0.5, 0.8))
+        dented = max(_dented(first | second, CONVEX), *(_dented(filled(part), BITTEN) for part in (first, second)))
+        notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(first | second, border)
+        valley = dented * self._valley(first, second, border)
+        crease = CREASE_WEIGHT * float(np.clip(self._crease(first | second, border) - 0.7, -0.5, 0.8))
         look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
-        share = min(np.count_nonzero(part) for part in (one, two)) / np.count_nonzero(one | two)
+        share = min(np.count_nonzero(part) for part in (first, second)) / np.count_nonzero(first | second)
         look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
-        whole = WHOLE_WEIGHT * (1.0 - _dented(one | two, CONVEX))  # a loaf's crust and crumb part as clearly
+        whole = WHOLE_WEIGHT * (1.0 - _dented(first | second, CONVEX))  # a loaf's crust and crumb part as clearly
         return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley - whole
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
@@ -257,9 +264,9 @@ class _Piece:
             return 0.0
         return float(np.quantile(along, 0.3) / max(1e-3, float(np.quantile(elsewhere, 0.75))))
 
-    def _valley(self, one: MaskArray, two: MaskArray, border: MaskArray) -> float:
+    def _valley(self, first: MaskArray, second: MaskArray, border: MaskArray) -> float:
         """How far the heights along the border fall below the lower of the two tops, 0 to 1."""
-        along, *tops = (self._height_mm[part] for part in (border, one, two))
+        along, *tops = (self._height_mm[part] for part in (border, first, second))
         along, *tops = (heights[np.isfinite(heights)] for heights in (along, *tops))
         if min(len(along), *(len(top) for top in tops)) <= 5:
             return 0.0
@@ -267,18 +274,18 @@ class _Piece:
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
 
 
-def _contrast(one: Float32Array, two: Float32Array, spread: Float32Array) -> float:
+def _contrast(first: Float32Array, second: Float32Array, spread: Float32Array) -> float:
     """How far two weighted Lab colours (3,) lie apart, in spreads (3,); what shade alone would do weighs little.
 
     Less light scales L* + 16, a* and b* alike, since all three go with the cube root of the light (CIE 15).
     """
     weights = np.array(COLOUR_WEIGHTS, np.float32)
     (light_one, *tint_one), (light_two, *tint_two) = (
-        colour / weights * (100 / 255, 1.0, 1.0) - (-16.0, 128.0, 128.0) for colour in (one, two)
+        colour / weights * (100 / 255, 1.0, 1.0) - (-16.0, 128.0, 128.0) for colour in (first, second)
     )
     darker = min(light_one, light_two)
     tint = np.multiply(tint_one, darker / light_one) - np.multiply(tint_two, darker / light_two)
-    lightness = SHADE_WEIGHT * (one[0] - two[0]) / spread[0]
+    lightness = SHADE_WEIGHT * (first[0] - second[0]) / spread[0]
     return float(np.hypot(lightness, np.linalg.norm(tint * weights[1:] / spread[1:])))
 
 
@@ -306,10 +313,10 @@ def _edge_strength(lab: Float32Array) -> Float32Array:
     return np.asarray(cv2.dilate(np.sqrt(squares[0] + squares[1]), np.ones((3, 3), np.uint8)), np.float32)
 
 
-def _is_same_cut(one: MaskArray, two: MaskArray, mask: MaskArray) -> bool:
+def _is_same_cut(first: MaskArray, two: MaskArray, mask: MaskArray) -> bool:
     """Whether two proposals part the mask alike, whichever side each names."""
     area = np.count_nonzero(mask)
-    different = np.count_nonzero(one ^ two)
+    different = np.count_nonzero(first ^ two)
     return bool(min(different, area - different) < 0.04 * area)
 
 

@@ -45,7 +45,7 @@ ROUNDS = 2
 def hinted_masks(
     hints: Sequence[MaskArray],
     is_box: Sequence[bool],
-    found: Sequence[MaskArray],
+    found_masks: Sequence[MaskArray],
     scene: Scene,
     places: Sequence[Place],
 ) -> list[MaskArray]:
@@ -56,11 +56,13 @@ def hinted_masks(
     masks: list[MaskArray | None] = [None] * len(hints)
     shared: dict[int, list[int]] = {}
     for number, hint in enumerate(hints):
-        fits = [_fit(mask, hint) if is_box[number] else float(np.count_nonzero(mask & hint)) for mask in found]
+        fits = [_fit(mask, hint) if is_box[number] else float(np.count_nonzero(mask & hint)) for mask in found_masks]
         if fits and max(fits) > 0:
             shared.setdefault(int(np.argmax(fits)), []).append(number)
     for which, numbers in shared.items():
-        parts = divide(found[which], [hints[k] for k in numbers], scene) if len(numbers) > 1 else [found[which]]
+        parts = (
+            divide(found_masks[which], [hints[k] for k in numbers], scene) if len(numbers) > 1 else [found_masks[which]]
+        )
         for number, part in zip(numbers, parts, strict=True):
             masks[number] = part & hints[number] if is_box[number] else part
     taken = np.zeros(scene.is_ignored.shape, np.bool_)
@@ -71,7 +73,7 @@ def hinted_masks(
         if mask is not None:
             out.append(mask)
         elif is_box[number]:
-            out.append(_in_box(hints[number], found, taken, scene, places))
+            out.append(_in_box(hints[number], found_masks, taken, scene, places))
         else:
             out.append(_cut_around(hints[number], taken, scene, places))
         taken |= out[-1]
@@ -93,13 +95,13 @@ def _fit(mask: MaskArray, box: MaskArray) -> float:
 
 
 def _in_box(
-    box: MaskArray, found: Sequence[MaskArray], taken: MaskArray, scene: Scene, places: Sequence[Place]
+    box: MaskArray, masks: Sequence[MaskArray], taken: MaskArray, scene: Scene, places: Sequence[Place]
 ) -> MaskArray:
     """The food that spans a box; else what the box cuts out of a larger food that was found."""
     mask, spans = _cut_in_box(box, taken, scene, places)
     if spans:
         return mask
-    larger = (food & box for food in found if np.count_nonzero(food & box) > INSIDE_SHARE * np.count_nonzero(box))
+    larger = (food & box for food in masks if np.count_nonzero(food & box) > INSIDE_SHARE * np.count_nonzero(box))
     return next(larger, mask)
 
 

@@ -73,15 +73,15 @@ def measure_content(
         top = np.pi * max(float(wall.radius_mm(level)) - inset, 0.0) ** 2
         return ml_from_mm3(float((np.pi * radii**2).sum()) * step + top * heap_mm)
 
-    found = volume_ml(level_mm, floor_mm, inset_mm, wall)
+    content_ml = volume_ml(level_mm, floor_mm, inset_mm, wall)
     changes = [
-        volume_ml(level_mm, floor_mm, inset_mm + THICKNESS_SD_MM, wall) - found,
-        volume_ml(level_mm + LEVEL_SD_MM, floor_mm, inset_mm, wall) - found,
-        volume_ml(level_mm, floor_mm + floor_sd_mm, inset_mm, wall) - found,
+        volume_ml(level_mm, floor_mm, inset_mm + THICKNESS_SD_MM, wall) - content_ml,
+        volume_ml(level_mm + LEVEL_SD_MM, floor_mm, inset_mm, wall) - content_ml,
+        volume_ml(level_mm, floor_mm + floor_sd_mm, inset_mm, wall) - content_ml,
     ]
     for foot, power in np.linalg.cholesky(wall.covariance).T:
         moved = replace(wall, foot_share=min(wall.foot_share + foot, 1.0), power=max(wall.power + power, 0.1))
-        changes.append(volume_ml(level_mm, floor_mm, inset_mm, moved) - found)
+        changes.append(volume_ml(level_mm, floor_mm, inset_mm, moved) - content_ml)
     depth_mm = max(level_mm - floor_mm, STEP_MM)
 
     def inner_mm(height_mm: Float64Array | float) -> Float64Array:
@@ -93,7 +93,7 @@ def measure_content(
     )
     rings_mm = np.linspace(0.0, depth_mm, int(np.ceil(depth_mm / STEP_MM)) + 1)
     shape = turned(vessel.centre_mm, inner_mm(rings_mm), rings_mm, heap_mm)
-    return BowlContent(found, float(np.sqrt(np.square(changes).sum())), slices, shape)
+    return BowlContent(content_ml, float(np.sqrt(np.square(changes).sum())), slices, shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +123,9 @@ def _fit_wall(vessel: Vessel, table_mm: float) -> _Wall:
         radii = _Wall(rim_mm, vessel.radius_mm, foot, power, np.eye(2)).radius_mm(wall[:, 0])
         return np.concatenate([(radii - wall[:, 1]) / WALL_SD_MM, (unknowns - prior[:, 0]) / prior[:, 1]])
 
-    found = least_squares(residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1")
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
-    return _Wall(rim_mm, vessel.radius_mm, float(found.x[0]), float(found.x[1]), covariance)
+    solution = least_squares(residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1")
+    covariance = np.linalg.inv(solution.jac.T @ solution.jac)
+    return _Wall(rim_mm, vessel.radius_mm, float(solution.x[0]), float(solution.x[1]), covariance)
 
 
 def _mean_height(points: Float64Array) -> float:

@@ -82,24 +82,24 @@ def families(
         return Superellipsoid(name, p, free, axes, support_sd_mm, rest_sd=rest_sd, is_round=name in ROUND)
 
     half = np.log(height / 2)
-    found: list[Form] = [
+    forms: list[Form] = [
         form("ball", _UPRIGHT, upright, a=np.log(long), b=np.log(short), c=half),
         form("lying", _UPRIGHT, lying, a=np.log(short), b=half, c=np.log(long)),
         form("heap", _HEAP, upright, a=np.log(long), b=np.log(short), c=np.log(height), sunk=height),
     ]
     bent = {"a": np.log(0.9 * short), "b": half, "c": np.log(1.1 * long)}
-    found += [form("bent", _BENT, lying, bend=side * BENT_RAD, **bent) for side in (-1, 1)]
+    forms += [form("bent", _BENT, lying, bend=side * BENT_RAD, **bent) for side in (-1, 1)]
     upper = points[points[:, 2] - support_mm > UPPER_SHARE * height, :2]
     if len(upper) >= MIN_POINTS:
         centre, size, angle = cv2.minAreaRect(upper.astype(np.float32))
         a, b = (np.log(max(side / 2, MIN_HALF_MM)) for side in size)
         slab = {"x": centre[0], "y": centre[1], "e1": SLAB_LOG_EXPONENT, "e2": SLAB_LOG_EXPONENT}
-        found.append(form("slab", _SLAB, _turned(float(np.radians(angle))), a=a, b=b, c=half, **slab))
+        forms.append(form("slab", _SLAB, _turned(float(np.radians(angle))), a=a, b=b, c=half, **slab))
     tube = min(height / 2, RING_TUBE_SHARE * radius)
     p = place.copy()
     p[[A, B, C]] = np.log([max(radius - tube, MIN_HALF_MM), tube, tube])
-    found.append(Ring("ring", p, _RING, upright, support_sd_mm))
-    return found
+    forms.append(Ring("ring", p, _RING, upright, support_sd_mm))
+    return forms
 
 
 _KEYS = {"x": X, "y": Y, "a": A, "b": B, "c": C, "e1": E1, "e2": E2, "sunk": SUNK, "bend": BEND}

@@ -118,33 +118,33 @@ def fit_form(
     first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
     if first is None:
         return None
-    found = _linearised(form, first, cells)
+    best = _linearised(form, first, cells)
     damping, least, most = TUNING.damping
     converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
     for _ in range(rounds):
-        before = found
+        before = best
         for _ in range(TUNING.tries):
             step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
             trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
             if trial is not None and trial.cost < before.cost:
-                found = _linearised(form, trial, cells)
+                best = _linearised(form, trial, cells)
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
-        if before.cost - found.cost < converged * before.cost:
+        if before.cost - best.cost < converged * before.cost:
             break
-    by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
-    gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
-    variance = float(gradient @ _solved(found.normal, gradient))
+    by_vertex = enclosed_gradient_mm2(form.vertices(best.unknowns, cells), form.topology(cells))
+    gradient = np.tensordot(form.jacobian(best.unknowns, cells), by_vertex, 2)
+    variance = float(gradient @ _solved(best.normal, gradient))
     return FormFit(
         form=form,
-        unknowns=found.unknowns,
-        cost=found.cost,
-        observations=found.observations,
-        volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(found.unknowns, EXACT), form.topology(EXACT).faces)),
+        unknowns=best.unknowns,
+        cost=best.cost,
+        observations=best.observations,
+        volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(best.unknowns, EXACT), form.topology(EXACT).faces)),
         volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
-        log_occam=float(np.linalg.slogdet(found.normal)[1]) - form.prior_log_determinant,
+        log_occam=float(np.linalg.slogdet(best.normal)[1]) - form.prior_log_determinant,
     )
 
 
@@ -375,15 +375,15 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     # A vertex speaks for a third of the triangles around it.
     seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
     weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
-    known = np.isfinite(measured) & (sd < TUNING.max_sd_px)
-    if not known.any():
+    is_measured = np.isfinite(measured) & (sd < TUNING.max_sd_px)
+    if not is_measured.any():
         return None
-    unmeasured = float(weight[~known].sum())
-    index, measured, sd = index[known], measured[known], sd[known]
+    unmeasured = float(weight[~is_measured].sum())
+    index, measured, sd = index[is_measured], measured[is_measured], sd[is_measured]
     # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
     per_mm = sight.parallax_per_mm(depth[index]) / slant[index]
     by_point = outward[index] * per_mm[:, None]
-    return _Terms(index, by_point, placed.parallax_px[index] - measured, sd, weight[known], unmeasured)
+    return _Terms(index, by_point, placed.parallax_px[index] - measured, sd, weight[is_measured], unmeasured)
 
 
 def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:

@@ -46,8 +46,8 @@ def form_prior(hint: Hint | None) -> FormPrior | None:
     """The prior of a hint; None where it says nothing of the families."""
     if hint is None:
         return None
-    said = hint.form or cast("FoodForm | None", hint.lies_as)
-    form = said or hint.usual_form
+    stated_form = hint.form or cast("FoodForm | None", hint.lies_as)
+    form = stated_form or hint.usual_form
     if form is None or form not in FAMILIES_OF_FORM:
         return None
-    return FormPrior(FAMILIES_OF_FORM[form], PERSON_ODDS if said else TABLE_ODDS, said is not None)
+    return FormPrior(FAMILIES_OF_FORM[form], PERSON_ODDS if stated_form else TABLE_ODDS, stated_form is not None)

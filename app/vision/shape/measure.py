@@ -66,10 +66,10 @@ def measure_items(
     )
 
 
-def without_clutter(found: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
+def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
     """The foods that were measured, less what is too small to be one and nobody pointed at; or why there are none."""
-    items = [item for item in found if item is not None and not _is_clutter(item)]
-    if not items and all(item is not None for item in found):
+    items = [item for item in measured if item is not None and not _is_clutter(item)]
+    if not items and all(item is not None for item in measured):
         return Failure(
             "no_food_found",
             f"Nothing larger than {MIN_VOLUME_ML:g} ml was found beside the marker.",

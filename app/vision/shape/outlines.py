@@ -32,14 +32,14 @@ def photograph_px(pair: RectifiedPair, points_table: Float32Array, left: View, *
     """
     if not is_swapped:
         return pair.first_map_px
-    known = np.isfinite(points_table[..., 2])
-    if not known.any():
+    is_measured = np.isfinite(points_table[..., 2])
+    if not is_measured.any():
         return np.full((*pair.shape, 2), np.nan, np.float32)
     _, nearest = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (~is_measured).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     point_of = np.zeros((int(nearest.max()) + 1, 3))
-    point_of[nearest[known]] = points_table[known]
+    point_of[nearest[is_measured]] = points_table[is_measured]
     return np.asarray(points_in_photograph(point_of, left).astype(np.float32)[nearest], np.float32)
 
 

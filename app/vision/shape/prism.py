@@ -212,8 +212,8 @@ def _sides(polygon: Float64Array) -> tuple[Float64Array, Float64Array]:
 def _rounding_mm(p: Float64Array, polygon: Float64Array, normals: Float64Array) -> float:
     """The edges' radius, bounded smoothly by what the prism is large enough for."""
     most = MOST_ROUNDING * min(float(np.exp(p[HEIGHT])), float((polygon * normals).sum(axis=1).min()))
-    wanted = LEAST_ROUNDING_MM + np.exp(p[ROUNDING])
-    return float(wanted * most / np.hypot(wanted, most))
+    radius_mm = LEAST_ROUNDING_MM + np.exp(p[ROUNDING])
+    return float(radius_mm * most / np.hypot(radius_mm, most))
 
 
 def _loop(

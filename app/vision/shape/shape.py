@@ -77,19 +77,19 @@ def measure_shapes(
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
     """
     scene = _scene_of(foods, pair, disparity, points_table, others)
-    found: list[MeasuredItem | None] = []
+    measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
-            found.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
+            measured.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
             continue
         if region.is_unread:
             flags = ("not_measurable",)  # a glass of water: what parallax says there is chance
-            found.append(MeasuredItem(region, np.empty((0, 3)), 0.0, None, flags))
+            measured.append(MeasuredItem(region, np.empty((0, 3)), 0.0, None, flags))
             continue
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
-        found.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
-    return without_clutter(found)
+        measured.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
+    return without_clutter(measured)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,8 +262,8 @@ def _seen_along(food: _Food, near: FormFit) -> Seen:
     vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
     covered = _covered(food, vertices, mesh)
     surface = measure_along(food.sight, food.grey, (food.seen.mask, covered[0]), vertices, mesh)
-    found = (_outline_in(food, view, mask) for view, mask in enumerate(covered, start=1))
-    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], *found))
+    outlines = (_outline_in(food, view, mask) for view, mask in enumerate(covered, start=1))
+    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], *outlines))
 
 
 def _covered(food: _Food, vertices: Float64Array, mesh: Topology) -> list[MaskArray]:
@@ -302,13 +302,13 @@ def _measured(
 ) -> MeasuredItem | None:
     """One food: what fills a bowl by the bowl, everything else by its form."""
     pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
-    found = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
-    if found is None:
+    result = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
+    if result is None:
         fits = _fit_families(food, prior)
         if not fits:
             return None
-        found = _of_forms(fits, pair_sd, prior)
-    volume, support_mm, flags = found
+        result = _of_forms(fits, pair_sd, prior)
+    volume, support_mm, flags = result
     if is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)

@@ -76,9 +76,9 @@ def match_dense(
         begun = (_resized(start, size, cv2.INTER_LINEAR) / scale).astype(np.float32)[rows, columns]
         settled = _settle(a[rows, columns], b[rows], begun, level, columns.start or 0)
         is_good = settled.is_good & (_resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0)
-        found = np.where(is_good, settled.parallax * scale, np.float32(np.nan))
-        whole = (found.shape[1], found.shape[0]) if level == LEVELS[-1] else (width, height)
-        kept = _resized(found, whole, cv2.INTER_LINEAR)
+        good = np.where(is_good, settled.parallax * scale, np.float32(np.nan))
+        whole = (good.shape[1], good.shape[0]) if level == LEVELS[-1] else (width, height)
+        kept = _resized(good, whole, cv2.INTER_LINEAR)
         is_kept = np.isfinite(kept)
         np.copyto(parallax[rows, columns], kept, where=is_kept)
         reach[rows, columns][is_kept] = level * WINDOW_PX / 2
@@ -103,16 +103,16 @@ def _search(
     first: ImageArray, second: ImageArray, range_px: tuple[float, float], is_seen: MaskArray | None
 ) -> tuple[Float32Array, ImageArray]:
     """Parallax of each pixel on the search level, px of full size, and 1 where it is seen and both directions agree."""
-    found, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
-    offset = 1.0 - min(0.0, float(found.min()))
-    kept = np.where(agrees & _inner(is_seen, agrees.shape), found + offset, 0.0).astype(np.int16)
+    parallax, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
+    offset = 1.0 - min(0.0, float(parallax.min()))
+    kept = np.where(agrees & _inner(is_seen, agrees.shape), parallax + offset, 0.0).astype(np.int16)
     cv2.filterSpeckles(kept, 0, RANGE_SPECKLE_PX, SPECKLE_STEP_PX * RANGE_LEVEL)
     seen = kept[kept > 0] - offset
     if seen.size:
         low, high = float(seen.min()) - RANGE_MARGIN_PX, float(seen.max()) + RANGE_MARGIN_PX
         range_px = (max(range_px[0], low), min(range_px[1], high))
-    found, agrees = _search_range(first, second, range_px, SEARCH_LEVEL)
-    return found, agrees & _inner(is_seen, agrees.shape)
+    parallax, agrees = _search_range(first, second, range_px, SEARCH_LEVEL)
+    return parallax, agrees & _inner(is_seen, agrees.shape)
 
 
 def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:
@@ -145,11 +145,11 @@ def _search_range(
         preFilterCap=63,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-    found = _semi_global(matcher, a, b, low, count)
-    agrees = found >= low
-    columns = np.arange(size[0], dtype=np.float32) - found
+    parallax = _semi_global(matcher, a, b, low, count)
+    agrees = parallax >= low
+    columns = np.arange(size[0], dtype=np.float32) - parallax
     agrees &= (columns >= 0) & (columns <= size[0] - 1)
-    return _filled(found, agrees) * np.float32(scale), agrees.astype(np.uint8)
+    return _filled(parallax, agrees) * np.float32(scale), agrees.astype(np.uint8)
 
 
 def _standing(parallax: Float32Array) -> tuple[slice, slice]:
@@ -164,10 +164,10 @@ def _standing(parallax: Float32Array) -> tuple[slice, slice]:
         return slice(None), slice(None)
     row_range, column_range = (
         slice(
-            max(0, int(found[0]) * SEARCH_LEVEL - STANDING_MARGIN_PX),
-            (int(found[-1]) + 1) * SEARCH_LEVEL + STANDING_MARGIN_PX,
+            max(0, int(indices[0]) * SEARCH_LEVEL - STANDING_MARGIN_PX),
+            (int(indices[-1]) + 1) * SEARCH_LEVEL + STANDING_MARGIN_PX,
         )
-        for found in (rows, columns)
+        for indices in (rows, columns)
     )
     return row_range, column_range
 
@@ -176,8 +176,8 @@ def _semi_global(matcher: cv2.StereoSGBM, a: ImageArray, b: ImageArray, low: int
     """(H, W) parallax; the image is widened by the range, since none is searched for within it of the border."""
     left, right = max(0, low + count), max(0, -low)
     wide = [cv2.copyMakeBorder(image, 0, 0, left, right, cv2.BORDER_REPLICATE) for image in (a, b)]
-    found = np.ascontiguousarray(matcher.compute(wide[0], wide[1])[:, left : left + a.shape[1]])
-    return np.asarray(cv2.medianBlur(found, 5), np.float32) / np.float32(cv2.STEREO_MATCHER_DISP_SCALE)
+    fixed_point = np.ascontiguousarray(matcher.compute(wide[0], wide[1])[:, left : left + a.shape[1]])
+    return np.asarray(cv2.medianBlur(fixed_point, 5), np.float32) / np.float32(cv2.STEREO_MATCHER_DISP_SCALE)
 
 
 def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
@@ -187,8 +187,8 @@ def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
     before = np.maximum.accumulate(np.where(is_known, columns, 0), axis=1)
     after = np.minimum.accumulate(np.where(is_known, columns, width - 1)[:, ::-1], axis=1)[:, ::-1]
     rows = np.arange(height)[:, None]
-    known = np.where(is_known, parallax, np.float32(0.0))
-    return np.minimum(known[rows, before], known[rows, after])
+    filled = np.where(is_known, parallax, np.float32(0.0))
+    return np.minimum(filled[rows, before], filled[rows, after])
 
 
 def _with_light_of(image: ImageArray, other: ImageArray) -> ImageArray:

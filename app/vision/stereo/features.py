@@ -166,12 +166,12 @@ def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array
     size = (grey.shape[1], grey.shape[0])
     turned = cv2.warpPerspective(grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     mask = _beside_sheet(first, factor, size)
-    found = [_detect(np.asarray(picture, np.uint8), mask) for picture in (grey, turned)]
-    at, at_second = found[0][0], map_points(to_second, found[1][0])
+    features = [_detect(np.asarray(picture, np.uint8), mask) for picture in (grey, turned)]
+    at, at_second = features[0][0], map_points(to_second, features[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
-    pairs = _mutual_matches(found[0][1], found[1][1], _is_near_line(first, second, first_px, second_px))
+    pairs = _mutual_matches(features[0][1], features[1][1], _is_near_line(first, second, first_px, second_px))
     at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
-    jacobians = _jacobians(to_second, found[1][0][pairs[:, 1]])
+    jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
     at_second = _aligned((grey, grey_second), at, at_second, jacobians)
     is_aligned = np.isfinite(at_second).all(axis=1)
     return _at_full_size(at[is_aligned], factor), _at_full_size(at_second[is_aligned], factor_second)
@@ -181,16 +181,16 @@ def _aligned(
     pictures: tuple[ImageArray, ImageArray], at: Float64Array, at_second: Float64Array, jacobians: Float64Array
 ) -> Float64Array:
     """(n, 2) px in the second picture, NaN where neither a small patch nor one of twice its size agrees."""
-    found = np.full_like(at_second, np.nan)
+    aligned = np.full_like(at_second, np.nan)
     for factor in ALIGNMENT_FACTORS:
-        left = ~np.isfinite(found).all(axis=1)
+        left = ~np.isfinite(aligned).all(axis=1)
         reduced = [
             reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor) for grey in pictures
         ]
         places = [(points[left] + 0.5) / factor - 0.5 for points in (at, at_second)]
         moved = align_patches(reduced[0], reduced[1], places[0], places[1], jacobians[left], MAX_MOVE_PX / factor)
-        found[left] = _at_full_size(moved, factor)
-    return found
+        aligned[left] = _at_full_size(moved, factor)
+    return aligned
 
 
 def _reduced_grey(pixels_bgr: ImageArray) -> tuple[ImageArray, int]:

@@ -60,11 +60,11 @@ def outline(rings: Sequence[Ring], weights: Float64Array) -> Outline:
 
 def rings_of_mask(mask: MaskArray) -> list[Ring]:
     """The outlines of a mask, holes included, evenly spaced and smoothed over a pixel."""
-    found = np.argwhere(mask)
-    if len(found) == 0:
+    pixels = np.argwhere(mask)
+    if len(pixels) == 0:
         return []
-    low = np.maximum(found.min(axis=0) - 3, 0)
-    window = mask[low[0] : found.max(axis=0)[0] + 4, low[1] : found.max(axis=0)[1] + 4]
+    low = np.maximum(pixels.min(axis=0) - 3, 0)
+    window = mask[low[0] : pixels.max(axis=0)[0] + 4, low[1] : pixels.max(axis=0)[1] + 4]
     soft = window.astype(np.float32)
     fine = cv2.resize(soft, None, fx=SUPERSAMPLING, fy=SUPERSAMPLING, interpolation=cv2.INTER_LINEAR)
     contours, _ = cv2.findContours((fine > 0.5).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -118,7 +118,7 @@ def _parting(
     points: Float64Array,
     normals: Float64Array,
     reach_px: float,
-    known: tuple[Float64Array, Float64Array] | None,
+    reference: tuple[Float64Array, Float64Array] | None,
 ) -> tuple[Float64Array, Float64Array]:
     """(n,) offset along each normal that splits its profile best, and (n,) how clearly the two sides differ.
 
@@ -131,8 +131,8 @@ def _parting(
     is_inside, is_outside = along <= -BAND_PX[0], along >= BAND_PX[0]
     inside, outside = (_around(raw[:, band].mean(axis=1), ALONG_BAND) for band in (is_inside, is_outside))
     spread = sum(_around(raw[:, band].var(axis=1).sum(axis=-1), ALONG_BAND) for band in (is_inside, is_outside))
-    if known is not None:
-        inside, outside = _reconciled(inside, outside, known)
+    if reference is not None:
+        inside, outside = _reconciled(inside, outside, reference)
     difference = inside - outside
     contrast = (difference**2).sum(axis=1)
     level = ((profiles - outside[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(contrast, 1e-6)[:, None]
@@ -164,14 +164,14 @@ def _steepest(lab: Float32Array, points: Float64Array, normals: Float64Array) ->
 
 
 def _reconciled(
-    inside: Float64Array, outside: Float64Array, known: tuple[Float64Array, Float64Array]
+    inside: Float64Array, outside: Float64Array, reference: tuple[Float64Array, Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
     """The bands' colours put right by what is known: a band may lie across the boundary, or in the food's shadow."""
-    known_inside, known_outside = known
-    is_food = _squared(inside - known_inside) < _squared(inside - known_outside)
-    inside = np.where(is_food, 0.5 * (inside + known_inside), known_inside)
-    is_nearer = _squared(known_outside - inside) < _squared(outside - inside)
-    return inside, np.where(is_nearer, known_outside, outside)
+    reference_inside, reference_outside = reference
+    is_food = _squared(inside - reference_inside) < _squared(inside - reference_outside)
+    inside = np.where(is_food, 0.5 * (inside + reference_inside), reference_inside)
+    is_nearer = _squared(reference_outside - inside) < _squared(outside - inside)
+    return inside, np.where(is_nearer, reference_outside, outside)
 
 
 def _squared(difference: Float64Array) -> Float64Array:

@@ -30,8 +30,8 @@ class VolumeDoubt:
 
 def volume_doubt(views: RefinedViews, points_table: Float32Array, focal: FocalDoubt | None = None) -> VolumeDoubt:
     """Shared by all foods of the pair. points_table: (n, 3) of the foods, mm, NaN where unmeasured."""
-    known = points_table[np.isfinite(points_table[:, 2]), :2]
-    middle_mm = np.median(known, axis=0) if len(known) else np.zeros(2)
+    measured_xy = points_table[np.isfinite(points_table[:, 2]), :2]
+    middle_mm = np.median(measured_xy, axis=0) if len(measured_xy) else np.zeros(2)
     corners = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [0.0, 1.0], indexing="ij"), axis=-1).reshape(-1, 3)
     cube = corners * CUBE_MM + [*middle_mm, 0.0]
     changes = _changes((views.first, views.second), views.doubts, cube)

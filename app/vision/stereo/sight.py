@@ -87,9 +87,9 @@ def sight_of(pair: RectifiedPair, trend: TableTrend, plane_xy_mm: Float32Array, 
     camera_height = pair.first_centre_mm[2]
     a, b, c = pair.plane_px
     parallax = (a * x + b * y + c) * (camera_height / (camera_height - height) - 1) / (1 - a)
-    known = np.isfinite(parallax)
-    if np.count_nonzero(known) < 3:
+    is_measured = np.isfinite(parallax)
+    if np.count_nonzero(is_measured) < 3:
         return Sight(pair)
-    design = np.column_stack([np.ones(len(x)), x, y])[known]
-    e, ex, ey = np.linalg.lstsq(design, parallax[known], rcond=None)[0]
+    design = np.column_stack([np.ones(len(x)), x, y])[is_measured]
+    e, ex, ey = np.linalg.lstsq(design, parallax[is_measured], rcond=None)[0]
     return Sight(pair, (float(e), float(ex), float(ey)))

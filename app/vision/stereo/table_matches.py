@@ -94,14 +94,14 @@ def _shared_plane(points: Float64Array) -> Float64Array | None:
 def _slopes(xy_mm: Float64Array, height_mm: Float64Array) -> Float64Array:
     """(m, 2) slopes of planes through the marker's origin and two points each."""
     rng = np.random.default_rng(0)
-    one, two = (rng.integers(len(xy_mm), size=DRAWS) for _ in range(2))
-    determinant = xy_mm[one, 0] * xy_mm[two, 1] - xy_mm[one, 1] * xy_mm[two, 0]
+    first, second = (rng.integers(len(xy_mm), size=DRAWS) for _ in range(2))
+    determinant = xy_mm[first, 0] * xy_mm[second, 1] - xy_mm[first, 1] * xy_mm[second, 0]
     kept = np.abs(determinant) > MIN_SPREAD_MM**2
-    one, two, determinant = one[kept], two[kept], determinant[kept]
+    first, second, determinant = first[kept], second[kept], determinant[kept]
     slopes = np.column_stack(
         [
-            (height_mm[one] * xy_mm[two, 1] - height_mm[two] * xy_mm[one, 1]) / determinant,
-            (xy_mm[one, 0] * height_mm[two] - xy_mm[two, 0] * height_mm[one]) / determinant,
+            (height_mm[first] * xy_mm[second, 1] - height_mm[second] * xy_mm[first, 1]) / determinant,
+            (xy_mm[first, 0] * height_mm[second] - xy_mm[second, 0] * height_mm[first]) / determinant,
         ]
     )
     return np.asarray(slopes[np.hypot(slopes[:, 0], slopes[:, 1]) < MAX_SLOPE], np.float64)
