@@ -64,7 +64,10 @@ class _Motion:
 def match_pieces(
     served: Sequence[Sight], left: Sequence[Sight], stated: Mapping[int, int | None] | None = None
 ) -> list[Match]:
-    """What each piece is of, in the order of `left`. stated: piece -> item that a person named, None: of none of them."""
+    """Return what each piece is of, in the order of `left`.
+
+    stated: piece -> item that a person named, None: of none of them.
+    """
     if not served or not left:
         return [Match(None, 0.0)] * len(left)
     stated = stated or {}

@@ -152,12 +152,12 @@ class EstimateOptions:
 
     marker: MarkerSpec | None
     camera: Camera | None = None
-    rig: StereoRig | None = None
     method: Method = "shape"
     hints: tuple[Hint, ...] = ()
     is_complete: bool = False
     vessels: tuple[VesselModel, ...] = ()
     seed: int = 0
+    rig: StereoRig | None = None
 
 
 @dataclass(frozen=True, slots=True)
