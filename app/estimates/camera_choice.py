@@ -1,38 +1,39 @@
-"""Which camera a meal is measured with, in order: its own metadata, its phone's calibration, that model's, the study's.
+"""Choose a meal's camera, in order: from its metadata, its phone's calibration, that of the model, the study's.
 
-A calibration that does not fit the photographs (another shape of picture) is passed over; what the meal's metadata gave
-is never, so that a wrong one is told. None is left: EXIF tells the focal length.
+A calibration that does not fit the photographs (another aspect ratio) is skipped. A camera of the meal's metadata never
+is, so that a wrong one is reported. If there is no camera, EXIF gives the focal length.
 """
 
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, Literal
+from typing import Literal
 
 from sqlalchemy.orm import Session
 
 from app.core.errors import Failure
+from app.meals.models import CameraDetails
 from app.meals.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Study
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
 
-Size = tuple[int, int]  # width, height, px upright
+Size = tuple[int, int]  # width, height, px, upright
 ChosenFrom = Literal["meal", "device", "model", "study", "exif"]
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenCamera:
-    """camera None: from EXIF. calibrations: those that it was made of."""
+    """camera None: from EXIF. calibrations: those that the camera was computed from."""
 
     camera: Camera | None
     chosen_from: ChosenFrom
     calibrations: tuple[uuid.UUID, ...] = ()
 
     def note_in(self, answer: RunAnswer) -> None:
-        """Write into a run's answer which camera was chosen, so that it can be told and chosen again."""
+        """Record the choice in a run's answer."""
         answer.parameters["camera_from"] = self.chosen_from
         for camera in (answer.camera, answer.camera_right):
             if camera is not None:
@@ -42,14 +43,14 @@ class ChosenCamera:
 def choose_camera(
     session: Session,
     *,
-    given: Mapping[str, Any] | None,
+    meal_camera: CameraDetails | None,
     device_id: uuid.UUID,
     study: Study,
     sizes: Sequence[Size],
 ) -> ChosenCamera:
-    """The camera for photographs of these sizes. given: of the meal's metadata."""
-    if given is not None:
-        return ChosenCamera(camera_from_mapping(given), "meal")
+    """Choose the camera for photographs of these sizes. meal_camera: of the meal's metadata."""
+    if meal_camera is not None:
+        return ChosenCamera(camera_from_mapping(meal_camera), "meal")
     for chosen in _stored(session, device_id, study, sizes):
         if chosen.camera is not None and _fits(chosen.camera, sizes):
             return chosen
@@ -57,8 +58,8 @@ def choose_camera(
 
 
 def median_camera(cameras: Sequence[Camera], size: Size) -> Camera | None:
-    """The component-wise median of those that can be adapted to this size; None if none can."""
-    adapted = [one for one in (adapt_camera(camera, *size) for camera in cameras) if not isinstance(one, Failure)]
+    """Return the component-wise median of the cameras that can be adapted to this size; None if none can."""
+    adapted = [each for each in (adapt_camera(camera, *size) for camera in cameras) if not isinstance(each, Failure)]
     if not adapted:
         return None
     k1, k2, p1, p2, k3 = (median(camera.distortion[place] for camera in adapted) for place in range(5))

@@ -1,4 +1,4 @@
-"""A job's work: fetch the sealed photographs, estimate in the child, seal the answer; then save it, exactly once.
+"""The work of a job: fetch the sealed photographs, estimate in a child, seal the answer; then save it exactly once.
 
 Used by jobs/job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends the job.
 """
@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import sqlalchemy.exc
 import structlog
@@ -35,7 +34,7 @@ from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
 from app.meals.job_models import Job
-from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
+from app.meals.models import AFTER_SLOTS, SLOTS, CameraDetails, HintDetails, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
@@ -50,12 +49,12 @@ from app.vision.pipeline import PIPELINE_VERSION
 
 log = structlog.get_logger()
 
-# the pipeline's; a child has decoded hostile bytes, and each name that it made up would be a series for ever
+# of the pipeline; a child has decoded hostile bytes, and each invented name would be a time series for ever
 STAGES = frozenset(
     {"read", "marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"}
 )
 
-AWAITS_ROOM = "waits_for_room"  # a meal's stage between two tries of an estimate that was killed or took too long
+AWAITS_ROOM = "waits_for_room"  # stage of a meal between two tries of an estimate that was killed or took too long
 
 PHOTO_DAMAGED = Failure(
     "photo_damaged",
@@ -66,14 +65,14 @@ PHOTO_DAMAGED = Failure(
 
 @dataclass(frozen=True, slots=True)
 class SealedAnswer:
-    """A pipeline's answer as it lies in the store, and its key there."""
+    """A pipeline's answer and its key in the store."""
 
     key: str
     answer: RunAnswer
 
 
 class EstimateMeal:
-    """The use cases of a worker; one a process."""
+    """The use cases of a worker; one per process."""
 
     def __init__(
         self,
@@ -92,7 +91,7 @@ class EstimateMeal:
     def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
         """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
 
-        is_alone: while this worker estimates nothing else. Raises BrokenOff.
+        is_alone: run while this worker estimates nothing else. Raises BrokenOff.
         """
         with self._database.read() as session:
             job = session.get_one(Job, job_id)
@@ -101,10 +100,10 @@ class EstimateMeal:
             pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
             images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in pair}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
-            hints, is_complete = (regions.hints, True) if regions is not None else _hints_told(job, meal)
+            hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
             chosen = choose_camera(
                 session,
-                given=_camera_told(job, meal),
+                meal_camera=_meal_camera(job, meal),
                 device_id=meal.device_id,
                 study=study,
                 sizes=[(image.width_px, image.height_px) for image in images.values()],
@@ -120,9 +119,9 @@ class EstimateMeal:
             answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer.parameters)
-            if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
+            if regions is not None:  # the item of each hint: the meal may have changed when it is saved
                 answer.regions = list(regions.items)
-            if job.purpose != "after":  # pieces that were left are of the foods that were served
+            if job.purpose != "after":  # leftovers are of the foods that were served
                 self._identify.add_candidates(meal, answer)
             for artefact in answer.artefacts:
                 artefact.blob_key = f"{prefix}/{artefact.name}/{artefact.sha256}"
@@ -130,15 +129,15 @@ class EstimateMeal:
         result = answer.write()
         result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
         self._blobs.put_bytes(result_key, result)
-        self._leave_nothing_of_erased(meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)])
+        self._delete_results_if_erased(meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)])
         return result_key
 
     def load(self, result_key: str) -> SealedAnswer:
-        """The sealed answer, from the store."""
+        """Read the sealed answer from the store."""
         return SealedAnswer(result_key, RunAnswer.read(self._blobs.read(result_key)))
 
     def save(self, session: Session, job_id: uuid.UUID, result: SealedAnswer) -> None:
-        """Write run, items and records in the given transaction."""
+        """Write run, items and records in the session's transaction."""
         save_estimate(session, job_id, result.answer, result.key)
         if result.answer.failure is not None:
             bind_log_context(outcome=result.answer.failure.code)
@@ -150,11 +149,11 @@ class EstimateMeal:
             log.info("estimate_abandoned", job_id=str(job_id))
 
     def settle(self, session: Session, meal: Meal) -> None:
-        """Bring the meal's records in line with a job that ended without a result."""
+        """Update the meal's records after a job that ended without a result."""
         project_meal(session, meal)
 
-    def _leave_nothing_of_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
-        """If the meal or its photographs were erased meanwhile, what was just sealed is to go as well."""
+    def _delete_results_if_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
+        """If the meal or its photographs were erased meanwhile, delete the sealed results as well."""
         with self._database.read() as session:
             if any(image.erased_at is None for image in meals.images_of(session, meal_id)):
                 return
@@ -162,9 +161,7 @@ class EstimateMeal:
             privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(
-        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
-    ) -> EstimateOptions:
+    def _options(self, session: Session, meal: Meal, study: Study, hints: Sequence[HintDetails]) -> EstimateOptions:
         details = meal.details
         options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
         keys = {hint.food for hint in options.hints if hint.food}
@@ -181,7 +178,7 @@ class EstimateMeal:
         return path
 
     def await_room(self, job_id: uuid.UUID) -> None:
-        """Let the phone see that the meal waits again: its estimate was broken off, and no fault of its photographs."""
+        """Show to the phone that the meal waits again, because its estimate was interrupted."""
         try:
             with self._database.write() as session:
                 job = session.get(Job, job_id)  # None: erased meanwhile
@@ -214,17 +211,17 @@ class EstimateMeal:
             _note_times(answer)
             return answer
         log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
-        if done.errno is not None:  # a full disk is no mistake of the program: faults.py tells which of these pass
+        if done.errno is not None:  # such as a full disk, no bug: faults.py tells which of these pass
             raise OSError(done.errno, done.message)
         if done.is_passing:
             raise BrokenOff(done.failure)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
         answer = answer_of(ended, options)
-        answer.artefacts = []  # written, too: a worker of the version before reads it
+        answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
         return answer
 
     def _tell_stage(self, job: Job, stage: str) -> None:
-        """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""
+        """Show the progress of the meal's own pair to the phone; a failure to do so does not fail the estimate."""
         log.info("estimate_stage", stage=stage)
         if job.purpose != "meal":
             return
@@ -235,20 +232,20 @@ class EstimateMeal:
             log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
 
 
-def _hints_told(job: Job, meal: Meal) -> tuple[Sequence[Mapping[str, Any]], bool]:
-    """What the phone pointed at in the job's pair, and whether it says that there is nothing else."""
+def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
+    """Return the hints of the job's pair, and whether they are complete."""
     details = meal.after_details if job.purpose == "after" else meal.details
     return (details["hints"], details.get("complete", False)) if details is not None else ((), False)
 
 
-def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
-    """The camera that the phone told of: of the after-meal pair, else the meal's, since it is the same phone."""
+def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
+    """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
     own = meal.after_details["camera"] if job.purpose == "after" and meal.after_details is not None else None
     return own if own is not None else meal.details["camera"]
 
 
 def _note_times(answer: RunAnswer) -> None:
-    """What the steps of the pipeline took, into the figures and the log."""
+    """Record the durations of the pipeline's steps in metrics and log."""
     for stage, seconds in answer.stages.items():
         instruments.STAGES.labels(stage if stage in STAGES else "other").observe(seconds)
     instruments.ESTIMATE_SECONDS.observe(answer.seconds)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from app.children.api_children import ApiChildren, Whose
 from app.children.decoding_cost import is_costly
@@ -13,6 +13,7 @@ from app.db.session import Database
 from app.estimates.camera_choice import Size, choose_camera
 from app.estimates.camera_json import camera_to_json
 from app.http.upload import ReceivedFile
+from app.meals.models import CameraDetails
 from app.meals.receive_photo import SIDEWAYS
 from app.messages.catalogue import choose_locale, sentence
 from app.people.access.caller import DeviceCaller
@@ -29,7 +30,7 @@ class CheckRequest:
     """The metadata of a check. camera: as in a camera file. locale, accept_language: as sent."""
 
     marker: str | None = None
-    camera: Mapping[str, Any] | None = None
+    camera: CameraDetails | None = None
     locale: str | None = None
     accept_language: str | None = None
 
@@ -70,7 +71,7 @@ def check_pair(
         study = session.get_one(Study, caller.study_id)
         marker = request.marker or study.marker
         chosen = choose_camera(
-            session, given=request.camera, device_id=caller.device_id, study=study, sizes=sizes or [(1, 1)]
+            session, meal_camera=request.camera, device_id=caller.device_id, study=study, sizes=sizes or [(1, 1)]
         )
     if marker is None:
         raise InvalidInputError(

@@ -12,6 +12,7 @@ from app.http.problems import problem_responses
 from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
 from app.meals.models import SLOTS
 from app.people.access.deps import CurrentDevice, State
+from app.uploads.api import camera_details
 from app.uploads.check_pair import CheckedPair, CheckRequest, check_pair
 from app.uploads.check_schemas import CheckMetadataIn, CheckOut, CheckProblemOut
 
@@ -62,7 +63,7 @@ async def post_check(
         metadata = validated(CheckMetadataIn, parts.metadata) if parts.metadata is not None else CheckMetadataIn()
         check_request = CheckRequest(
             marker=metadata.marker,
-            camera=metadata.camera.model_dump(mode="json") if metadata.camera is not None else None,
+            camera=camera_details(metadata.camera),
             locale=metadata.locale,
             accept_language=accept_language,
         )

@@ -1,4 +1,4 @@
-"""The library's vessels in a meal: hints may name those of the study, and a run keeps which it was given."""
+"""A study's vessels in a meal: hints may name them, and a run records those that it was given."""
 
 import uuid
 from collections.abc import Mapping, Sequence
@@ -19,17 +19,17 @@ Hints = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class VesselsOfMeal:
-    """What an estimate gets of the library: vessels in use, and retired ones that a hint names."""
+    """The vessels for an estimate: those in use, and retired ones that a hint names."""
 
     views: tuple[VesselView, ...]
 
     @property
     def models(self) -> tuple[VesselModel, ...]:
-        """As the pipeline gets them."""
+        """The vessels as the pipeline takes them."""
         return tuple(view.model for view in self.views)
 
     def in_hints(self, hints: Hints) -> list[Mapping[str, Any]]:
-        """The hints with their vessels' names as the library writes them, since the pipeline compares exactly."""
+        """Return the hints with the library's spelling of vessels' names, since the pipeline compares exactly."""
         names = {view.vessel.name_key: view.vessel.name for view in self.views}
         return [
             {**hint, "vessel": names.get(name_key(hint["vessel"]), hint["vessel"])} if hint.get("vessel") else hint
@@ -37,13 +37,13 @@ class VesselsOfMeal:
         ]
 
     def note_in(self, parameters: dict[str, JsonValue]) -> None:
-        """Write into a run's parameters which vessels in which versions it was given: `parameters.vessels`."""
+        """Record the vessels and their versions in a run's parameters: `parameters.vessels`."""
         if self.views:
             parameters["vessels"] = {view.vessel.name: view.vessel.version for view in self.views}
 
 
 def vessels_of_meal(session: Session, study_id: uuid.UUID, hints: Hints) -> VesselsOfMeal:
-    """The study's vessels for an estimate with these hints."""
+    """Return the study's vessels for an estimate with these hints."""
     rows = vessels.vessels_for_estimate(session, study_id, _hinted_keys(hints))
     return VesselsOfMeal(tuple(VesselView(*row) for row in rows))
 
@@ -51,7 +51,7 @@ def vessels_of_meal(session: Session, study_id: uuid.UUID, hints: Hints) -> Vess
 def require_known_vessels(session: Session, study_id: uuid.UUID, hints: Hints) -> None:
     """Raises InvalidInputError `vessel_unknown` if a hint names a vessel that the study never had.
 
-    A retired one may be named: a phone sends meals of days when it was in use.
+    A retired vessel may be named: phones also send meals from days when it was in use.
     """
     keys = _hinted_keys(hints)
     if not keys:

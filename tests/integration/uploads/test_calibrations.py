@@ -92,7 +92,7 @@ def set_model(state, model):
 def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
     with state.database.read() as session:
         study = session.query(Study).one()
-        return choose_camera(session, given=given, device_id=device.id, study=study, sizes=list(sizes))
+        return choose_camera(session, meal_camera=given, device_id=device.id, study=study, sizes=list(sizes))
 
 
 @pytest.mark.slow
@@ -218,7 +218,7 @@ def test_calibrations_of_another_study_are_not_used(phone, enrol, state):
     keep(state, second, model="Phone 7")
     with state.database.read() as session:
         study = session.query(Study).filter(Study.code == "pilot").one()
-        found = choose_camera(session, given=None, device_id=first.id, study=study, sizes=[(1200, 900)])
+        found = choose_camera(session, meal_camera=None, device_id=first.id, study=study, sizes=[(1200, 900)])
     assert found.chosen_from == "exif"
 
 
