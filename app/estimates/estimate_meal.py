@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import sqlalchemy.exc
 import structlog
@@ -161,7 +162,9 @@ class EstimateMeal:
             privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(self, session: Session, meal: Meal, study: Study, hints: Sequence[HintDetails]) -> EstimateOptions:
+    def _options(
+        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
+    ) -> EstimateOptions:
         details = meal.details
         options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
         keys = {hint.food for hint in options.hints if hint.food}
