@@ -13,10 +13,9 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import Failure
-from app.meals.models import CameraDetails
 from app.meals.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
-from app.people.calibration_models import CameraCalibration
+from app.people.calibration_models import CameraCalibration, CameraDetails
 from app.people.models import Study
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
 

@@ -35,11 +35,12 @@ from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
 from app.meals.job_models import Job
-from app.meals.models import AFTER_SLOTS, SLOTS, CameraDetails, HintDetails, Meal, MealImage
+from app.meals.models import AFTER_SLOTS, SLOTS, HintDetails, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
 from app.people import privacy_queries as privacy
+from app.people.calibration_models import CameraDetails
 from app.people.models import Study
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure

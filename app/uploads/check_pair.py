@@ -13,10 +13,10 @@ from app.db.session import Database
 from app.estimates.camera_choice import Size, choose_camera
 from app.estimates.camera_json import camera_to_json
 from app.http.upload import ReceivedFile
-from app.meals.models import CameraDetails
 from app.meals.receive_photo import SIDEWAYS
 from app.messages.catalogue import choose_locale, sentence
 from app.people.access.caller import DeviceCaller
+from app.people.calibration_models import CameraDetails
 from app.people.models import Locale, Study
 from app.photos.inspect import PhotoFacts, inspect_photo
 from app.vision.marker_spec import parse_marker
