@@ -254,10 +254,12 @@ def marker_command(
     marker_view = find_marker(photo, spec)
     corners = None if isinstance(marker_view, Failure) else marker_view.corners_px.round(3).tolist()
     colour = None if isinstance(marker_view, Failure) else colour_to_json(measure_colour(photo, marker_view))
+    point_ids = None if isinstance(marker_view, Failure) else marker_view.point_ids
     document: dict[str, object] = {
         "found": corners is not None,
         "marker": str(spec),
         "corners_px": corners,
+        "corner_ids": None if point_ids is None else point_ids.tolist(),
         "colour": colour,
     }
     if isinstance(marker_view, Failure):
@@ -267,7 +269,8 @@ def marker_command(
     elif isinstance(marker_view, Failure):
         print(f"{find}: not found ({marker_view.code}). {marker_view.message} {marker_view.advice}".strip())
     else:
-        print(f"{find}: {spec} found, {len(marker_view.corners_px)} inner corners.")
+        points = "corners of tags" if spec.kind == "aruco" else "inner corners"
+        print(f"{find}: {spec} found, {len(marker_view.corners_px)} {points}.")
         if colour is not None and colour["delta_e_worst"] is not None:
             print(f"{find}: after correction its worst square has a CIEDE2000 of {colour['delta_e_worst']}.")
     raise SystemExit(0 if corners is not None else 1)

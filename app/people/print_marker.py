@@ -1,5 +1,8 @@
 """The printable board: a PDF at true size, with a ruler to check the print."""
 
+from collections.abc import Iterator
+from itertools import groupby
+
 from fpdf import FPDF
 
 from app.core.errors import InvalidInputError
@@ -10,14 +13,17 @@ PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, uprig
 PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white
 RULER_MM = 100.0
 FOOTER_MM = 30.0  # ruler and text
-BLACK = (0, 0, 0)
+Colour = tuple[int, int, int]  # sRGB
+Rectangle = tuple[float, float, float, float, Colour]  # x, y of the upper left corner from the print's, width, height
+BLACK: Colour = (0, 0, 0)
+WHITE: Colour = (255, 255, 255)
 INSTRUCTION = (
     'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. Keep the sheet flat and its margin white.'
 )
 
 
 def render_marker_pdf(spec: MarkerSpec) -> bytes:
-    """Draw one page with the board in its middle, squares as vectors, with a white margin of at least one square.
+    """Draw one page with the board in its middle as vectors, with at least its own white margin.
 
     The page is A4, or A3 if the board needs it, upright or turned. Raises InvalidInputError (`marker_too_large`).
     """
@@ -27,24 +33,20 @@ def render_marker_pdf(spec: MarkerSpec) -> bytes:
     pdf.set_margin(0)
     pdf.set_title(f"Marker {spec}")
     pdf.add_page()
-    left = (page_mm[0] - spec.columns * spec.square_mm) / 2
-    top = max(spec.square_mm, PRINTABLE_MARGIN_MM)
-    for row in range(spec.rows):
-        for column in range(spec.columns):
-            colour = _colour(spec, row, column)
-            if colour is not None:
-                pdf.set_fill_color(*colour)
-                x, y = left + column * spec.square_mm, top + row * spec.square_mm
-                pdf.rect(x, y, spec.square_mm, spec.square_mm, style="F")
+    left = (page_mm[0] - spec.width_mm) / 2
+    top = max(spec.margin_mm, PRINTABLE_MARGIN_MM)
+    for x, y, width, height, colour in [*_squares(spec), *_tags(spec)]:
+        pdf.set_fill_color(*colour)
+        pdf.rect(left + x, top + y, width, height, style="F")
     _draw_footer(pdf, spec, page_mm)
     return bytes(pdf.output())
 
 
 def _page_mm(spec: MarkerSpec) -> tuple[float, float]:
-    """Return (width, height) of the smallest sheet that fits board, margins and footer; upright if both fit."""
-    margin = max(spec.square_mm, PRINTABLE_MARGIN_MM)
-    width = max(spec.columns * spec.square_mm + 2 * margin, RULER_MM + 2 * PRINTABLE_MARGIN_MM)
-    height = spec.rows * spec.square_mm + 2 * margin + FOOTER_MM
+    """Return (width, height) of the smallest sheet that holds board, margins and footer; upright if possible."""
+    margin = max(spec.margin_mm, PRINTABLE_MARGIN_MM)
+    width = max(spec.width_mm + 2 * margin, RULER_MM + 2 * PRINTABLE_MARGIN_MM)
+    height = spec.height_mm + 2 * margin + FOOTER_MM
     for paper in PAPERS_MM.values():
         for page in (paper, paper[::-1]):
             if width <= page[0] and height <= page[1]:
@@ -56,11 +58,43 @@ def _page_mm(spec: MarkerSpec) -> tuple[float, float]:
     )
 
 
-def _colour(spec: MarkerSpec, row: int, column: int) -> tuple[int, int, int] | None:
+def _squares(spec: MarkerSpec) -> Iterator[Rectangle]:
+    """Yield the dark and coloured squares; of an ArUco board the black of its tags."""
+    for row in range(spec.rows):
+        for column in range(spec.columns):
+            colour = _colour(spec, row, column)
+            if colour is not None:
+                yield column * spec.pitch_mm, row * spec.pitch_mm, spec.square_mm, spec.square_mm, colour
+
+
+def _colour(spec: MarkerSpec, row: int, column: int) -> Colour | None:
     """Return the square's sRGB colour; None if the paper stays white."""
     if spec.kind == "colour":
         return COLOUR_SQUARES.get((row, column))
-    return BLACK if (row + column) % 2 == 0 else None
+    return BLACK if spec.kind == "aruco" or (row + column) % 2 == 0 else None
+
+
+def _tags(spec: MarkerSpec) -> Iterator[Rectangle]:
+    """Yield each tag's black square and, on it, its white cells row by row."""
+    if spec.dictionary is None:
+        return
+    # Imported here: OpenCV, which the API process does not need for checkerboards.
+    from app.vision.board.print_layout import tag_places  # noqa: PLC0415
+    from app.vision.board.tag_bits import black_cells  # noqa: PLC0415
+
+    inset_mm = (spec.square_mm - spec.tag_mm) / 2
+    for tag, (row, column) in enumerate(tag_places(spec).tolist()):
+        is_black = black_cells(spec.dictionary, tag).tolist()
+        left, top = column * spec.pitch_mm + inset_mm, row * spec.pitch_mm + inset_mm
+        yield left, top, spec.tag_mm, spec.tag_mm, BLACK
+        cell_mm = spec.tag_mm / len(is_black)
+        for down, cells in enumerate(is_black):
+            start = 0
+            for black, run in groupby(cells):
+                count = len(list(run))
+                if not black:
+                    yield left + start * cell_mm, top + down * cell_mm, count * cell_mm, cell_mm, WHITE
+                start += count
 
 
 def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> None:
@@ -75,5 +109,6 @@ def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> N
     pdf.set_text_color(*BLACK)
     pdf.set_font("Helvetica", size=7)
     pdf.text(left + RULER_MM + 2, baseline, "100 mm")
-    for line, text in enumerate((f"{spec}  (squares of {spec.square_mm:g} mm)", INSTRUCTION)):
+    size = f"tags of {spec.tag_mm:g} mm" if spec.kind == "aruco" else f"squares of {spec.square_mm:g} mm"
+    for line, text in enumerate((f"{spec}  ({size})", INSTRUCTION)):
         pdf.text((page_mm[0] - pdf.get_string_width(text)) / 2, baseline + 5 + 4 * line, text)

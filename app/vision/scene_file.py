@@ -117,7 +117,9 @@ def _board(marker: MarkerObservation) -> Document:
     """The board; the table frame is its own, so its pose is the identity but for its thickness."""
     spec = marker.spec
     squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
-    if spec.kind == "colour":
+    if spec.kind == "aruco":
+        colours = [DARK_SQUARE for _ in squares]
+    elif spec.kind == "colour":
         colours = [COLOUR_SQUARES.get(square, LIGHT_SQUARE) for square in squares]
     else:
         colours = [DARK_SQUARE if sum(square) % 2 == 0 else LIGHT_SQUARE for square in squares]
@@ -126,7 +128,8 @@ def _board(marker: MarkerObservation) -> Document:
         "columns": spec.columns,
         "rows": spec.rows,
         "square_mm": spec.square_mm,
-        "margin_mm": spec.square_mm,  # of the white border, one square wide
+        "gap_mm": spec.gap_mm,  # between an ArUco board's tags, which are its squares
+        "margin_mm": spec.margin_mm,  # of the white border
         "rotation": np.eye(3).tolist(),
         "translation_mm": [0.0, 0.0, round(spec.thick_mm, 3)],
         "square_colours": [list(colour) for colour in colours],  # sRGB, row by row from the top left

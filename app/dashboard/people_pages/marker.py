@@ -11,7 +11,13 @@ from app.vision.marker_spec import parse_marker
 
 router = APIRouter(include_in_schema=False)
 
-USUAL = ("plain:9x7:11", "plain:9x7:20", "colour:4x5:12")
+USUAL = (
+    "plain:9x7:11",
+    "plain:9x7:20",
+    "colour:4x5:12",
+    "aruco:4x3:20:5:DICT_4X4_50",
+    "charuco:8x5:18:13:DICT_4X4_50",
+)
 Marker = Annotated[str, Query(max_length=64)]
 
 

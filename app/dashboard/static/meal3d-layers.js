@@ -206,15 +206,22 @@ function segments(at, options) {
   return new THREE.LineSegments(geometry, new THREE.LineBasicMaterial(options));
 }
 
+/** Width and height of the print, mm; files before ArUco boards have no gap_mm. */
+function sizeOf(board) {
+  const gap = board.gap_mm ?? 0;
+  return [board.columns, board.rows].map((count) => count * board.square_mm + (count - 1) * gap);
+}
+
 function* boardOf(board) {
   const side = board.square_mm;
-  const [width, height] = [board.columns * side, board.rows * side];
+  const [width, height] = sizeOf(board);
+  const pitch = side + (board.gap_mm ?? 0);
   const margin = board.margin_mm;
   const sheet = [-width / 2 - margin, -height / 2 - margin, width + 2 * margin, height + 2 * margin, [255, 255, 255]];
   yield quadsOf([sheet], 0.05);
   const squares = board.square_colours.map((colour, k) => {
     const [row, column] = [Math.floor(k / board.columns), k % board.columns];
-    return [column * side - width / 2, height / 2 - (row + 1) * side, side, side, colour];
+    return [column * pitch - width / 2, height / 2 - row * pitch - side, side, side, colour];
   });
   yield quadsOf(squares, 0.25);
 }
@@ -291,8 +298,9 @@ function cameraOf(name, photo, palette) {
 
 /** A ruler of 100 mm along the board's lower edge, with a height of 50 mm at its end. */
 function* rulerOf(board, palette) {
-  const left = (-board.columns * board.square_mm) / 2 - board.margin_mm;
-  const y = (-board.rows * board.square_mm) / 2 - board.margin_mm - 12;
+  const [width, height] = sizeOf(board);
+  const left = -width / 2 - board.margin_mm;
+  const y = -height / 2 - board.margin_mm - 12;
   const tens = Array.from({ length: 10 }, (_, k) => [left + 10 * k, y, 10, 4, k % 2 ? [250, 250, 250] : [40, 44, 42]]);
   yield quadsOf(tens, 0.3);
   const upright = [];

@@ -21,8 +21,10 @@ from app.vision.model import Float64Array, ImageArray, Int64Array, MarkerObserva
 
 MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
 MIN_TAGS = 4
-MIN_POINTS = 8
-MIN_SPREAD = 0.4  # of the whole board's, along the axis where what is seen spreads less
+MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two by half
+# With so many points that spread so much, as a share of the whole board's spread along its narrower axis, corners that
+# are 0.12 px off leave the distance right to 0.25 % and the slant to some degree, in nine of ten.
+MIN_POINTS, MIN_SPREAD = 8, 0.4
 MAX_STRAY_TAG = 0.2  # of a tag's side, from where the others put it; lenses and curled paper move it by less
 MAX_STRAYS = (1, 0.1)  # tags that are not where the announced board has them: so many, and as a share of those that are
 MAX_INK_GAIN = 0.02  # of a tag's side, at either end: more, and the print has other proportions
@@ -66,10 +68,15 @@ def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservat
     if other is not None:
         return other
     if len(on_board) < MIN_TAGS:
-        return _covered(len(on_board), where) if len(on_board) else _foreign_tags(grey, spec, where)
+        foreign = _foreign_tags(grey, spec, where)
+        if foreign is None and len(on_board):
+            return _covered(len(on_board), where)
+        return foreign
+    corners_mm = tag_corners_mm(spec)[on_board.ids]
+    if _spread_mm(corners_mm.mean(axis=1)) < MIN_ROWS_SPREAD * spec.pitch_mm:
+        return _covered(len(on_board), where)
     share = border_share(spec)
     refined = refine_tags(grey, on_board.corners_px, share)
-    corners_mm = tag_corners_mm(spec)[on_board.ids]
     gain_px = ink_gain_px(refined, corners_mm)
     side_px = float(np.median(np.linalg.norm(refined[:, 1] - refined[:, 0], axis=-1)))
     if abs(gain_px) > max(MIN_INK_GAIN_PX, MAX_INK_GAIN * side_px):
@@ -130,7 +137,7 @@ def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Fai
     """Failure marker_mismatch where tags of the announced dictionary lie otherwise than on the announced board."""
     strays = len(tags) - on_board
     fewest, share = MAX_STRAYS
-    if strays <= max(fewest, share * on_board):
+    if len(tags) < MIN_TAGS or strays <= max(fewest, share * on_board):
         return None
     if spec.kind == "charuco" and np.count_nonzero(_placed(tags, spec, is_legacy=True)) > max(on_board, strays):
         return _mismatch(

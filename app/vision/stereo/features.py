@@ -166,7 +166,8 @@ def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array
     size = (grey.shape[1], grey.shape[0])
     turned = cv2.warpPerspective(grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     mask = _beside_sheet(first, factor, size)
-    features = [_detect(np.asarray(picture, np.uint8), mask) for picture in (grey, turned)]
+    has_tags = first.marker is not None and first.marker.spec.dictionary is not None
+    features = [_detect(np.asarray(picture, np.uint8), mask, has_tags=has_tags) for picture in (grey, turned)]
     at, at_second = features[0][0], map_points(to_second, features[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
     pairs = _mutual_matches(features[0][1], features[1][1], _is_near_line(first, second, first_px, second_px))
@@ -240,15 +241,23 @@ def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
     return mask
 
 
-def _detect(grey: ImageArray, mask: ImageArray) -> tuple[Float64Array, NDArray[np.float32]]:
-    """Keypoints (n, 2) in px of grey and their descriptors (n, 128), found at MATCHING_SIDE_PX where mask is not 0."""
+def _detect(grey: ImageArray, mask: ImageArray, *, has_tags: bool = False) -> tuple[Float64Array, NDArray[np.float32]]:
+    """Keypoints (n, 2) in px of grey and their descriptors (n, 128), found at MATCHING_SIDE_PX where mask is not 0.
+
+    has_tags: the picture shows a board of tags. OpenCV keeps the strongest keypoints before it looks at the mask, and
+    a sheet of tags has more of them than all of the meal.
+    """
     height, width = grey.shape
     scale = min(1.0, MATCHING_SIDE_PX / max(height, width))
     size = (round(width * scale), round(height * scale))
     small, small_mask = cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.resize(mask, size)
     for contrast in MIN_CONTRASTS:
-        sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=contrast)
-        keypoints, descriptors = sift.detectAndCompute(small, small_mask)
+        sift = cv2.SIFT.create(0 if has_tags else MAX_FEATURES, contrastThreshold=contrast)
+        if has_tags:
+            strongest = sorted(sift.detect(small, small_mask), key=lambda point: -point.response)[:MAX_FEATURES]
+            keypoints, descriptors = sift.compute(small, strongest)
+        else:
+            keypoints, descriptors = sift.detectAndCompute(small, small_mask)
         if len(keypoints) >= FEW_FEATURES:
             break
     if len(keypoints) == 0:  # descriptors are None then

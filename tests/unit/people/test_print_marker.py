@@ -3,12 +3,19 @@
 import re
 import zlib
 
+import numpy as np
 import pytest
 
 from app.core.errors import InvalidInputError
 from app.people.print_marker import render_marker_pdf
 from app.vision.board.colour_board import COLOUR_SQUARES
+from app.vision.board.marker import find_marker
+from app.vision.board.pose import solve_pose
+from app.vision.board.print_layout import print_points_mm
 from app.vision.marker_spec import parse_marker
+from app.vision.model import MarkerObservation
+from tests.unit.vision.synthetic import PHONE, look_at
+from tests.unit.vision.tag_boards import PX_PER_MM, photograph
 
 MM_PER_POINT = 25.4 / 72
 
@@ -106,3 +113,37 @@ def test_board_larger_than_a3_is_refused():
     with pytest.raises(InvalidInputError) as refused:
         render_marker_pdf(parse_marker("plain:20x20:30"))
     assert refused.value.code == "marker_too_large"
+
+
+@pytest.mark.parametrize(
+    "marker", ["aruco:4x3:20:5:DICT_4X4_50", "charuco:8x5:18:13:DICT_4X4_50", "charuco:6x6:20:14:DICT_6X6_250"]
+)
+def test_printed_board_of_tags_is_found_again_at_its_scale(marker):
+    spec = parse_marker(marker)
+    shapes = squares_mm(render_marker_pdf(spec))
+    left, top = (min(shape[axis] for shape in shapes) for axis in (1, 2))
+    reach = spec.margin_mm
+    width, height = (round((side + 2 * reach) * PX_PER_MM) for side in (spec.width_mm, spec.height_mm))
+    picture = np.full((height, width), 255, np.uint8)
+    for colour, x, y, across, down in shapes:
+        edges = np.array([y - top, y - top + down, x - left, x - left + across]) + reach
+        y0, y1, x0, x1 = np.rint(edges * PX_PER_MM).astype(int)
+        picture[y0:y1, x0:x1] = colour[0]
+    pose = look_at(elevation_deg=60.0, azimuth_deg=-80.0, distance_mm=380.0)
+    seen = find_marker(photograph(spec, pose, picture=picture), spec)
+    assert isinstance(seen, MarkerObservation), seen
+    assert len(seen.corners_px) == len(print_points_mm(spec))
+    solved = solve_pose(PHONE, seen)
+    assert solved is not None
+    # Drawn to a tenth of a millimetre; its corners tell the distance to a thousandth and less.
+    assert np.linalg.norm(solved[1]) == pytest.approx(380.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("marker", ["aruco:4x3:20:5:DICT_4X4_50", "charuco:8x5:18:13:DICT_4X4_50"])
+def test_board_of_tags_has_its_margin(marker):
+    spec = parse_marker(marker)
+    pdf = render_marker_pdf(spec)
+    shapes = squares_mm(pdf)
+    width, _ = page_mm(pdf)
+    assert min(min(x, y, width - x - w) for _, x, y, w, _ in shapes) >= spec.margin_mm - 0.01
+    assert marker in content(pdf)
