@@ -3,7 +3,7 @@
 A folder with cases.json (name, truth_ml, card, hint in the left photograph, photographs with the card drawn in, and
 camera or rig) -> one row per pair, in the shape of the scorer's rows. Photographs of one object on an ArUco sheet are
 combined to every pair whose lines of sight differ by VIEW_ANGLES_DEG; what a scene has beside the object is not known,
-so there is no outline to compare with.
+so there is no outline to compare with. The folder's own cases on such a sheet are measured by the sheet itself too.
 """
 
 import itertools
@@ -12,7 +12,7 @@ import shlex
 import subprocess
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,10 @@ def real_pairs(folder: Path) -> list[RealPair]:
     cases = json.loads((folder / "cases.json").read_text())
     pairs = [_pair(folder, case, case["left_card"], case["right_card"], case["name"]) for case in cases]
     on_sheet = [case for case in cases if "aruco" in case]
+    pairs += [
+        replace(_pair(folder, case, case["left"], case["right"], f"{case['name']} sheet"), marker=_sheet_text(case))
+        for case in on_sheet
+    ]
     photographs = sorted({case[side] for case in on_sheet for side in ("left", "right")})
     centres = {name: _centre_mm(folder, name, on_sheet[0]) for name in photographs}
     combined = {frozenset((case["left"], case["right"])) for case in on_sheet}
@@ -109,6 +113,13 @@ def _pair(folder: Path, case: Mapping[str, Any], left: str, right: str, name: st
         described = {key: described[key] for key in ("width", "height")} | described["left"]
     x, y = case["hint"]["point"]
     return RealPair(name, case["truth_ml"], folder / left, folder / right, case["card"], (x, y), described)
+
+
+def _sheet_text(case: Mapping[str, Any]) -> str:
+    """The ArUco sheet under the object as `tada estimate --marker` takes it."""
+    sheet = case["aruco"]
+    size = f"{sheet['cols']}x{sheet['rows']}:{sheet['marker_mm']:g}:{sheet['separation_mm']:g}"
+    return f"aruco:{size}:{sheet['dictionary']}"
 
 
 def _centre_mm(folder: Path, photograph: str, case: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -46,7 +46,16 @@ def test_photographs_of_a_sheet_are_combined_once_where_the_angle_suits(tmp_path
     on_sheet = {"camera": "camera.json", "aruco": SHEET}
     pairs = real.real_pairs(folder_of(tmp_path, case("ab", "a", "b", **on_sheet), case("cd", "c", "d", **on_sheet)))
     # The two cases, and of the other four combinations those of 10 and 20 degrees whose left view has a hint.
-    assert [pair.name for pair in pairs] == ["ab", "cd", "a c", "c b"]
+    assert [pair.name for pair in pairs if not pair.name.endswith("sheet")] == ["ab", "cd", "a c", "c b"]
+
+
+def test_case_on_a_sheet_is_measured_by_the_sheet_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(real, "_centre_mm", lambda *_: np.array([0.0, 0.0, -400.0]))
+    pairs = real.real_pairs(folder_of(tmp_path, case("ab", "a", "b", camera="camera.json", aruco=SHEET)))
+    assert [(pair.name, pair.marker, pair.left.name) for pair in pairs] == [
+        ("ab", "plain:9x7:9", "a_card.jpg"),
+        ("ab sheet", "aruco:5x7:35:5:DICT_6X6_250", "a.jpg"),
+    ]
 
 
 def test_refused_pairs_are_counted_and_do_not_enter_the_error():
