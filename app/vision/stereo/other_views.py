@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.camera import camera_from_exif, estimate_views
+from app.vision.board.camera import MIN_VIEW_ANGLE_DEG, camera_from_exif, estimate_views
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.board.pose import solve_pose
 from app.vision.marker_spec import MarkerSpec
@@ -20,14 +20,16 @@ from app.vision.stereo.features import match_features
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.stillness import judge_heights, judge_matches
 
-LEAST_ANGLE_DEG = 0.1  # the same photograph twice has none
-BEST_ANGLE_DEG = 12.0  # between the lines of sight of a pair: wide enough for depth, near enough for windows to match
+# Between the lines of sight of a pair. The narrower it is, the surer do windows on plain food match, and the other
+# photographs widen the base; narrower than this, the noise of disparities tells in depth.
+LEAST_ANGLE_DEG = 2 * MIN_VIEW_ANGLE_DEG
 
 
 def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
-    """The left photograph with the one whose line of sight to the marker is about BEST_ANGLE_DEG from its own.
+    """The left photograph with the nearest one that sees the marker at least LEAST_ANGLE_DEG from its line of sight.
 
-    The same pair where there is no choice, or where the marker is not found in the left photograph.
+    Where all are nearer, the farthest of them. The same pair where there is no choice, or where the marker is not
+    found in the left photograph.
     """
     if not pair.others:
         return pair
@@ -36,10 +38,11 @@ def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
         return pair
     photos = [pair.right, *pair.others]
     angles = {index: _angle_deg(pair.left, left, photo) for index, photo in enumerate(photos)}
-    misfits = {index: abs(np.log(angle / BEST_ANGLE_DEG)) for index, angle in angles.items() if angle is not None}
-    if not misfits:
+    seen = {index: angle for index, angle in angles.items() if angle is not None}
+    if not seen:
         return pair
-    best = min(misfits, key=lambda index: misfits[index])
+    wide = [index for index, angle in seen.items() if angle >= LEAST_ANGLE_DEG]
+    best = min(wide, key=lambda index: seen[index]) if wide else max(seen, key=lambda index: seen[index])
     return PhotoPair(pair.left, photos[best], (*photos[:best], *photos[best + 1 :]))
 
 
@@ -57,7 +60,7 @@ def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> floa
     if len(sights) < 2:
         return None
     cosine = float(sights[0] @ sights[1] / (np.linalg.norm(sights[0]) * np.linalg.norm(sights[1])))
-    return max(float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))), LEAST_ANGLE_DEG)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: EstimateOptions) -> list[View]:
