@@ -18,10 +18,10 @@ from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.access.secret_box import SecretBox
 from app.people.privacy_models import ErasureReceipt
-from app.people.privacy_schemas import ReceiptOut
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.privacy.erase import Eraser
 from app.privacy.export_me import export_me
+from app.privacy.schemas import ReceiptOut
 from app.privacy.withdraw import withdraw_participant, withdraw_self
 
 router = APIRouter(prefix="/v1", tags=["privacy"])

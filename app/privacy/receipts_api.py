@@ -7,8 +7,8 @@ from fastapi import APIRouter, Path
 
 from app.http.problems import problem_responses
 from app.people.access.deps import State
-from app.people.privacy_schemas import ReceiptOut
 from app.privacy.erase import find_receipt
+from app.privacy.schemas import ReceiptOut
 
 router = APIRouter(prefix="/v1/receipts", tags=["privacy"])
 

@@ -15,10 +15,10 @@ from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
 from app.http.tables.media_types import MEDIA_TYPES
 from app.http.text_schemas import AwareInstant
 from app.people.access.audit_log import read_audit, stream_audit
+from app.people.access.audit_schemas import AuditEventOut, AuditPage
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
 from app.people.privacy_queries import AuditFilter, AuditRow
-from app.people.privacy_schemas import AuditEventOut, AuditPage
 
 router = APIRouter(prefix="/v1", tags=["audit"])
 
