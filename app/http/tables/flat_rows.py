@@ -55,7 +55,7 @@ def _paths_of(annotation: object, path: Path, values: Sequence[JsonValue]) -> It
     members = [value for value in values if isinstance(value, dict)]
     if isinstance(inner, type) and issubclass(inner, BaseModel):
         yield from _paths(inner, path, members)
-    elif typing.get_origin(inner) is dict and typing.get_args(inner)[1] is not Any:
+    elif typing.get_origin(inner) is dict and typing.get_args(inner)[1] not in (Any, object):
         for name in dict.fromkeys(name for value in members for name in value):
             yield from _paths_of(typing.get_args(inner)[1], (*path, name), [v[name] for v in members if v.get(name)])
     else:

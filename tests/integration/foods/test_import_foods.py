@@ -106,7 +106,7 @@ def test_broken_off_import_is_seen_by_nobody_and_goes_on_where_it_stopped(databa
 
 
 def test_import_whose_process_was_killed_is_taken_up_after_a_time(database, monkeypatch):
-    monkeypatch.setattr(module, "_let_go", lambda *_: None)  # a killed process lets nothing go
+    monkeypatch.setattr(module, "_release_import", lambda *_: None)  # a killed process releases nothing
     with pytest.raises(Stop):
         import_foods(database, table(), "me", stop_after(100))
     with pytest.raises(ConflictError, match="another process"):

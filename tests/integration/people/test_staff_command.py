@@ -79,5 +79,5 @@ def test_unreadable_file_gives_a_message(tmp_path):
     with pytest.raises(InvalidInputError, match="cannot be read"):
         read_password(tmp_path / "absent")
     (tmp_path / "bytes").write_bytes(b"\xff\xfe")
-    with pytest.raises(InvalidInputError, match="no text"):
+    with pytest.raises(InvalidInputError, match="not UTF-8 text"):
         read_password(tmp_path / "bytes")

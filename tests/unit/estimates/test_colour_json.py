@@ -46,7 +46,7 @@ def test_marker_command_tells_how_right_a_printed_board_is(tmp_path):
     answer = json.loads(found_marker(tmp_path, COLOUR, "--json").stdout)
     assert (answer["found"], answer["colour"]["kind"], answer["colour"]["flags"]) == (True, "colour", [])
     assert answer["colour"]["delta_e_worst"] < 1.0
-    assert "the worst square" in found_marker(tmp_path, COLOUR).stdout
+    assert "its worst square" in found_marker(tmp_path, COLOUR).stdout
     plain = json.loads(found_marker(tmp_path, PLAIN, "--json").stdout)
     assert (plain["colour"]["kind"], plain["colour"]["delta_e_worst"]) == ("white", None)
-    assert "the worst square" not in found_marker(tmp_path, PLAIN).stdout
+    assert "its worst square" not in found_marker(tmp_path, PLAIN).stdout
