@@ -24,7 +24,7 @@ def expected_versions(if_match: str | None) -> frozenset[int] | None:
         )
     if if_match.strip() == "*":
         return None
-    tags = (found["strong"] or "" for found in _ETAG.finditer(if_match))
+    tags = (match["strong"] or "" for match in _ETAG.finditer(if_match))
     return frozenset(int(tag) for tag in tags if tag.isascii() and tag.isdigit() and len(tag) < 19)
 
 

@@ -146,11 +146,11 @@ class ConnectionWatch:
     def _is_proxy(self, client: tuple[str, int] | None) -> bool:
         """By its own address: what is counted of an IPv6 one is its network."""
         try:
-            found = ip_address(client[0] if client is not None else "")
+            address = ip_address(client[0] if client is not None else "")
         except ValueError:
             return False
-        mapped = found.ipv4_mapped if isinstance(found, IPv6Address) else None
-        return any((mapped or found) in network for network in self._proxies)
+        mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
+        return any((mapped or address) in network for network in self._proxies)
 
 
 _HEAD_END = re.compile(rb"\n\r?\n")

@@ -94,9 +94,9 @@ class ListRoute(APIRoute):
 
 def row_of(endpoint: Endpoint) -> type[BaseModel] | None:
     """The model of the rows that an endpoint lists; None: it lists none, or takes care of files itself."""
-    told = typing.get_type_hints(endpoint)
-    answer = told.get("return")
-    if "output" in told or not (isinstance(answer, type) and issubclass(answer, BaseModel)):
+    hints = typing.get_type_hints(endpoint)
+    answer = hints.get("return")
+    if "output" in hints or not (isinstance(answer, type) and issubclass(answer, BaseModel)):
         return None
     for name in LIST_FIELDS:
         field = answer.model_fields.get(name)

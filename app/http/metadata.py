@@ -39,14 +39,14 @@ def validated_with_unknown(model: type[Model], body: bytes) -> tuple[Model, dict
         places = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
     if not 0 < len(places) <= MAX_UNKNOWN:
         return validated(model, body), {}
-    told = json.loads(body)  # it was JSON to pydantic
+    document = json.loads(body)  # it was JSON to pydantic
     unknown = {}
     for place in places:
-        holder = told
+        holder = document
         for part in place[:-1]:
             holder = holder[part]
         unknown[".".join(map(str, place))[:MAX_NAME]] = holder.pop(place[-1])
-    return validated(model, json.dumps(told).encode()), unknown
+    return validated(model, json.dumps(document).encode()), unknown
 
 
 def validated(model: type[Model], body: bytes) -> Model:

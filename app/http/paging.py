@@ -58,8 +58,8 @@ ID: Part[uuid.UUID] = Part(uuid.UUID)
 
 def list_name(name: str, chosen: RowFilter) -> str:
     """Return the name of a list of these filters, to which its cursors are bound."""
-    asked = {name: getattr(chosen, name) for name in chosen.set_names}
-    return f"{name} {json.dumps(asked, default=str)}"
+    filters = {name: getattr(chosen, name) for name in chosen.set_names}
+    return f"{name} {json.dumps(filters, default=str)}"
 
 
 def encode_cursor(listed: str, *key: object) -> str:

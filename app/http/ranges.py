@@ -38,10 +38,10 @@ def asked_piece(request: Request, length: int, etag: str) -> Piece | None:
     Several ranges, other units and what is no range at all are answered by the whole, as RFC 9110 allows; so is a
     range of another file than this (If-Range). Raises RangeNotSatisfiableError.
     """
-    found = RANGE.fullmatch(request.headers.get("range", "").replace(" ", ""))
-    if found is None or request.headers.get("if-range", etag) != etag:
+    match = RANGE.fullmatch(request.headers.get("range", "").replace(" ", ""))
+    if match is None or request.headers.get("if-range", etag) != etag:
         return None
-    first, last = found.groups()
+    first, last = match.groups()
     if not first and not last:
         return None
     if not first:  # the last so many bytes

@@ -278,10 +278,10 @@ class _MultipartReader:
     def _on_headers_finished(self) -> None:
         _, options = parse_options_header(self._part.headers.get(b"content-disposition", b""))
         name = options.get(b"name", b"").decode("utf-8", "replace")
-        known = (METADATA, *self._slots)
-        if name not in known:
+        names = (METADATA, *self._slots)
+        if name not in names:
             raise MalformedRequestError(
-                f"There is no part {name[:60]!r}; the parts are {', '.join(known)}.", code="part_unknown"
+                f"There is no part {name[:60]!r}; the parts are {', '.join(names)}.", code="part_unknown"
             )
         if name in self._slots:
             name = self._numbered(name)

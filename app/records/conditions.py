@@ -73,19 +73,19 @@ def waits_for_answer(meal_id: AnyColumn) -> Condition:
 
     An answer that was taken back leaves its question open.
     """
-    question, word, undo = aliased(MealEvent), aliased(MealEvent), aliased(MealEvent)
+    question, reply, undo = aliased(MealEvent), aliased(MealEvent), aliased(MealEvent)
     is_taken_back = sa.exists().where(
         undo.meal_id == question.meal_id, undo.kind == "undo", _names(undo, "event", question)
     )
     is_answer_taken_back = sa.exists().where(
-        undo.meal_id == word.meal_id, undo.kind == "undo", _names(undo, "event", word)
+        undo.meal_id == reply.meal_id, undo.kind == "undo", _names(undo, "event", reply)
     )
     is_answered = sa.exists().where(
-        word.meal_id == question.meal_id, word.kind == "answer", _names(word, "question", question),
+        reply.meal_id == question.meal_id, reply.kind == "answer", _names(reply, "question", question),
         ~is_answer_taken_back,
     )  # fmt: skip
-    asked = sa.select(sa.literal(1)).where(question.meal_id == meal_id, is_question(question))
-    return _is_there(asked.where(~is_taken_back, ~is_answered))
+    questions = sa.select(sa.literal(1)).where(question.meal_id == meal_id, is_question(question))
+    return _is_there(questions.where(~is_taken_back, ~is_answered))
 
 
 def has_flag(column: AnyColumn, flags: Sequence[str], *, is_on_sqlite: bool) -> Condition:
@@ -93,8 +93,8 @@ def has_flag(column: AnyColumn, flags: Sequence[str], *, is_on_sqlite: bool) -> 
     if is_on_sqlite:
         text = sa.type_coerce(column, sa.Text())
         return sa.or_(*(sa.func.instr(text, json.dumps(flag)) > 0 for flag in flags))
-    wanted = sa.literal(list(flags), postgresql.ARRAY(sa.Text()))
-    return cast(Condition, sa.type_coerce(column, postgresql.JSONB()).has_any(wanted))
+    wanted_flags = sa.literal(list(flags), postgresql.ARRAY(sa.Text()))
+    return cast(Condition, sa.type_coerce(column, postgresql.JSONB()).has_any(wanted_flags))
 
 
 def is_list_of_flags(column: AnyColumn, text: str | AnyColumn, *, is_on_sqlite: bool) -> Condition:
@@ -115,14 +115,14 @@ def lists_of_flags(session: Session, study_id: uuid.UUID, most: int) -> list[str
     kind: Any = sa.Text() if is_on_sqlite else postgresql.JSONB()
     record = EffectiveRecord
     flags = sa.type_coerce(record.flags, kind).label("flags")
-    found = sa.select(flags).where(record.study_id == study_id, holds(record), has_flags(record))
-    lists = found.order_by(record.flags).limit(1).subquery()
+    flag_lists = sa.select(flags).where(record.study_id == study_id, holds(record), has_flags(record))
+    lists = flag_lists.order_by(record.flags).limit(1).subquery()
     every = sa.select(lists.c.flags).cte("every", recursive=True)
-    behind = found.where(sa.type_coerce(record.flags, kind) > every.c.flags).order_by(record.flags).limit(1)
+    behind = flag_lists.where(sa.type_coerce(record.flags, kind) > every.c.flags).order_by(record.flags).limit(1)
     following = behind.correlate(every).scalar_subquery()
     every = every.union_all(sa.select(following).where(every.c.flags.is_not(None)))
-    told: Any = every.c.flags if is_on_sqlite else sa.cast(every.c.flags, sa.Text())
-    query = sa.select(told).where(every.c.flags.is_not(None)).limit(most)
+    as_text: Any = every.c.flags if is_on_sqlite else sa.cast(every.c.flags, sa.Text())
+    query = sa.select(as_text).where(every.c.flags.is_not(None)).limit(most)
     return list(session.scalars(query))
 
 

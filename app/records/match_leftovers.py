@@ -59,14 +59,14 @@ def match_leftovers(session: Session, parts: MealParts, state: MealState) -> boo
 
 def _answers(session: Session, served: Sequence[ItemState], pieces: Sequence[LeftoverState]) -> list[Answer]:
     places = {each.item.id: place for place, each in enumerate(served)}
-    told: dict[int, int | None] = {}
+    stated: dict[int, int | None] = {}
     for j, piece in enumerate(pieces):
         if piece.is_by_person:
-            told[j] = places.get(piece.of_item_id) if piece.of_item_id is not None else None
+            stated[j] = places.get(piece.of_item_id) if piece.of_item_id is not None else None
         elif (hinted := _told(piece.state.item).get("item")) is not None and uuid.UUID(hinted) in places:
-            told[j] = places[uuid.UUID(hinted)]
+            stated[j] = places[uuid.UUID(hinted)]
     matches = match_pieces(
-        [_sight(session, each) for each in served], [_sight(session, each.state) for each in pieces], told
+        [_sight(session, each) for each in served], [_sight(session, each.state) for each in pieces], stated
     )
     classes = _classes(served, pieces, matches)
     return [
@@ -90,16 +90,16 @@ def _classes(
     for i, item in enumerate(served):
         of_it = [j for j, match in enumerate(matches) if match.served == i]
         masses = [_mass(item, pieces[j].state) for j in of_it]
-        found = classify_left(_mass(item, item), masses, [_told_class(pieces[j]) for j in of_it])
-        out |= {j: (name, [flag] if flag is not None else []) for j, (name, flag) in zip(of_it, found, strict=True)}
+        classes = classify_left(_mass(item, item), masses, [_told_class(pieces[j]) for j in of_it])
+        out |= {j: (name, [flag] if flag is not None else []) for j, (name, flag) in zip(of_it, classes, strict=True)}
     return out
 
 
 def _told_class(piece: LeftoverState) -> LeftoverClass | None:
-    said = piece.leftover_class if piece.is_by_person else _told(piece.state.item).get("class")
-    if said == "food_left":
+    stated_class = piece.leftover_class if piece.is_by_person else _told(piece.state.item).get("class")
+    if stated_class == "food_left":
         return "food_left"
-    return "refuse" if said == "refuse" else None
+    return "refuse" if stated_class == "refuse" else None
 
 
 def _mass(item: ItemState, of: ItemState) -> Mass | None:

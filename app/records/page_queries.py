@@ -83,9 +83,9 @@ class RecordSearch:
 
     def _parts(self, conditions: Conditions, columns: Sequence[AnyColumn]) -> list[AnyQuery]:
         """A query a branch."""
-        found = sa.select(*ORDER, *columns).where(*conditions)
+        statement = sa.select(*ORDER, *columns).where(*conditions)
         return [
-            found.where(*(key == value for key, value in zip(self.keys, values, strict=True)))
+            statement.where(*(key == value for key, value in zip(self.keys, values, strict=True)))
             for values in self.branches
         ]
 
@@ -105,8 +105,8 @@ class RecordSearch:
         )
         listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
         of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
-        found = sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
-        branch = found.lateral("branch")
+        statement = sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
+        branch = statement.lateral("branch")
         every = sa.select(branch).select_from(listed.join(branch, sa.true()))
         return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
 
@@ -118,7 +118,7 @@ def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:
     people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
     foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
     statuses = sorted(set(chosen.statuses)) or None
-    if any(found is not None and not found for found in (studies, people, foods)):
+    if any(ids is not None and not ids for ids in (studies, people, foods)):
         return None
     days = within_days(chosen.first_day, chosen.last_day)
     of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
@@ -151,8 +151,8 @@ def studies_of(
     """The studies that a filter and the caller's own leave; None: all there are."""
     if study_code is None:
         return None if study_ids is None else sorted(study_ids)
-    found = session.scalars(sa.select(Study.id).where(Study.code == study_code))
-    return [study for study in found if study_ids is None or study in study_ids]
+    ids = session.scalars(sa.select(Study.id).where(Study.code == study_code))
+    return [study for study in ids if study_ids is None or study in study_ids]
 
 
 def all_studies(session: Session, most: int = MOST_BRANCHES) -> list[uuid.UUID]:

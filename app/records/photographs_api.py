@@ -52,13 +52,13 @@ def get_photograph(
     ] = None,
 ) -> Response:
     """A photograph of the meal as JPEG, for the study's staff and for the phone that sent it."""
-    found = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")
+    photo = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")
     headers = {
-        "ETag": found.etag(width),
+        "ETag": photo.etag(width),
         "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
-        "X-Colour-Correction": found.colour_kind,
+        "X-Colour-Correction": photo.colour_kind,
     }
     if is_held(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, found, width)
+    content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, photo, width)
     return Response(content, media_type="image/jpeg", headers=headers)

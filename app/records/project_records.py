@@ -281,8 +281,8 @@ def write_records(session: Session, projection: MealProjection) -> int:
     meal = projection.parts.meal
     stale = _stale_entries(session, projection)
     moved = set(stale)
-    for entry, wanted in stale.values():
-        _put(session, IndexEntry, entry, wanted)
+    for entry, entry_now in stale.values():
+        _put(session, IndexEntry, entry, entry_now)
     if meal.leftovers != projection.leftovers:
         moved |= _stale_pieces(projection)
         meal.leftovers = projection.leftovers
@@ -331,8 +331,8 @@ def _stale_entries(
 ) -> dict[uuid.UUID, tuple[IndexEntry | None, Columns | None]]:
     """Item -> (its entry in the index, the columns that it should have; None: no entry), where they differ."""
     stored = index_entries.entries_of_meal(session, projection.parts.meal.id)
-    wanted = {item.state.item.id: item.entry for item in projection.items}
-    pairs = {item_id: (stored.get(item_id), wanted.get(item_id)) for item_id in {*stored, *wanted}}
+    projected = {item.state.item.id: item.entry for item in projection.items}
+    pairs = {item_id: (stored.get(item_id), projected.get(item_id)) for item_id in {*stored, *projected}}
     return {
         item_id: (entry, columns)
         for item_id, (entry, columns) in pairs.items()
@@ -343,8 +343,8 @@ def _stale_entries(
 def _stale_pieces(projection: MealProjection) -> set[uuid.UUID]:
     """The pieces of the after-meal pair that are stored otherwise, or not at all."""
     stored = {piece["id"]: piece for piece in projection.parts.meal.leftovers}
-    wanted = {piece["id"]: piece for piece in projection.leftovers}
-    return {uuid.UUID(name) for name in {*stored, *wanted} if stored.get(name) != wanted.get(name)}
+    projected = {piece["id"]: piece for piece in projection.leftovers}
+    return {uuid.UUID(name) for name in {*stored, *projected} if stored.get(name) != projected.get(name)}
 
 
 def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:

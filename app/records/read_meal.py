@@ -130,7 +130,7 @@ def meal_view(session: Session, meal: Meal, participant_code: str, study_code: s
     candidates = candidates_of_records(session, [(row.record, row.item) for row in rows]) if rows else {}
     nutrients = foods.nutrients_of_each(session, {row.food.id for row in rows if row.food is not None}) if rows else {}
     contents = {
-        food_id: {each.component.number: each.per_100_g for each in known} for food_id, known in nutrients.items()
+        food_id: {each.component.number: each.per_100_g for each in amounts} for food_id, amounts in nutrients.items()
     }
     items = tuple(
         _item(row, candidates[row.record.item_id], contents[row.food.id] if row.food is not None else {})
@@ -145,7 +145,7 @@ def meal_view(session: Session, meal: Meal, participant_code: str, study_code: s
         run=run,
         artefacts=tuple(records.artefacts_of(session, run.id)) if run is not None else (),
         items=items,
-        components={each.component.number: each.component for known in nutrients.values() for each in known},
+        components={each.component.number: each.component for amounts in nutrients.values() for each in amounts},
         total_mass=total_mass(portions) if portions or meal.status == "confirmed" else NOBODY_KNOWS,
         totals=total_nutrients(portions),
         leftovers=tuple(meal.leftovers),

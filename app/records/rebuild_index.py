@@ -56,13 +56,13 @@ class Described:
 def check_index(database: Database, *, study_code: str | None) -> Described:
     """What rebuild_index would do; changes nothing and opens no photograph. Raises NotFoundError for no such study."""
     with database.read() as session:
-        found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+        described = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
     for meal_id in _meals(database, study_code):
         with database.read() as session:
             count = len(vectors.regions_to_describe(session, meal_id, VCM_VERSION))
             is_there = vectors.photograph_of(session, meal_id) is not None
-        found = _plus(found, **{"described" if is_there else "gone": count})
-    return found
+        described = _plus(described, **{"described" if is_there else "gone": count})
+    return described
 
 
 def rebuild_index(
@@ -73,11 +73,11 @@ def rebuild_index(
     Raises NotFoundError for no such study, UnavailableError where no child process starts.
     """
     with database.read() as session:
-        found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+        described = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
     for meal_id in _meals(database, study_code):
         done = _describe_meal(database, blobs, children, settings, meal_id)
-        found = _plus(found, **asdict(done))
-    return found
+        described = _plus(described, **asdict(done))
+    return described
 
 
 def _describe_meal(

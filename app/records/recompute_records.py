@@ -120,14 +120,14 @@ class _Recomputation:
         for row in rows:
             parts = with_food(parts, row, projector.food(row.food_id).key)
         after = projector.project(parts)
-        found = [_difference(session, projector, after, row) for row in rows]
+        differences = [_difference(session, projector, after, row) for row in rows]
         if self._write:
             self._note(session)
             session.add_all(rows)
             session.flush()
             write_records(session, after)
-        self.done.changed += len(found)
-        return found
+        self.done.changed += len(differences)
+        return differences
 
     def _newer_row(
         self, session: Session, projector: Projector, parts: MealParts, row: ItemFood, food: Food
@@ -176,9 +176,9 @@ def _food_assignments(meal: MealProjection) -> list[ItemFood]:
 
 def _difference(session: Session, projector: Projector, after: MealProjection, row: ItemFood) -> RecordDifference:
     record = session.get_one(EffectiveRecord, row.item_id)
-    wanted = next(item.columns for item in after.items if item.state.item.id == row.item_id)
+    computed = next(item.columns for item in after.items if item.state.item.id == row.item_id)
     columns = {
-        name: (getattr(record, name), wanted[name]) for name in COMPARED if getattr(record, name) != wanted[name]
+        name: (getattr(record, name), computed[name]) for name in COMPARED if getattr(record, name) != computed[name]
     }
     return RecordDifference(row.item_id, after.parts.meal.client_id, projector.food(row.food_id).key, columns)
 

@@ -190,8 +190,8 @@ def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
 def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
     if run is None or run.colour is None:
         return None
-    found: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
-    return found if found["kind"] != "none" else None
+    colour: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
+    return colour if colour["kind"] != "none" else None
 
 
 def _erased() -> GoneError:

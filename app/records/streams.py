@@ -86,9 +86,9 @@ class MealSearch:
         else:
             each = self._limited(conditions, most, is_newest_first=is_newest_first, is_distinct=False)
             every = sa.select(each).order_by(*order).limit(most)
-        found = every.subquery("sample")
-        reach = (sa.func.min if is_newest_first else sa.func.max)(found.c.captured_at, type_=Meal.captured_at.type)
-        return sa.select(sa.func.count(), reach).select_from(found)
+        statement = every.subquery("sample")
+        reach = (sa.func.min if is_newest_first else sa.func.max)(statement.c.captured_at, type_=Meal.captured_at.type)
+        return sa.select(sa.func.count(), reach).select_from(statement)
 
     def ends(self) -> sa.Select[Any, Any]:
         """When the first and the last of these were; each branch is asked at its two ends."""
@@ -98,9 +98,9 @@ class MealSearch:
             self._is(key, listed.c[name]) for key, name in zip(stream.keys, names, strict=True) if listed is not None
         ]
         instant = stream.model.captured_at
-        found = sa.select(instant).where(*stream.part, *self.conditions, *of_branch).limit(1)
+        statement = sa.select(instant).where(*stream.part, *self.conditions, *of_branch).limit(1)
         ends = [
-            found.order_by(*stream.order(is_newest_first=is_last)).correlate(listed).scalar_subquery()
+            statement.order_by(*stream.order(is_newest_first=is_last)).correlate(listed).scalar_subquery()
             for is_last in (False, True)
         ]
         if listed is None:
@@ -121,9 +121,9 @@ class MealSearch:
 
     def _arms(self, conditions: Conditions) -> Iterator[AnyQuery]:
         """A query a branch."""
-        found = sa.select(*self.stream.columns).where(*self.stream.part, *conditions)
+        statement = sa.select(*self.stream.columns).where(*self.stream.part, *conditions)
         for values in self.stream.branches:
-            yield found.where(*(self._is(key, value) for key, value in zip(self.stream.keys, values, strict=True)))
+            yield statement.where(*(self._is(key, value) for key, value in zip(self.stream.keys, values, strict=True)))
 
     def _limited(
         self, conditions: Conditions, limit: int, *, is_newest_first: bool, is_distinct: bool = True
@@ -143,8 +143,8 @@ class MealSearch:
         names = [f"key_{number}" for number in range(len(stream.keys))]
         listed = self._listed(names)
         of_branch = [self._is(key, listed.c[name]) for key, name in zip(stream.keys, names, strict=True)]
-        found = sa.select(*stream.columns).where(*stream.part, *conditions, *of_branch)
-        branch = limited(found).lateral("branch")
+        statement = sa.select(*stream.columns).where(*stream.part, *conditions, *of_branch)
+        branch = limited(statement).lateral("branch")
         return sa.select(branch).select_from(listed.join(branch, sa.true())).subquery("every")
 
     def _is(self, key: AnyColumn, value: Any) -> Condition:

@@ -77,14 +77,14 @@ class FoodContents:
 def components_for(session: Session, caller: Caller, spec: ExportSpec) -> list[ComponentColumn]:
     """Those of the foods that records of the export's studies have: the same whatever its other filters are."""
     studies = studies_of(session, spec.filters.study_code, visible_studies(caller))
-    found = [
-        component_column(one.number, one.name, one.unit, one.tagname, one.expression)
-        for one in _components_in_use(session, studies)
+    component_columns = [
+        component_column(component.number, component.name, component.unit, component.tagname, component.expression)
+        for component in _components_in_use(session, studies)
     ]
-    names = [one.column.name for one in found]
+    names = [component.column.name for component in component_columns]
     if len(set(names)) < len(names):
         raise AssertionError("two components would share a column")
-    return found
+    return component_columns
 
 
 def sums(eaten: Sequence[Eaten], count: int, *, is_nothing: bool, is_partial: bool) -> Sums:
@@ -96,20 +96,20 @@ def sums(eaten: Sequence[Eaten], count: int, *, is_nothing: bool, is_partial: bo
         return [(0.0, 1.0)] * count
     if not eaten:
         return [(None, None)] * count
-    weights = [max(one.consumed_g or 0.0, 0.0) for one in eaten]
+    weights = [max(food.consumed_g or 0.0, 0.0) for food in eaten]
     whole_g = math.fsum(weights)
-    is_unknown = is_partial or any(one.consumed_g is None for one in eaten)
-    found: list[tuple[float | None, float | None]] = []
+    is_unknown = is_partial or any(food.consumed_g is None for food in eaten)
+    totals: list[tuple[float | None, float | None]] = []
     for place in range(count):
-        known = [(one.amounts[place], weight) for one, weight in zip(eaten, weights, strict=True)]
-        values = [value for value, _ in known if value is not None]
+        weighted = [(food.amounts[place], weight) for food, weight in zip(eaten, weights, strict=True)]
+        values = [value for value, _ in weighted if value is not None]
         coverage = None
         if not is_unknown:
-            of_nothing = float(len(values) == len(known))
-            known_g = math.fsum(weight for value, weight in known if value is not None)
+            of_nothing = float(len(values) == len(weighted))
+            known_g = math.fsum(weight for value, weight in weighted if value is not None)
             coverage = known_g / whole_g if whole_g else of_nothing
-        found.append((math.fsum(values) if values else None, coverage))
-    return found
+        totals.append((math.fsum(values) if values else None, coverage))
+    return totals
 
 
 def long_batch(

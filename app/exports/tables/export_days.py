@@ -101,8 +101,8 @@ def _sums_of(
     dates = [day.local_date for day in days]
     records = records_of_days(session, people, min(dates), max(dates))
     amounts = contents.amounts([one.food_id for one in records], [one.consumed_g for one in records])
-    for record, its in zip(records, amounts, strict=True):
-        eaten.setdefault((record.participant_id, record.local_date), []).append(Eaten(record.consumed_g, its))
+    for record, food_amounts in zip(records, amounts, strict=True):
+        eaten.setdefault((record.participant_id, record.local_date), []).append(Eaten(record.consumed_g, food_amounts))
     return [
         sums(
             eaten.get((day.participant_id, day.local_date), ()),

@@ -43,7 +43,7 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
         if components:  # else no food in use is known to have any
             parts = (*parts, part)
             gives.append(lambda keys: {part: rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g))})
-    wanted = (*parts, POINT) if spec.output == "geojson" else parts
+    all_parts = (*parts, POINT) if spec.output == "geojson" else parts
 
     def more(keys: Keys) -> Mapping[Part, Cells]:
         found: dict[Part, Cells] = {}
@@ -52,7 +52,7 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
         return found
 
     def batches() -> Iterator[Batch]:
-        yield from export_batches(session, search_of(session, visible_rows(caller, spec.filters)), wanted, more)
+        yield from export_batches(session, search_of(session, visible_rows(caller, spec.filters)), all_parts, more)
 
     return Table(parts, batches())
 
@@ -85,7 +85,9 @@ def _long(session: Session, caller: Caller, spec: ExportSpec) -> Table:
         for start in range(0, len(amounts), size):
             end = start + size
             piece = [PartOfBatch(one.part, one.rows[start:end]) for one in own]
-            pairs = [list(zip(*its, strict=True)) for its in zip(amounts[start:end], per_100_g[start:end], strict=True)]
+            pairs = [
+                list(zip(*pair, strict=True)) for pair in zip(amounts[start:end], per_100_g[start:end], strict=True)
+            ]
             yield long_batch(piece, components, pairs, LONG_AMOUNT)
 
     return Table((*OF_LONG, CONSUMED, OF_COMPONENT, LONG_AMOUNT, KNOWN), batches() if components else iter(()))

@@ -132,10 +132,10 @@ def last_runs(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, Mea
 def images_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[MealImage]]:
     """Meal -> its photographs, left before right, the meal's own before those after it."""
     places = {slot: place for place, slot in enumerate((*SLOTS, *AFTER_SLOTS))}
-    found: dict[uuid.UUID, list[MealImage]] = {}
+    images_by_meal: dict[uuid.UUID, list[MealImage]] = {}
     for image in session.scalars(sa.select(MealImage).where(MealImage.meal_id.in_(ids))):
-        found.setdefault(image.meal_id, []).append(image)
-    return {meal_id: sorted(images, key=lambda image: places[image.slot]) for meal_id, images in found.items()}
+        images_by_meal.setdefault(image.meal_id, []).append(image)
+    return {meal_id: sorted(images, key=lambda image: places[image.slot]) for meal_id, images in images_by_meal.items()}
 
 
 def records_of_days(

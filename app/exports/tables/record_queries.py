@@ -165,12 +165,12 @@ COLUMNS = tuple(
 
 def _one_query(connection: sa.Connection, search: RecordSearch) -> Iterator[Rows]:
     """SQLite reads on where it is: one query for all, whose rows come as they are asked for."""
-    found = connection.execute(search.rows(*COLUMNS))
+    result = connection.execute(search.rows(*COLUMNS))
     try:
-        while rows := found.cursor.fetchmany(ROWS_A_BATCH):  # the driver's own: its values need no conversion
+        while rows := result.cursor.fetchmany(ROWS_A_BATCH):  # the driver's own: its values need no conversion
             yield rows
     finally:
-        found.close()
+        result.close()
 
 
 def _query_by_query(connection: sa.Connection, search: RecordSearch) -> Iterator[Rows]:
@@ -184,9 +184,9 @@ def _query_by_query(connection: sa.Connection, search: RecordSearch) -> Iterator
     query = sa.select(*(sa.cast(column, sa.Text) if column.name in as_text else column for column in page.c))
     after = BEFORE_ALL
     while True:
-        found = connection.execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
-        rows: Rows = sorted(found.cursor.fetchall())  # by instant and id; few moves, since that is how they were read
-        found.close()
+        result = connection.execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
+        rows: Rows = sorted(result.cursor.fetchall())  # by instant and id; few moves, since that is how they were read
+        result.close()
         if rows:
             yield rows
         if len(rows) < ROWS_A_BATCH:
@@ -216,7 +216,7 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
 
     def find(ids: Collection[str]) -> dict[str, _Meal]:
         rows = rows_of_ids(connection, query, ids, is_on_sqlite=is_on_sqlite)
-        found, studies = {}, study_codes([row[6] for row in rows])
+        meals, studies = {}, study_codes([row[6] for row in rows])
         persons = people([row[7] for row in rows])
         for row, study, person in zip(rows, studies, persons, strict=True):
             meal_id, client_id, captured_at, time_zone, local_date, received_at, _, _, day_status, *point = row
@@ -224,8 +224,8 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
             captured, delay_seconds = _captured(captured_at, received_at)
             of_meal = (hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
             number = None if person.first_day is None else ordinal - person.first_day + 1
-            found[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else NOWHERE)
-        return found
+            meals[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else NOWHERE)
+        return meals
 
     return find
 
@@ -256,8 +256,8 @@ def one_of(column: AnyColumn, *, is_on_sqlite: bool) -> sa.ColumnElement[bool]:
     ids: Any = sa.bindparam(IDS, type_=sa.Text() if is_on_sqlite else postgresql.ARRAY(sa.Text))
     if is_on_sqlite:
         return stored_id(column).in_(sa.select(sa.func.json_each(ids).table_valued("value").c.value))
-    found: sa.ColumnElement[bool] = column == sa.any_(sa.cast(ids, postgresql.ARRAY(sa.Uuid)))
-    return found
+    condition: sa.ColumnElement[bool] = column == sa.any_(sa.cast(ids, postgresql.ARRAY(sa.Uuid)))
+    return condition
 
 
 def rows_of_ids(connection: sa.Connection, query: AnyQuery, ids: Collection[str], *, is_on_sqlite: bool) -> Rows:
@@ -301,23 +301,23 @@ def hyphenated(text: str) -> str:
 
 
 def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    codes: dict[str, str] = {}
     query = sa.select(Study.id, Study.code).where(Study.id.in_([uuid.UUID(one) for one in ids]))
     for study_id, code in session.execute(query):
-        found |= dict.fromkeys(spellings(study_id), code)
-    return found
+        codes |= dict.fromkeys(spellings(study_id), code)
+    return codes
 
 
 def _people(session: Session, ids: Collection[str]) -> dict[str, _Person]:
     every = [uuid.UUID(one) for one in ids]
     first = first_days(session, every)
-    found: dict[str, _Person] = {}
+    people: dict[str, _Person] = {}
     for participant_id, code in session.execute(
         sa.select(Participant.id, Participant.code).where(Participant.id.in_(every))
     ):
         day = first.get(participant_id)
-        found |= dict.fromkeys(spellings(participant_id), _Person(code, None if day is None else day.toordinal()))
-    return found
+        people |= dict.fromkeys(spellings(participant_id), _Person(code, None if day is None else day.toordinal()))
+    return people
 
 
 def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _Food]:
@@ -326,8 +326,8 @@ def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _F
         .join(FoodRelease, FoodRelease.id == Food.release_id)
         .where(Food.id.in_([one for one in ids if one is not None]))
     )
-    found: dict[int | None, _Food] = {None: _Food((None, None, None), None)}
-    return found | {
+    foods: dict[int | None, _Food] = {None: _Food((None, None, None), None)}
+    return foods | {
         food_id: _Food((key, name, table), version) for food_id, key, name, table, version in session.execute(query)
     }
 

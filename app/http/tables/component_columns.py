@@ -41,14 +41,14 @@ def component_column(
 def headline_columns(numbers: Sequence[tuple[str, ...]], of: Sequence[tuple[str | None, str]]) -> list[ComponentColumn]:
     """The ten that a record has itself. numbers: of each in their order; of: tagname and name of each."""
     return [
-        ComponentColumn(column, its, tagname, title)
-        for column, its, (tagname, title) in zip(HEADLINES, numbers, of, strict=True)
+        ComponentColumn(column, column_numbers, tagname, title)
+        for column, column_numbers, (tagname, title) in zip(HEADLINES, numbers, of, strict=True)
     ]
 
 
 def wide_part(components: Sequence[ComponentColumn]) -> Part:
     """A column a component: of an item."""
-    return Part("numbers", tuple(one.column for one in components))
+    return Part("numbers", tuple(component.column for component in components))
 
 
 def wide_sums(components: Sequence[ComponentColumn]) -> Part:

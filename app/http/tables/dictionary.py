@@ -51,8 +51,8 @@ DICTIONARY_PARTS = (
 def entries(columns: Sequence[Column]) -> list[Row]:
     """A row of DICTIONARY_PARTS each."""
     return [
-        (place, one.name, TYPES[one.type], one.unit, one.meaning, one.values, one.empty)
-        for place, one in enumerate(columns, start=1)
+        (place, column.name, TYPES[column.type], column.unit, column.meaning, column.values, column.empty)
+        for place, column in enumerate(columns, start=1)
     ]
 
 

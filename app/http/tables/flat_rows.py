@@ -45,8 +45,8 @@ def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mappin
 
 def _paths(model: type[BaseModel], prefix: Path, rows: Sequence[Mapping[str, JsonValue]]) -> Iterator[Path]:
     for name, field in model.model_fields.items():
-        told = field.serialization_alias or name
-        yield from _paths_of(field.annotation, (*prefix, told), [row[told] for row in rows if row.get(told)])
+        column = field.serialization_alias or name
+        yield from _paths_of(field.annotation, (*prefix, column), [row[column] for row in rows if row.get(column)])
 
 
 def _paths_of(annotation: object, path: Path, values: Sequence[JsonValue]) -> Iterator[Path]:
@@ -78,7 +78,9 @@ def _at(row: Mapping[str, JsonValue], path: Path) -> JsonValue:
 
 
 def _cell(value: JsonValue) -> object:
-    if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict | list) for one in value)):
+    if isinstance(value, dict) or (
+        isinstance(value, list) and any(isinstance(member, dict | list) for member in value)
+    ):
         return safe_cell(json.dumps(value, sort_keys=True, ensure_ascii=False))
     if isinstance(value, float):
         return to_json(value).decode()  # the shortest text that reads back as the same number

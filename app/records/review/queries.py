@@ -152,20 +152,24 @@ def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElem
     """
     record = EffectiveRecord
     statuses = QUEUED_STATUSES if chosen.status is None else (chosen.status,)
-    found = None if chosen.food_key is None else food_ids(session, (chosen.food_key,))
+    food_ids_named = None if chosen.food_key is None else food_ids(session, (chosen.food_key,))
     rest: list[sa.ColumnElement[bool]] = []
     if chosen.provisional is not None:
         rest.append(record.provisional.is_(chosen.provisional))
     if chosen.participant_code is not None or chosen.provisional:
         rest.append(record.status.in_(statuses))
-        if found is not None:
-            rest.append(record.food_id.in_(found))
+        if food_ids_named is not None:
+            rest.append(record.food_id.in_(food_ids_named))
         if chosen.participant_code is None:
             return [tuple(rest)]
         people = participants_of(session, chosen.participant_code, None, [chosen.study_id]) or ()
         return [(record.participant_id == person, *rest) for person in people]
-    if found is not None and len(found) * len(statuses) > MOST_BRANCHES:
-        rest.append(record.food_id.in_(found))  # the study's in their order, and those of other foods passed by
-    elif found is not None:
-        return [(record.food_id == food, record.status == status, *rest) for food in found for status in statuses]
+    if food_ids_named is not None and len(food_ids_named) * len(statuses) > MOST_BRANCHES:
+        rest.append(
+            record.food_id.in_(food_ids_named)
+        )  # the study's in their order, and those of other foods passed by
+    elif food_ids_named is not None:
+        return [
+            (record.food_id == food, record.status == status, *rest) for food in food_ids_named for status in statuses
+        ]
     return [(record.status == status, *rest) for status in statuses]

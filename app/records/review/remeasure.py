@@ -65,12 +65,12 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
     An item without a stated food is assigned to the one that the index identifies in its new region, if it is sure.
     """
     stated = read_event(session.get_one(MealEvent, job.event_id))
-    found = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
+    measured = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
     drawn = [item for item in _concerned(session, stated.event) if drawn_region(stated, item) is not None]
     session.add_all(
-        _measure(item, stated, job.id, found.get(item.id), has_failed=answer.failure is not None) for item in drawn
+        _measure(item, stated, job.id, measured.get(item.id), has_failed=answer.failure is not None) for item in drawn
     )
-    seen = [(item, found[item.id]) for item in drawn if item.id in found]
+    seen = [(item, measured[item.id]) for item in drawn if item.id in measured]
     likely = save_candidates(session, job.id, seen)
     parts = parts_of(session, [meal])[0]
     states = {state.item.id: state for state in fold_meal(parts).items}
@@ -108,10 +108,10 @@ def _concerned(session: Session, event: MealEvent) -> list[Item]:
 
 
 def _measure(
-    item: Item, stated: StatedEvent, run_id: uuid.UUID, found: ItemAnswer | None, *, has_failed: bool
+    item: Item, stated: StatedEvent, run_id: uuid.UUID, answer: ItemAnswer | None, *, has_failed: bool
 ) -> ItemMeasure:
     region = drawn_region(stated, item)
-    if found is None:
+    if answer is None:
         polygon = region.polygon if region is not None else None
         return ItemMeasure(
             item_id=item.id,
@@ -124,17 +124,17 @@ def _measure(
             relative_sd={},
             flags=[FAILED if has_failed else NOT_MEASURABLE],
         )
-    low_ml, high_ml = found.interval_ml
+    low_ml, high_ml = answer.interval_ml
     return ItemMeasure(
         item_id=item.id,
         event_id=stated.event.id,
         run_id=run_id,
-        rings=rings_of(found.polygon),
-        volume_ml=found.volume_ml,
+        rings=rings_of(answer.polygon),
+        volume_ml=answer.volume_ml,
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,
-        relative_sd=found.relative_sd,
-        flags=found.flags,
+        relative_sd=answer.relative_sd,
+        flags=answer.flags,
     )
 
 

@@ -87,8 +87,8 @@ def read_review_item(
         shown = _items(session, [QueueRow(record, meal, code, food, item)])[0]
         events = review.page_of_events(session, meal.id, after=seen, limit=MOST_EVENTS)
         undone = review.undone_events(session, meal.id)
-    said = tuple(HistoryRow(event, name or code, str(event.id) in undone) for event, name in events)
-    return ItemNow(shown, said)
+    history = tuple(HistoryRow(event, name or code, str(event.id) in undone) for event, name in events)
+    return ItemNow(shown, history)
 
 
 def _items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:

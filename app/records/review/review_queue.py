@@ -51,8 +51,8 @@ def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealE
         str(event.new["question"]) for event, _ in words if event.kind == "answer" and str(event.id) not in undone
     }
     closed = undone | answered
-    found = [(event, meal) for event, meal in words if event.kind == "question" and str(event.id) not in closed]
-    return found[:MOST_QUESTIONS]
+    questions = [(event, meal) for event, meal in words if event.kind == "question" and str(event.id) not in closed]
+    return questions[:MOST_QUESTIONS]
 
 
 def _with_candidates(session: Session, rows: Sequence[QueueRow]) -> list[QueuedItem]:
