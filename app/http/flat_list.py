@@ -30,7 +30,7 @@ FILES = {MEDIA_TYPES[output].split(";")[0]: {"schema": {"type": "string"}} for o
 Endpoint = Callable[..., Any]
 
 
-def wanted_format(
+def negotiated_format(
     request: Request,
     output: Annotated[
         Literal["json", "csv", "ndjson"] | None,
@@ -78,7 +78,7 @@ class ListRoute(APIRoute):
         parameter = inspect.Parameter(
             "file_format",
             inspect.Parameter.KEYWORD_ONLY,
-            annotation=Annotated[FlatFormat | None, Depends(wanted_format)],
+            annotation=Annotated[FlatFormat | None, Depends(negotiated_format)],
         )
         whole = signature.replace(parameters=[*signature.parameters.values(), parameter])
         paged_or_whole.__signature__ = whole  # type: ignore[attr-defined]  # what FastAPI reads

@@ -124,12 +124,12 @@ def next_page(request: Request, cursor: str | None) -> str | None:
 
 def require_order(first: Moment | None, last: Moment | None) -> None:
     """Raises InvalidInputError (`days_reversed`) where both ends are named and the first lies after the last."""
-    wrong = told_reversed(first, last)
+    wrong = reversed_range_message(first, last)
     if wrong is not None:
         raise InvalidInputError(wrong, code="days_reversed")
 
 
-def told_reversed(first: Moment | None, last: Moment | None) -> str | None:
+def reversed_range_message(first: Moment | None, last: Moment | None) -> str | None:
     """The sentence for a range that runs backwards, the same wherever one is asked for; None: it does not."""
     if first is None or last is None or first <= last:
         return None

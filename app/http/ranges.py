@@ -32,7 +32,7 @@ class Piece:
     length: int
 
 
-def asked_piece(request: Request, length: int, etag: str) -> Piece | None:
+def requested_range(request: Request, length: int, etag: str) -> Piece | None:
     """The part that is asked for; None: the whole file.
 
     Several ranges, other units and what is no range at all are answered by the whole, as RFC 9110 allows; so is a
@@ -68,7 +68,7 @@ def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> 
     }
     if is_held(request.headers.get("if-none-match"), etag):
         return Response(status_code=UNCHANGED, headers=headers)
-    piece = asked_piece(request, file.length, etag)
+    piece = requested_range(request, file.length, etag)
     start, length = (0, file.length) if piece is None else (piece.start, piece.length)
     pieces = file.pieces(blobs, start, length)
     headers |= {"Content-Length": str(length), "Content-Disposition": f'attachment; filename="{file.name}"'}

@@ -63,7 +63,7 @@ def _answers(session: Session, served: Sequence[ItemState], pieces: Sequence[Lef
     for j, piece in enumerate(pieces):
         if piece.is_by_person:
             stated[j] = places.get(piece.of_item_id) if piece.of_item_id is not None else None
-        elif (hinted := _told(piece.state.item).get("item")) is not None and uuid.UUID(hinted) in places:
+        elif (hinted := _statement_of(piece.state.item).get("item")) is not None and uuid.UUID(hinted) in places:
             stated[j] = places[uuid.UUID(hinted)]
     matches = match_pieces(
         [_sight(session, each) for each in served], [_sight(session, each.state) for each in pieces], stated
@@ -77,7 +77,7 @@ def _answers(session: Session, served: Sequence[ItemState], pieces: Sequence[Lef
     ]
 
 
-def _told(item: Item) -> Mapping[str, Any]:
+def _statement_of(item: Item) -> Mapping[str, Any]:
     told: Mapping[str, Any] = item.traits.get("told", {})
     return told
 
@@ -90,13 +90,13 @@ def _classes(
     for i, item in enumerate(served):
         of_it = [j for j, match in enumerate(matches) if match.served == i]
         masses = [_mass(item, pieces[j].state) for j in of_it]
-        classes = classify_left(_mass(item, item), masses, [_told_class(pieces[j]) for j in of_it])
+        classes = classify_left(_mass(item, item), masses, [_stated_class(pieces[j]) for j in of_it])
         out |= {j: (name, [flag] if flag is not None else []) for j, (name, flag) in zip(of_it, classes, strict=True)}
     return out
 
 
-def _told_class(piece: LeftoverState) -> LeftoverClass | None:
-    stated_class = piece.leftover_class if piece.is_by_person else _told(piece.state.item).get("class")
+def _stated_class(piece: LeftoverState) -> LeftoverClass | None:
+    stated_class = piece.leftover_class if piece.is_by_person else _statement_of(piece.state.item).get("class")
     if stated_class == "food_left":
         return "food_left"
     return "refuse" if stated_class == "refuse" else None

@@ -49,7 +49,7 @@ class PhotoDamagedError(TadaError):
 
 
 @dataclass(frozen=True, slots=True)
-class FoundPhoto:
+class StoredPhoto:
     """A photograph that the caller may see.
 
     colour: its correction (estimate_json), None: to be shown as taken. thumbnail: the small picture that is kept of it,
@@ -83,7 +83,7 @@ def find_photo(
     participant_code: str | None,
     *,
     as_taken: bool = False,
-) -> FoundPhoto:
+) -> StoredPhoto:
     """The photograph of a slot, with its colour correction unless it is wanted as taken.
 
     Raises NotFoundError, GoneError (`photograph_erased`, `meal_deleted`), ConflictError.
@@ -98,7 +98,7 @@ def find_photo(
     if image.erased_at is not None:
         raise _erased()
     thumbnail = next((one for one in kept if one.name == thumbnail_name(slot)), None)
-    return FoundPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
+    return StoredPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
 
 
 def render_photo(
@@ -107,7 +107,7 @@ def render_photo(
     children: ApiChildren,
     settings: Settings,
     caller: Caller,
-    found: FoundPhoto,
+    found: StoredPhoto,
     width_px: int,
 ) -> bytes:
     """The picture as JPEG, the reading of it noted before it is given out.
@@ -150,7 +150,7 @@ def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
 
 
 def _made(
-    blobs: BlobStore, children: ApiChildren, settings: Settings, caller: Caller, found: FoundPhoto, width_px: int
+    blobs: BlobStore, children: ApiChildren, settings: Settings, caller: Caller, found: StoredPhoto, width_px: int
 ) -> bytes:
     """The picture, made of the photograph by a child."""
     image = found.image

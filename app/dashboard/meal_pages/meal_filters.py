@@ -9,7 +9,7 @@ from pydantic import BeforeValidator
 from app.dashboard.forms import Blank
 from app.exports.export_files import MOST_VALUES, Code, FoodKey, meal_filter
 from app.exports.export_spec import FILTERS, Rows
-from app.http.paging import told_reversed
+from app.http.paging import reversed_range_message
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay
 from app.meals.models import AfterStatus, MealStatus
@@ -51,7 +51,7 @@ class MealFilters:
     @property
     def wrong_days(self) -> str | None:
         """A sentence if the first day is after the last."""
-        return told_reversed(self.filters.first_day, self.filters.last_day)
+        return reversed_range_message(self.filters.first_day, self.filters.last_day)
 
     def reaches(self, rows: Rows) -> bool:
         """Whether a file of these rows supports all filters that are set. An item's status is not the meal's."""

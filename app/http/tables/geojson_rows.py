@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pydantic_core import to_json
 
 from app.http.tables.columns import Batch, Cell, Column, Part, Row, as_row
-from app.http.tables.ndjson_rows import known_members, member_texts
+from app.http.tables.ndjson_rows import member_texts, shared_members
 
 UNKNOWN_PLACE = "Not told, or the study keeps no locations."
 LONGITUDE = Column("longitude", "number", "deg", "WGS84, as far as the study keeps locations.", empty=UNKNOWN_PLACE)
@@ -15,7 +15,7 @@ POINT = Part("shared", (LONGITUDE, LATITUDE))
 
 def encode_geojson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """parts: the features' properties, the first of them their id. Behind them a batch has the POINT of each row."""
-    shared = known_members(parts)
+    shared = shared_members(parts)
     head = '{"type":"FeatureCollection","features":['
     for *properties, place in batches:
         texts = [

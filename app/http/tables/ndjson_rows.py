@@ -12,12 +12,12 @@ Members = dict[Part, ConvertedOnce[Cell | Row, str]]
 
 def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """Each batch's rows; nothing at all of no rows."""
-    shared = known_members(parts)
+    shared = shared_members(parts)
     for batch in batches:
         yield ("{" + "}\n{".join(member_texts(batch, shared)) + "}\n").encode()
 
 
-def known_members(parts: Sequence[Part]) -> Members:
+def shared_members(parts: Sequence[Part]) -> Members:
     """The texts of shared parts' rows, made once each."""
     return {part: ConvertedOnce(partial(_members, part)) for part in parts if part.type == "shared"}
 

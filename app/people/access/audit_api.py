@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
-from app.http.flat_list import FILES, wanted_format
+from app.http.flat_list import FILES, negotiated_format
 from app.http.paging import Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
@@ -84,7 +84,7 @@ def _answer(
     cursor: str | None,
     output: Literal["json", "csv", "ndjson"] | None,
 ) -> Response:
-    file_format = wanted_format(request, output)
+    file_format = negotiated_format(request, output)
     if file_format is not None:
         return audit_file(state, caller, study, chosen, file_format)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
