@@ -53,7 +53,9 @@ cli.command()(restore)
 DEFAULT_MARKER = "plain:9x7:11"
 MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
 MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal
-MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
+MarkerOption = Annotated[
+    str, typer.Option("--marker", metavar="M", help="Such as plain:9x7:11; aruco and charuco boards: docs/cli.md.")
+]
 
 
 def main() -> None:
@@ -132,13 +134,13 @@ def estimate(
         list[Path], typer.Argument(help="Photographs from the left, from the right, then up to six others.")
     ],
     marker: Annotated[
-        str | None, typer.Option(metavar="M", help=f"KIND:COLSxROWS:MM; {DEFAULT_MARKER} where nothing is given.")
+        str | None, typer.Option(metavar="M", help=f"Such as {DEFAULT_MARKER}, which holds where nothing is given.")
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
     method: Annotated[str, typer.Option(help="Method of volume estimation: shape or paper.")] = "shape",
     hint: Annotated[
-        list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
+        list[str] | None, typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".')
     ] = None,
     complete: Annotated[bool, typer.Option("--complete", help="The hints cover all foods.")] = False,
     vessels: Annotated[Path | None, typer.Option(help="Vessel library (JSON): measured mugs and bowls.")] = None,

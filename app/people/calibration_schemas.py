@@ -30,7 +30,9 @@ class CalibrationMetadataIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}})
 
-    marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
+    marker: Text | None = Field(
+        default=None, max_length=64, description="The board, such as plain:9x7:11; default: the study's."
+    )
 
 
 class LeftOutPhotographOut(BaseModel):
@@ -46,7 +48,7 @@ class CalibrationOut(BaseModel):
 
     id: uuid.UUID = Field(description="The calibration's id.")
     model: str | None = Field(description="The phone's model, from the photographs or its app.")
-    marker: str = Field(description="The board that was photographed, KIND:COLSxROWS:MM.")
+    marker: str = Field(description="The board that was photographed, such as plain:9x7:11.")
     camera: CameraIn = Field(description="The measured intrinsics.")
     rms_px: float = Field(description="Reprojection error (rms) of the board's corners, px.")
     photographs: int = Field(description="Number of photographs used.")

@@ -99,7 +99,7 @@ class StudyOut(BaseModel):
     code: str = Field(description=STUDY)
     name: str = Field(description="The study's name, for people.")
     marker: str | None = Field(
-        description="The board that participants are given, KIND:COLSxROWS:MM; null: each meal must name its own."
+        description="The board that participants are given, such as plain:9x7:11; null: each meal must name its own."
     )
     camera: CameraIn | None = Field(
         description="Intrinsics for meals that neither their metadata nor their phone provides any for; null: none."
@@ -234,7 +234,7 @@ class EnrolmentOut(BaseModel):
     device_id: uuid.UUID = Field(description="The phone's id.")
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
-    marker: str | None = Field(description="The board that the study gives out, KIND:COLSxROWS:MM; null: none.")
+    marker: str | None = Field(description="The board that the study gives out, such as plain:9x7:11; null: none.")
 
 
 class PhoneOut(BaseModel):
@@ -271,7 +271,7 @@ class PhoneProtocol(BaseModel):
     code: str = Field(description=STUDY)
     name: str = Field(description="The study's name, for people.")
     marker: str | None = Field(
-        description="The board that participants are given, KIND:COLSxROWS:MM; null: each meal must name its own."
+        description="The board that participants are given, such as plain:9x7:11; null: each meal must name its own."
     )
     expects_after_pair: bool = Field(description="Whether a second pair is taken after the meal.")
     after_window_minutes: int = Field(

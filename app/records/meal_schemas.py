@@ -101,7 +101,9 @@ class MealMetadataIn(BaseModel):
     captured_at: Instant = Field(description="When the left photograph was taken: RFC 3339 with offset.")
     time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
     marker: Text | None = Field(
-        default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
+        default=None,
+        max_length=64,
+        description="The board in the photographs, such as plain:9x7:11; default: the study's.",
     )
     camera: CameraIn | None = Field(
         default=None,
@@ -180,7 +182,7 @@ class RunOut(BaseModel):
     id: uuid.UUID = Field(description="The run's id.")
     method: str = Field(description="The method of measuring volumes: shape, or paper (the founding paper's).")
     pipeline_version: str = Field(description="The version of the pipeline.")
-    marker: str = Field(description="The board that the run looked for, KIND:COLSxROWS:MM.")
+    marker: str = Field(description="The board that the run looked for, such as plain:9x7:11.")
     camera: dict[str, Any] | None = Field(
         description="Intrinsics that the run used, of the left and the right photograph; null: it failed before it "
         "had any."

@@ -14,7 +14,9 @@ class CheckMetadataIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"locale": "es"}})
 
-    marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
+    marker: Text | None = Field(
+        default=None, max_length=64, description="The board, such as plain:9x7:11; default: the study's."
+    )
     camera: CameraIn | None = Field(default=None, description="Default: as for a meal of this phone.")
     locale: Locale | None = Field(
         default=None, description="Of the sentences; default: Accept-Language, or else the study's."
