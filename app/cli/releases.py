@@ -38,7 +38,10 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
             "checksum": checked.release.checksum,
             "checksum_now": comparison.checksum_now,
             "altered_at": checked.release.altered_at,
-            "files": [asdict(file) for file in checked.files],
+            "files": [
+                {"name": file.name, "blob_key": file.blob_key, "sha256": file.sha256, "found": file.state}
+                for file in checked.files
+            ],
             "tables": None if comparison.tables is None else [asdict(table) for table in comparison.tables],
         }
         print(json.dumps(document, default=str))

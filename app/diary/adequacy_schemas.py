@@ -28,7 +28,7 @@ class StageAdequacyOut(BaseModel):
     )
     persons: int = Field(description="Participants whose days were used.")
     days: int = Field(description="Closed days that were used.")
-    days_left_out: int = Field(description="Closed days with too low a coverage.")
+    days_left_out: int = Field(description="Closed days that are not measured and final, or whose coverage is too low.")
     ear: float | None = Field(
         description="Estimated Average Requirement in the component's unit, per `per`; null: the source sets none."
     )

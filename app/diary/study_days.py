@@ -16,10 +16,11 @@ def person_on(profile: Profile | None, day: date) -> Person | None:
 
     The age is the one reached in that year, so it is a year too high until the birthday.
     """
-    if profile is None or "birth_year" not in profile:
+    birth_year = profile.get("birth_year") if profile is not None else None
+    if profile is None or birth_year is None:
         return None
     try:
-        return person_at_age(profile, float(day.year - profile["birth_year"]))
+        return person_at_age(profile, float(day.year - birth_year))
     except ValueError:  # a profile that was consistent when it was set need not be consistent on every day
         return None
 

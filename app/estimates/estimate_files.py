@@ -34,7 +34,7 @@ def read_options(
     if rig is not None and (marker is not None or camera is not None):
         raise InvalidInputError("--rig has its own cameras and scale: leave --marker and --camera out.")
     value = {
-        "marker": marker if rig is not None else marker or DEFAULT_MARKER,
+        "marker": DEFAULT_MARKER if marker is None and rig is None else marker,
         "camera": _read_object(_text_of(camera), str(camera)) if camera is not None else None,
         "rig": _read_object(_text_of(rig), str(rig)) if rig is not None else None,
         "method": method,

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from app.candidates.vcm_json import vcm_answer
-from app.core.errors import Failure
+from app.core.errors import Failure, InvalidInputError
 from app.estimates.camera_json import camera_to_json, rig_to_json
 from app.meals.outline_json import rings_of
 from app.meals.run_answer import ItemAnswer, Json, RunAnswer
@@ -58,7 +58,12 @@ def options_to_json(options: EstimateOptions) -> dict[str, object]:
 
 
 def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
-    """The reverse of options_to_json. Raises InvalidInputError for a marker, camera or rig that cannot be."""
+    """The reverse of options_to_json.
+
+    Raises InvalidInputError for a marker, camera or rig that cannot be, and for neither a marker nor a rig.
+    """
+    if value.get("marker") is None and value.get("rig") is None:
+        raise InvalidInputError("Neither a marker nor a rig gives the scale: name one.", code="marker_missing")
     return EstimateOptions(
         marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,

@@ -76,6 +76,8 @@ def _nothing_waits(meal: Meal) -> ConflictError:
         reason, facts = f"it has already failed ({meal.failure_code})", {"failure_code": meal.failure_code}
     elif meal.status == "receiving":
         reason, facts = "not all of its photographs have arrived", {}
+    elif meal.origin == "declared":
+        reason, facts = "it was entered without photographs", {}
     else:
         reason, facts = "it has been estimated", {}
     return ConflictError(

@@ -6,6 +6,7 @@ meal's records are projected again, in one transaction under the meal's lock. Wh
 """
 
 import hashlib
+import json
 import uuid
 from datetime import UTC, datetime
 from itertools import groupby
@@ -193,7 +194,7 @@ def insert_event(
             staff_id=caller.staff_id if isinstance(caller, StaffCaller) else None,
             old=dict(change.old),
             new=dict(change.new),
-            request_sha256=_sha256(event),
+            request_sha256=content_sha256(event),
             created_at=now,
         )
     )
@@ -213,12 +214,23 @@ def _require_same(stored: MealEvent, meal: Meal, caller: Caller, event: AnyEvent
     author = caller.device_id if isinstance(caller, DeviceCaller) else caller.staff_id
     is_same = (
         stored.meal_id == meal.id
-        and stored.request_sha256 == _sha256(event)
+        and stored.request_sha256 == content_sha256(event)
         and author in (stored.device_id, stored.staff_id)
     )
     if not is_same:
         raise ConflictError("An event with this id exists already: a new event needs a new id.", code="event_id_reused")
 
 
-def _sha256(event: AnyEventIn) -> str:
-    return hashlib.sha256(event.model_dump_json(exclude={"id"}).encode()).hexdigest()
+def content_sha256(event: AnyEventIn) -> str:
+    """Return the digest of an event's content, without its id.
+
+    It is stored: computed in another way, it would refuse repeats of events that were sent before an upgrade.
+    """
+    item = item_of(event)
+    fields: dict[str, object] = event.model_dump(mode="json", exclude={"id", "kind", "item"})
+    if isinstance(event, SetMassIn):
+        fields = {"amount": event.amount().model_dump(mode="json")}
+    elif isinstance(event, SetVolumeIn):
+        fields = {"amount": fields}
+    content = [event.kind, str(item) if item is not None else None, fields]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -672,6 +672,12 @@ def test_command_reports_a_whole_release_and_names_a_lost_file_by_its_key(owner,
     add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
     told = json.loads(command("--json").stdout)
     assert (told["is_whole"], told["is_reproduced"], told["tables"]) == (False, False, None)
+    damaged = next(file for file in told["files"] if file["name"] == "meals.parquet")
+    assert (damaged["found"], damaged["blob_key"], set(damaged)) == (
+        "damaged",
+        key,
+        {"name", "blob_key", "sha256", "found"},
+    )
     assert "differences of rows are not shown without its files" in command().stdout
 
 

@@ -46,3 +46,14 @@ def test_file_that_is_no_rig_is_refused_with_its_name(tmp_path, content, reason)
     with pytest.raises(InvalidInputError, match=reason) as refused:
         read_options(marker=None, camera=None, rig=path, method="shape", hints=())
     assert "broken.json" in refused.value.message
+
+
+def test_empty_marker_is_refused_and_does_not_become_the_default():
+    with pytest.raises(InvalidInputError, match="no marker"):
+        read_options(marker="", camera=None, method="shape", hints=())
+
+
+def test_options_without_any_scale_are_refused():
+    with pytest.raises(InvalidInputError) as refused:
+        options_from_json({"marker": None, "hints": []})
+    assert refused.value.code == "marker_missing"
