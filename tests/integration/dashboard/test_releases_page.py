@@ -160,7 +160,7 @@ def test_refused_form_keeps_its_text_and_a_name_is_used_once(client, admin, owne
 
 def test_viewer_reads_and_does_not_freeze_and_a_stranger_sees_nothing(client, admin, enrol, sign_in_browser, ready):
     viewer = sign_in_browser("vera", pilot="viewer")
-    assert "Freeze the data" not in viewer.page(PATH)
+    assert "Freeze the current data" not in viewer.page(PATH)
     assert "items.parquet" in viewer.page(ready)
     assert viewer.post(PATH, name="mine").status_code == 403
     enrol("X1", study="other")

@@ -136,7 +136,7 @@ def test_table_in_use_without_pause_ends_the_migration_and_blocks_nobody_else(da
         return  # a reader there has its snapshot and holds nobody up
     with database.write_engine.connect() as reader:
         reader.execute(sa.text("SELECT count(*) FROM effective_record, job, meal"))  # and stays open
-        with pytest.raises(MigrationBlockedError, match="2 tries"):
+        with pytest.raises(MigrationBlockedError, match="2 attempts"):
             downgrade(database, "base", patience=HASTY)
         with database.read() as session:  # the table's queue is empty again
             session.execute(sa.text("SELECT count(*) FROM job"))

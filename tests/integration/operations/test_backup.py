@@ -295,7 +295,7 @@ def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anythi
     ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
     machine = empty_machine(kind, **ledger, secret_key="x" * 40)
     before = machine.rows()
-    with pytest.raises(SecretKeyError, match="erasures of after the backup"):
+    with pytest.raises(SecretKeyError, match="erasures from after the backup"):
         machine.restore(tmp_path / "one.tar", other_key=True)
     assert (machine.rows(), machine.stored()) == (before, {})
     machine = empty_machine(kind, **ledger | {"erasure_url": f"file://{tmp_path / 'new-ledger'}"}, secret_key="x" * 40)
