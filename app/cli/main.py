@@ -24,6 +24,7 @@ from app.cli.vessels import vessels_cli
 from app.core.errors import Failure, InvalidInputError, TadaError
 from app.core.private_files import keep_files_private
 from app.core.settings import Settings
+from app.vision.marker_spec import DEFAULT_MARKER
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -50,7 +51,6 @@ for name, group in (
 cli.command()(backup)
 cli.command()(restore)
 
-DEFAULT_MARKER = "plain:9x7:11"
 MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
 MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal
 MarkerOption = Annotated[

@@ -11,10 +11,10 @@ from app.estimates.child_tasks import run_estimate
 from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
+from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
 
-DEFAULT_MARKER = "plain:9x7:11"
-MAX_VIEWS = 8
+PAIR, MAX_VIEWS = 2, 8
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
@@ -54,8 +54,12 @@ def estimate_files(
     on_stage: Callable[[str], None] | None,
 ) -> dict[str, Any]:
     """Run the pipeline on two to eight files; with `debug`, write its pictures there."""
-    if not 2 <= len(photographs) <= MAX_VIEWS:
-        raise InvalidInputError(f"{len(photographs)} photographs were given; 2 to {MAX_VIEWS} of one meal are needed.")
+    if not PAIR <= len(photographs) <= MAX_VIEWS:
+        raise InvalidInputError(
+            f"{len(photographs)} photographs were given; {PAIR} to {MAX_VIEWS} of one meal are needed."
+        )
+    if len(photographs) > PAIR and (options.rig is not None or options.method != "shape"):
+        raise InvalidInputError("A rig and the method paper measure by two photographs: leave the others out.")
     names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})

@@ -10,6 +10,7 @@ from typing import Literal, NoReturn
 
 from app.core.errors import InvalidInputError
 
+DEFAULT_MARKER = "plain:9x7:11"
 MarkerKind = Literal["plain", "colour", "aruco", "charuco"]
 
 # Six decimals: what `:g` writes of a side that was computed rather than chosen.

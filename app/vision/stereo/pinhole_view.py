@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from app.vision.board.grid import reduce_by
+from app.vision.geometry.projective import pixel_gradient
 from app.vision.model import Float64Array, ImageArray, View
 
 MAX_SIDE_PX = 1600  # of the picture: a view from nearer by may show more of each food, not more of the table
@@ -32,12 +33,7 @@ class PinholeView:
     def pixel_gradient(self, points_table: Float64Array) -> Float64Array:
         """(n, 2, 3) derivative of the pixel by the point, px/mm."""
         in_camera = (points_table - self.centre_mm) @ self.rotation.T
-        depth = in_camera[:, 2]
-        out = np.empty((len(depth), 2, 3))
-        for axis in range(2):
-            tilt = (in_camera[:, axis] / depth)[:, None]
-            out[:, axis] = (self.focal_px / depth)[:, None] * (self.rotation[axis] - tilt * self.rotation[2])
-        return out
+        return pixel_gradient(in_camera, self.rotation, self.focal_px)
 
 
 def undistorted_view(view: View, focal_px: float) -> PinholeView:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from app.vision.board.grid import reduce_by
-from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
+from app.vision.geometry.projective import cross_matrix, homogeneous, map_points, rotation_along
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray, View
 from app.vision.stereo.features import undistort_to_rays
 
@@ -105,7 +105,7 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     """
     baseline = second.centre_mm - first.centre_mm
     baseline_mm = float(np.linalg.norm(baseline))
-    rotation = _common_rotation(first, second, baseline)
+    rotation = rotation_along(baseline, first.rotation[2] + second.rotation[2])  # near both optical axes
     # Along a ray (u, v, 1) the marker's plane lies at inverse depth plane . (u, v, 1): z = 0 in the table frame.
     plane = -rotation[:, 2] / first.centre_mm[2]
     low, high = _seen_bounds(first, second, rotation, plane, baseline_mm)
@@ -177,15 +177,6 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
     on_axis = rotation @ moved
     to_infinity = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-on_axis[2] / on_axis[0], 0.0, 1.0]])  # -1 / f
     return np.asarray(to_infinity @ rotation @ translation, np.float64)
-
-
-def _common_rotation(first: View, second: View, baseline: Float64Array) -> Float64Array:
-    """(3, 3) table to rectified camera: x along the baseline, z as near to both optical axes as can be."""
-    x_axis = baseline / np.linalg.norm(baseline)
-    forward = first.rotation[2] + second.rotation[2]
-    y_axis = np.cross(forward, x_axis)
-    y_axis /= np.linalg.norm(y_axis)
-    return np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
 
 
 def _seen_bounds(

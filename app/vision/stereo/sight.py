@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.vision.geometry.projective import pixel_gradient
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, Float64Array
 from app.vision.stereo.rectification import RectifiedPair
@@ -61,13 +62,10 @@ class Sight:
         """(n, 2, 3) derivative of the pixel in the first (0) or second (1) view by the point, px/mm."""
         pair = self.pair
         in_camera = (points_table - pair.first_centre_mm) @ pair.rotation.T
-        depth = in_camera[:, 2]
-        out = np.empty((len(depth), 2, 3))
-        for axis in range(2):
-            tilt = (in_camera[:, axis] / depth)[:, None]
-            out[:, axis] = (pair.focal_px / depth)[:, None] * (pair.rotation[axis] - tilt * pair.rotation[2])
+        out = pixel_gradient(in_camera, pair.rotation, pair.focal_px)
         if view == 1:
             a, b, _ = pair.plane_px
+            depth = in_camera[:, 2]
             towards = (-pair.focal_px * pair.baseline_mm / depth**2)[:, None] * pair.rotation[2]
             out[:, 0] -= (towards - a * out[:, 0] - b * out[:, 1]) / (1 - a)
         return out

@@ -12,7 +12,7 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.geometry.pictures import grey_of
-from app.vision.geometry.projective import homogeneous
+from app.vision.geometry.projective import homogeneous, rotation_along
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
@@ -101,11 +101,7 @@ def _coarse_match(pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera
     """Disparity of the pair at reduced size, x_first - x_second in px, rows along the baseline."""
     baseline = -pose.rotation.T @ pose.translation_mm  # the second centre in the first camera's frame
     baseline_mm = float(np.linalg.norm(baseline))
-    x_axis = baseline / baseline_mm
-    forward = np.array([0.0, 0.0, 1.0]) + pose.rotation[2]
-    y_axis = np.cross(forward, x_axis)
-    y_axis /= np.linalg.norm(y_axis)
-    rotation = np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
+    rotation = rotation_along(baseline, np.array([0.0, 0.0, 1.0]) + pose.rotation[2])
     low, high = _turned_bounds(cameras[0], rotation)
     focal = COARSE_SIDE_PX / float((high - low).max())
     width, height = (int(np.ceil(side * focal)) for side in high - low)

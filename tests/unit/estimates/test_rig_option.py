@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.core.errors import InvalidInputError
-from app.estimates.estimate_files import read_options
+from app.estimates.estimate_files import estimate_files, read_options
 from app.estimates.estimate_json import options_from_json, options_to_json
 from tests.unit.vision.test_rig import FILE
 
@@ -57,3 +57,13 @@ def test_options_without_any_scale_are_refused():
     with pytest.raises(InvalidInputError) as refused:
         options_from_json({"marker": None, "hints": []})
     assert refused.value.code == "marker_missing"
+
+
+@pytest.mark.parametrize("method", ["paper", "shape"])
+def test_photographs_that_would_not_be_used_are_refused(rig_file, method, tmp_path):
+    rig = rig_file if method == "shape" else None
+    options = read_options(marker=None, camera=None, rig=rig, method=method, hints=())
+    with pytest.raises(InvalidInputError, match="leave the others out"):
+        estimate_files(
+            [tmp_path / "1", tmp_path / "2", tmp_path / "3"], options, max_pixels=1, debug=None, on_stage=None
+        )
