@@ -138,7 +138,7 @@ def estimate(
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
-    method: Annotated[str, typer.Option(help="Method of volume estimation: shape or paper.")] = "shape",
+    method: Annotated[str, typer.Option(help="Method of volume estimation: shape, paper or paper-strict.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".')
     ] = None,

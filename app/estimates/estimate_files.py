@@ -33,6 +33,10 @@ def read_options(
         raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
     if rig is not None and (marker is not None or camera is not None):
         raise InvalidInputError("--rig has its own cameras and scale: leave --marker and --camera out.")
+    if rig is not None and method == "paper-strict":
+        raise InvalidInputError(
+            "The method paper-strict needs a marker for its tie points: measure a rig by another one."
+        )
     value = {
         "marker": DEFAULT_MARKER if marker is None and rig is None else marker,
         "camera": _read_object(_text_of(camera), str(camera)) if camera is not None else None,
@@ -59,7 +63,7 @@ def estimate_files(
             f"{len(photographs)} photographs were given; {PAIR} to {MAX_VIEWS} of one meal are needed."
         )
     if len(photographs) > PAIR and (options.rig is not None or options.method != "shape"):
-        raise InvalidInputError("A rig and the method paper measure by two photographs: leave the others out.")
+        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
     names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})

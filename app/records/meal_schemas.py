@@ -180,7 +180,7 @@ class RunOut(BaseModel):
     """The execution of the pipeline that the items come from."""
 
     id: uuid.UUID = Field(description="The run's id.")
-    method: str = Field(description="The method of measuring volumes: shape, or paper (the founding paper's).")
+    method: str = Field(description="The method of measuring volumes: shape, paper or paper-strict (docs/volume.md).")
     pipeline_version: str = Field(description="The version of the pipeline.")
     marker: str = Field(description="The board that the run looked for, such as plain:9x7:11.")
     camera: dict[str, Any] | None = Field(

@@ -22,7 +22,7 @@ Int64Array = NDArray[np.int64]
 ImageArray = NDArray[np.uint8]
 MaskArray = NDArray[np.bool_]
 
-Method = Literal["shape", "paper"]
+Method = Literal["shape", "paper", "paper-strict"]
 SliceForm = Literal["circle", "ellipse"]
 FoodForm = Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"]
 ColourKind = Literal["colour", "white", "none"]

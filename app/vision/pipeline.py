@@ -21,6 +21,7 @@ from app.vision.model import EstimateOptions, Hint, ItemEstimate, MarkerObservat
 from app.vision.rig import StereoRig
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
+from app.vision.shape.depth_slices import measure_as_printed
 from app.vision.shape.measure import MeasuredItem, measure_items
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
@@ -33,6 +34,7 @@ from app.vision.stereo.marker_thickness import find_thickness, on_plaque
 from app.vision.stereo.other_views import choose_partner, place_other_views
 from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.printed_stereo import reconstruct_as_printed
 from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
 from app.vision.stereo.rectification import is_swapped, rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
@@ -226,6 +228,8 @@ def _measure(
         measured = measure_items(
             foods.regions, pair, disparity, points, scene.is_ignored, options.hints, pose_sd=doubt.sd
         )
+    elif options.method == "paper-strict":
+        measured = _measure_as_printed(foods, refined, scene, options, trace)
     else:
         trace.table = foods.table
         others = [undistorted_view(view, pair.focal_px) for view in trace.others]
@@ -233,6 +237,20 @@ def _measure(
     if isinstance(measured, Failure) or doubt.focal_sd <= FLAG_SD:
         return measured
     return [replace(item, flags=(*item.flags, "focal_unknown")) for item in measured]
+
+
+def _measure_as_printed(
+    foods: Foods, refined: RefinedViews, scene: Reconstruction, options: EstimateOptions, trace: Trace
+) -> list[MeasuredItem] | Failure:
+    """Volumes by the founding paper to the letter; of what stands above, the foods' masks alone take part."""
+    if trace.matches is None or refined.first.marker is None:
+        raise ValueError("The method paper-strict takes its tie points from a marker, not from a rig.")
+    masks, rng = [region.mask for region in foods.regions], np.random.default_rng(options.seed)
+    stereo = reconstruct_as_printed(refined, trace.matches, scene.rectified, masks, rng)
+    if isinstance(stereo, Failure):
+        return stereo
+    trace.printed = stereo
+    return measure_as_printed(foods.regions, stereo, options.hints)
 
 
 def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:

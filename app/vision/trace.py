@@ -10,6 +10,7 @@ from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.epipolar import Epipolar
 from app.vision.stereo.features import Matches
 from app.vision.stereo.focal_doubt import FocalDoubt
+from app.vision.stereo.printed_stereo import PrintedStereo
 from app.vision.stereo.reconstruction import DepthModel
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.relative_pose import RefinedViews
@@ -42,7 +43,8 @@ class Trace:
     views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
-    that could be placed. colours: corrections of the (left, right) photograph.
+    that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
+    photograph.
     """
 
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
@@ -57,6 +59,7 @@ class Trace:
     table: TableTrend | None = None
     items: list[MeasuredItem] = field(default_factory=list)
     others: list[View] = field(default_factory=list)
+    printed: PrintedStereo | None = None
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
@@ -102,4 +105,7 @@ class Trace:
             out["rectified_focal_px"] = round(pair.focal_px, 2)
             out["depth_p_mm"] = round(depth.p_mm, 3)
             out["depth_q_over_focal_baseline"] = round(depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5)
+        if self.printed is not None:
+            out["printed_depth_p_mm"] = round(self.printed.depth.p_mm, 3)
+            out["printed_depth_q_mm_px"] = round(self.printed.depth.q_mm_px, 3)
         return out

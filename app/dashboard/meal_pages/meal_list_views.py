@@ -17,7 +17,7 @@ FAILURES = (
     *("camera_mismatch", "same_photograph"),
     *("baseline_too_small", "baseline_too_large", "focal_unknown", "pose_unreliable", "too_few_matches", "scene_moved"),
     *("table_not_found", "rig_mismatch"),
-    *("food_not_measured", "no_food_found"),
+    *("draw_unusable", "food_not_measured", "no_food_found"),
     *("photo_damaged", "estimate_crashed", "estimate_timed_out", "estimate_killed"),
     *("estimate_out_of_memory", "cancelled", "job_gave_up"),
 )

@@ -111,7 +111,7 @@ def section_of(ring_mm: Float64Array, axis: SymmetryAxis) -> tuple[ImageArray, F
     cv2.polylines(picture, [corners], True, 1, shift=SUBCELL_BITS)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * CLOSING_CELLS + 1, 2 * CLOSING_CELLS + 1))
     closed = np.asarray(cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel), np.uint8)
-    return _filled(closed), low - pad * cell, cell
+    return filled(closed), low - pad * cell, cell
 
 
 def carve(slices: Sequence[Slice], is_in_outline: Callable[[Float64Array], MaskArray]) -> list[Slice]:
@@ -141,8 +141,8 @@ def carve(slices: Sequence[Slice], is_in_outline: Callable[[Float64Array], MaskA
     return carved
 
 
-def _filled(picture: ImageArray) -> ImageArray:
-    """Holes filled: what cannot be reached from the corner is inside."""
+def filled(picture: ImageArray) -> ImageArray:
+    """Return a binary picture with its holes filled: what cannot be reached from the corner is inside."""
     flooded = picture.copy()
     cv2.floodFill(flooded, None, (0, 0), 2)
     return np.asarray(flooded != 2, np.uint8)

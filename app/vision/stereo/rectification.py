@@ -117,8 +117,8 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     a, b = plane[:2] * baseline_mm
     c = focal * baseline_mm * plane[2] - a * centre_x - b * centre_y
     shear = np.array([[1.0, b, c], [0.0, 1.0 - a, 0.0], [0.0, 0.0, 1.0 - a]]) / (1.0 - a)
-    first_bgr, first_map = _warp(first, matrix, rotation, (width, height))
-    second_bgr, second_map = _warp(second, shear @ matrix, rotation, (width, height))
+    first_bgr, first_map = warp_view(first, matrix, rotation, (width, height))
+    second_bgr, second_map = warp_view(second, shear @ matrix, rotation, (width, height))
     disparity = a * np.arange(width)[None, :] + b * np.arange(height)[:, None] + c
     is_seen = (disparity > 0) & _is_inside(first, first_map) & _is_inside(second, second_map)
     camera_height = float(min(first.centre_mm[2], second.centre_mm[2]))
@@ -202,7 +202,7 @@ def _seen_bounds(
     return shared.min(axis=0), shared.max(axis=0)
 
 
-def _warp(
+def warp_view(
     view: View, matrix: Float64Array, rotation: Float64Array, size: tuple[int, int]
 ) -> tuple[ImageArray, Float32Array]:
     """The photograph on the rectified grid, and (H, W, 2) each pixel's place in it. matrix: (3, 3) rectified K."""

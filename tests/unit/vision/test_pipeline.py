@@ -1,5 +1,6 @@
 """The whole way on a rendered ball, whose volume is known; and what scenes that cannot be measured answer."""
 
+import json
 from dataclasses import asdict, replace
 
 import cv2
@@ -172,3 +173,21 @@ def test_photographs_are_not_modified(pair):
     before = pair.left.pixels_bgr.copy()
     estimate_meal(pair, OPTIONS)
     assert np.array_equal(pair.left.pixels_bgr, before)
+
+
+def test_method_as_printed_leaves_its_depth_in_the_record_and_its_shape_in_the_scene(pair):
+    options = replace(OPTIONS, method="paper-strict")
+    estimates = [estimate_meal(pair, replace(options, seed=seed), want_artefacts=True) for seed in (0, 0)]
+    first, again = estimates
+    assert first.method == "paper-strict"
+    assert first.parameters["printed_depth_q_mm_px"] == again.parameters["printed_depth_q_mm_px"]
+    (item,) = first.items
+    assert item.volume_ml == again.items[0].volume_ml
+    scene = json.loads(next(each.content for each in first.artefacts if each.name == "scene.json"))
+    # The stack of slices and its mirror image enclose twice the sum of V_k (eq. 15).
+    assert np.isclose(scene["items"][0]["mesh_volume_ml"], item.volume_ml, rtol=0.01)
+
+
+def test_method_as_printed_needs_a_marker(pair):
+    with pytest.raises(ValueError, match="marker"):
+        estimate_meal(pair, EstimateOptions(None, CAMERA, "paper-strict"))

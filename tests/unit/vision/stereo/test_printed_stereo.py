@@ -1,0 +1,182 @@
+"""The paper's stereo as printed, on views whose geometry is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.core.errors import Failure
+from app.vision.stereo import printed_stereo
+from app.vision.stereo.epipolar import fundamental_from_projections, projection_matrix
+from app.vision.stereo.features import Matches
+from app.vision.stereo.printed_stereo import match_by_correlation, reconstruct_as_printed
+from app.vision.stereo.rectification import rectify_by_poses
+from app.vision.stereo.relative_pose import RefinedViews
+from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, rendered_views
+
+BALL = Ball((115.0, 15.0), 33.0)
+MIDDLE = np.array([*BALL.centre_mm, BALL.radius_mm])
+
+
+def project(view, points):
+    in_camera = points @ view.rotation.T + view.translation_mm
+    return in_camera[:, :2] / in_camera[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
+
+
+def ball_matches(views, count=30):
+    """Exact matches: the board's corners, and points of the ball that both cameras see."""
+    rng = np.random.default_rng(5)
+    offsets = rng.normal(size=(20 * count, 3))
+    offsets /= np.linalg.norm(offsets, axis=1, keepdims=True)
+    points = MIDDLE + BALL.radius_mm * offsets
+    seen = np.all([np.einsum("ij,ij->i", view.centre_mm - points, offsets) > 0 for view in views], axis=0)
+    points = points[seen][:count]
+    corners = [view.required_marker.corners_px for view in views]
+    is_board = np.arange(len(corners[0]) + len(points)) < len(corners[0])
+    pixels = [np.concatenate([own, project(view, points)]) for own, view in zip(corners, views, strict=True)]
+    return Matches(*pixels, is_board, ~is_board)
+
+
+def ball_mask(view, pair):
+    height, width = pair.shape
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    rays = pair.rays(np.column_stack([columns.ravel(), rows.ravel()]).astype(float)) @ pair.rotation
+    middle = MIDDLE - view.centre_mm
+    along = rays @ middle
+    reach = (rays**2).sum(axis=1) * (middle @ middle - (0.95 * BALL.radius_mm) ** 2)  # clear of the outline
+    return (along**2 > reach).reshape(height, width)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    views = rendered_views(BALL)
+    pair = rectify_by_poses(*views)
+    return views, ball_matches(views), pair, ball_mask(views[0], pair)
+
+
+def reconstructed(scene, seed=0):
+    views, matches, pair, mask = scene
+    refined = RefinedViews(*views, np.zeros(3), 0)
+    return reconstruct_as_printed(refined, matches, pair, [mask], np.random.default_rng(seed))
+
+
+def test_exact_matches_give_p_zero_q_focal_times_baseline_and_points_on_the_ball(scene):
+    stereo = reconstructed(scene)
+    assert not isinstance(stereo, Failure)
+    assert len(set(stereo.drawn)) == 16
+    # Matches without noise leave rounding only: eq. 14 becomes eq. 11.
+    assert abs(stereo.depth.p_mm) < 0.1
+    assert np.isclose(stereo.depth.q_mm_px, CAMERA.fx * scene[2].baseline_mm, rtol=1e-3)
+    assert np.count_nonzero(stereo.surfaces[0]) > 0.8 * np.count_nonzero(stereo.masks[0])
+    points = stereo.points_mm[stereo.surfaces[0]].astype(float)
+    off = np.linalg.norm(stereo.to_table(points) - MIDDLE, axis=1) - BALL.radius_mm
+    assert np.median(np.abs(off)) < 1.5  # a quarter of a pixel of disparity is 0.7 mm of depth here
+
+
+def test_depth_axis_is_across_the_baseline_and_towards_the_scene(scene):
+    stereo = reconstructed(scene)
+    first, second = scene[0]
+    turned = stereo.table_to_depth_rotation
+    assert np.allclose(turned @ turned.T, np.eye(3))
+    baseline = turned @ (second.centre_mm - first.centre_mm)
+    assert np.allclose(baseline, [scene[2].baseline_mm, 0.0, 0.0], atol=0.1)
+    assert (turned @ (MIDDLE - first.centre_mm))[2] > 0
+
+
+def test_another_draw_of_noisy_matches_gives_another_answer_and_the_same_seed_the_same(scene):
+    views, matches, pair, mask = scene
+    noise = np.random.default_rng(1).normal(0.0, 0.05, matches.second_px.shape)
+    noisy = views, replace(matches, second_px=matches.second_px + noise), pair, mask
+    one, same, other = (reconstructed(noisy, seed) for seed in (0, 0, 1))
+    assert one.depth == same.depth
+    assert one.depth != other.depth
+
+
+def test_lengths_of_the_board_scale_the_points(scene):
+    views, matches, _, mask = scene
+    doubled = []
+    for view in views:
+        marker = view.required_marker
+        bigger = replace(marker, spec=replace(marker.spec, square_mm=2 * marker.spec.square_mm))
+        doubled.append(replace(view, marker=bigger, translation_mm=2 * view.translation_mm))
+    one = reconstructed(scene)
+    two = reconstructed((doubled, matches, rectify_by_poses(*doubled), mask))
+    # A rounded place on the grid may go to the next pixel, so the middle of all is compared.
+    middles = [np.nanmedian(each.points_mm[each.masks[0]][:, 2]) for each in (one, two)]
+    assert np.isclose(middles[1], 2 * middles[0], rtol=5e-3)
+
+
+def test_fewer_than_sixteen_matches_are_too_few(scene):
+    views, matches, pair, mask = scene
+    few = Matches(matches.first_px[:15], matches.second_px[:15], matches.is_board[:15], matches.is_food[:15])
+    failure = reconstructed((views, few, pair, mask))
+    assert isinstance(failure, Failure)
+    assert failure.code == "too_few_matches"
+
+
+def test_epipole_in_the_photograph_is_an_unusable_draw(scene, monkeypatch):
+    views, matches, pair, mask = scene
+    # As if the second camera stood in front of the first, on its way to the ball.
+    ahead = replace(views[1], translation_mm=-views[1].rotation @ (0.7 * views[0].centre_mm + 0.3 * MIDDLE))
+    fundamental = fundamental_from_projections(projection_matrix(views[0]), projection_matrix(ahead))
+    monkeypatch.setattr(printed_stereo, "fundamental_from_points", lambda *_: fundamental)
+    failure = reconstructed((views, matches, pair, mask))
+    assert isinstance(failure, Failure)
+    assert failure.code == "draw_unusable"
+
+
+def test_matches_that_swap_depth_are_an_unusable_draw(scene):
+    views, matches, pair, mask = scene
+    still = Matches(matches.first_px, matches.first_px, matches.is_board, matches.is_food)  # no parallax at all
+    failure = reconstructed((views, still, pair, mask))
+    assert isinstance(failure, Failure)
+    assert failure.code == "draw_unusable"
+
+
+def test_correlation_finds_a_known_shift_and_no_match_where_nothing_is_seen():
+    rng = np.random.default_rng(0)
+    wide = rng.integers(0, 255, (60, 200)).astype(np.uint8)
+    wide[:, 60:100] = 128
+    low, high, width = -4, 9, 120
+    first = np.repeat(wide[:, 30 : 30 + width, None], 3, axis=2)
+    shift = 3  # x - x'
+    start = 30 + shift - high  # column c of the second is x' = c - high
+    second = np.repeat(wide[:, start : start + width + high - low, None], 3, axis=2)
+    disparity = match_by_correlation(first, second, low, high)
+    textured = np.r_[10:20, 85:110]
+    assert np.allclose(disparity[10:-10, textured], shift, atol=0.1)
+    assert np.isnan(disparity[10:-10, 45:55]).all()
+    reference = _slow_correlation(first, second, low, high, row=30, column=15)
+    assert abs(reference - disparity[30, 15]) <= 0.5
+
+
+def _slow_correlation(first, second, low, high, *, row, column):
+    """The whole disparity of greatest correlation at one pixel, by numpy.corrcoef."""
+    reach = printed_stereo.WINDOW_PX // 2
+    rows = slice(row - reach, row + reach + 1)
+    window = first[rows, column - reach : column + reach + 1, 0].ravel()
+    scores = {}
+    for disparity in range(low, high + 1):
+        at = column + high - disparity
+        scores[disparity] = np.corrcoef(window, second[rows, at - reach : at + reach + 1, 0].ravel())[0, 1]
+    return max(scores, key=scores.get)
+
+
+def test_blank_photographs_match_nowhere():
+    views = blank_views()
+    pair = rectify_by_poses(*views)
+    stereo = reconstructed((views, ball_matches(views), pair, ball_mask(views[0], pair)))
+    assert np.isnan(stereo.points_mm).all()
+    assert not stereo.surfaces[0].any()
+
+
+def test_a_step_of_disparity_ends_a_surface():
+    disparity = np.full((20, 40), 5.0, np.float32)
+    disparity[:, 30:] = 9.0  # what lies behind, or a wrong match
+    disparity[:, 10] = np.nan
+    disparity[4, 10] = 5.5  # the only bridge
+    surface = printed_stereo._largest_surface(disparity, np.ones((20, 40), bool))
+    assert surface[:, :10].all()
+    assert surface[:, 11:30].all()
+    assert surface[4, 10]
+    assert not surface[:, 30:].any()
