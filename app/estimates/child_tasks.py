@@ -42,7 +42,11 @@ class _PairRequest(BaseModel):
     max_pixels: int
 
 
-class _EstimateRequest(_PairRequest):
+class _EstimateRequest(BaseModel):
+    """photographs: paths by view, in the order of VIEW_SLOTS."""
+
+    photographs: dict[str, Path]
+    max_pixels: int
     output_dir: Path
     options: Json
 
@@ -85,13 +89,13 @@ class _DescribeRequest(BaseModel):
 
 
 def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
-    """Estimate a meal from two files; artefacts are written to output_dir and listed in the answer.
+    """Estimate a meal from its photographs; artefacts are written to output_dir and listed in the answer.
 
     options: estimate_json's.
     """
     request = _EstimateRequest.model_validate(arguments)
     answer, estimate = run_estimate(
-        {"left": request.left, "right": request.right},
+        request.photographs,
         options_from_json(request.options),
         max_pixels=request.max_pixels,
         on_stage=on_stage,

@@ -35,13 +35,14 @@ from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
 from app.meals.job_models import Job
-from app.meals.models import AFTER_SLOTS, SLOTS, HintDetails, Meal, MealImage
+from app.meals.models import HintDetails, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
 from app.people import privacy_queries as privacy
 from app.people.calibration_models import CameraDetails
 from app.people.models import Study
+from app.photos.slots import AFTER_SLOTS, VIEW_SLOTS
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
@@ -99,8 +100,8 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
-            pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
-            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in pair}
+            slots = AFTER_SLOTS if job.purpose == "after" else meal.view_slots
+            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in slots}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
             chosen = choose_camera(
@@ -117,7 +118,7 @@ class EstimateMeal:
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
-            paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
+            paths = {view: self._fetch(images[slot], folder) for view, slot in zip(VIEW_SLOTS, slots, strict=False)}
             answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer.parameters)
@@ -197,8 +198,7 @@ class EstimateMeal:
         request = ChildRequest(
             task="estimate",
             arguments={
-                "left": str(paths["left"]),
-                "right": str(paths["right"]),
+                "photographs": {view: str(path) for view, path in paths.items()},
                 "options": options_to_json(options),
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,

@@ -17,10 +17,11 @@ from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.job_models import PairPurpose
-from app.meals.models import AFTER_SLOTS, SLOTS, Meal
+from app.meals.models import Meal
 from app.people.access import audit
 from app.people.access.caller import Caller
 from app.people.participants import require_in_study
+from app.photos.slots import AFTER_SLOTS
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, lock_meal_of, read_meal
 
@@ -74,7 +75,7 @@ def _failed_pairs(meal: Meal, code: str | None) -> dict[PairPurpose, tuple[str, 
     """Return purpose -> the slots of the photographs that it needs."""
     failed: dict[PairPurpose, tuple[str, ...]] = {}
     if meal.status == "failed" and meal.origin == "photographed" and code in (None, meal.failure_code):
-        failed["meal"] = SLOTS
+        failed["meal"] = meal.view_slots
     if meal.after_status == "failed" and code in (None, meal.after_failure_code):
         failed["after"] = AFTER_SLOTS
     return failed

@@ -1,11 +1,12 @@
 """Parameters that several routes take, each described once."""
 
 import uuid
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import Path, Query
 
 from app.http.text_schemas import LocalDay
+from app.photos.slots import PhotographSlot
 
 StudyCode = Annotated[str, Path(max_length=64, description="The study's code.")]
 ParticipantCode = Annotated[str, Path(max_length=64, description="The participant's pseudonymous code in the study.")]
@@ -15,9 +16,10 @@ ExportId = Annotated[uuid.UUID, Path(description="The export's id, from the answ
 VesselId = Annotated[uuid.UUID, Path(description="The vessel's id, not its name.")]
 WebhookId = Annotated[uuid.UUID, Path(description="The webhook's id.")]
 Slot = Annotated[
-    Literal["left", "right", "after_left", "after_right"],
+    PhotographSlot,
     Path(
-        description="Which photograph: left and right of the meal, after_left and after_right of its after-meal pair."
+        description="Which photograph: left, right and view3 to view8 of the meal, after_left and after_right of its "
+        "after-meal pair."
     ),
 ]
 OfStudy = Annotated[

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.outline_json import Polygon
 from app.people.calibration_models import CameraDetails
+from app.photos.slots import SLOTS, VIEW_SLOTS
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
@@ -17,8 +18,7 @@ MealOrigin = Literal["photographed", "declared"]
 MEAL_ORIGINS: tuple[MealOrigin, ...] = get_args(MealOrigin)
 AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
 AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
-SLOTS = ("left", "right")
-AFTER_SLOTS = ("after_left", "after_right")
+DEFAULT_VIEWS = 2
 
 
 # `class` is a keyword, so these two use the functional form
@@ -81,12 +81,13 @@ class DeclaredItemDetails(TypedDict):
 
 
 class MealDetails(PairDetails):
-    """The metadata of a meal as accepted. declared: the foods of a meal without photographs."""
+    """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2."""
 
     marker: str | None
     location: dict[str, float] | None
     app_version: str | None
     declared: NotRequired[list[DeclaredItemDetails]]
+    views: NotRequired[int]
 
 
 class Meal(Base):
@@ -156,6 +157,11 @@ class Meal(Base):
         sa.Index(None, "client_id"),
     )
 
+    @property
+    def view_slots(self) -> tuple[str, ...]:
+        """The slots of the photographs that make the meal complete."""
+        return VIEW_SLOTS[: self.details.get("views", DEFAULT_VIEWS)]
+
 
 class MealImage(Base):
     """One photograph. received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without its location.
@@ -180,4 +186,4 @@ class MealImage(Base):
     received_at: Mapped[datetime]
     erased_at: Mapped[datetime | None]
 
-    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS + AFTER_SLOTS))
+    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS))

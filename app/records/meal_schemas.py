@@ -20,12 +20,13 @@ from app.http.field_descriptions import (
     TIME_ZONE,
 )
 from app.http.text_schemas import Instant, JsonNumber, Text
-from app.meals.models import AfterStatus, MealStatus
+from app.meals.models import DEFAULT_VIEWS, AfterStatus, MealStatus
 from app.meals.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
 from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
 from app.people.calibration_schemas import CameraIn
 from app.people.models import LOCALES
+from app.photos.slots import VIEW_SLOTS
 from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
 
@@ -117,6 +118,13 @@ class MealMetadataIn(BaseModel):
     )
     complete: bool = Field(
         default=False, strict=True, description="Whether the hints are all that there is: nothing else is looked for."
+    )
+    views: int = Field(
+        default=DEFAULT_VIEWS,
+        ge=DEFAULT_VIEWS,
+        le=len(VIEW_SLOTS),
+        strict=True,
+        description="How many photographs show the meal: left, right, and view3 up to this number.",
     )
     location: LocationIn | None = Field(
         default=None, description="Where the meal was eaten; kept only if the study keeps locations."

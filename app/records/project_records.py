@@ -33,10 +33,11 @@ from app.meals.item_state import (
 )
 from app.meals.meal_parts import FROM_INDEX, MealParts, parts_of, records_of
 from app.meals.meal_time import local_minute, time_flags
-from app.meals.models import AFTER_SLOTS, AfterStatus, Meal, MealStatus, PieceDetails
+from app.meals.models import AfterStatus, Meal, MealStatus, PieceDetails
 from app.meals.queries import UNESTIMATED
 from app.meals.record_models import EffectiveRecord, ItemCandidate, ItemFood, MassDoubt, RecordDetails, RecordStatus
 from app.nutrition.mass import Mass
+from app.photos.slots import AFTER_SLOTS
 from app.records import queries as records
 from app.records.item_foods import served_mass, weighing_of
 from app.records.review.review_doubt import UNKNOWN, review_doubt

@@ -12,11 +12,12 @@ from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word
 from app.meals.meal_time import number_of, time_flags
-from app.meals.models import AFTER_SLOTS, SLOTS, Meal
+from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
 from app.nutrition.nutrients import amount_interval
+from app.photos.slots import AFTER_SLOTS
 from app.records.meal_schemas import (
     AfterOut,
     ArtefactOut,
@@ -49,7 +50,7 @@ RUN_COLUMNS = (*shared_columns(Run, RunOut), "id")
 def render_meal(view: MealView) -> MealOut:
     """A meal as the API shows it."""
     meal, run = view.meal, view.run
-    images, missing = _images(view, SLOTS)
+    images, missing = _images(view, meal.view_slots)
     return MealOut(
         **{name: getattr(meal, name) for name in MEAL_COLUMNS},
         id=meal.client_id,

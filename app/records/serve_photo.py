@@ -25,12 +25,13 @@ from app.core.errors import GoneError, NotFoundError, TadaError
 from app.core.settings import Settings
 from app.db.session import Database
 from app.meals import queries as meals
-from app.meals.models import AFTER_SLOTS, Meal, MealImage
+from app.meals.models import Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.record_models import Run, RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
+from app.photos.slots import AFTER_SLOTS
 from app.records import queries as records
 from app.records.read_meal import find_meal
 from app.storage.blob_store import BlobMissingError, BlobStore
@@ -190,8 +191,8 @@ def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
 def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
     if run is None or run.colour is None:
         return None
-    colour: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
-    return colour if colour["kind"] != "none" else None
+    colour: Mapping[str, Any] | None = run.colour.get(slot.removeprefix("after_"))  # of further views there is none
+    return colour if colour is not None and colour["kind"] != "none" else None
 
 
 def _erased() -> GoneError:

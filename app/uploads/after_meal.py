@@ -23,7 +23,7 @@ from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.meal_time import MealTime
-from app.meals.models import AFTER_SLOTS, AsideDetails, HintDetails, Meal, MealImage, PairDetails
+from app.meals.models import AsideDetails, HintDetails, Meal, MealImage, PairDetails
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import privacy_queries as privacy
 from app.people.access import audit
@@ -34,6 +34,7 @@ from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.photos.slots import AFTER_SLOTS
 from app.records.project_records import project_meal
 from app.uploads.submit_meal import keep_unknown
 

@@ -20,12 +20,13 @@ from app.http.state import ApiState
 from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
 from app.meals.meal_time import meal_time
-from app.meals.models import AFTER_SLOTS, SLOTS, HintDetails
+from app.meals.models import HintDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
 from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
+from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS
 from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
@@ -54,8 +55,10 @@ MULTIPART_BODY = {
                     "required": ["metadata", "left", "right"],
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/NewMealMetadataIn"},
-                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
-                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                        **{
+                            slot: {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"}
+                            for slot in VIEW_SLOTS
+                        },
                     },
                 },
                 "encoding": {"metadata": {"contentType": "application/json"}},
@@ -90,21 +93,20 @@ PHOTO_BODY = {
 async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Response:
     """Send a meal whole: parts `metadata` (JSON, with the id that the phone made), `left` and `right`.
 
+    With `views` in the metadata, also `view3` up to that number.
+
     The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
     """
     await anyio.to_thread.run_sync(require_room, state)
     async with received_parts(
-        request, SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
+        request, VIEW_SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
     ) as parts:
-        missing = [slot for slot in SLOTS if slot not in parts.files]
-        if parts.metadata is None or missing:
-            missing = missing if parts.metadata is not None else ["metadata", *missing]
-            raise MalformedRequestError(
-                f"The request has no part {', '.join(missing)}. To send part by part, use PUT /v1/meals/{{id}}.",
-                code="part_missing",
-                parts=missing,
-            )
+        if parts.metadata is None:
+            raise _part_missing(["metadata", *(slot for slot in PAIR_SLOTS if slot not in parts.files)])
         checked, unknown = validated_with_unknown(NewMealMetadataIn, parts.metadata)
+        missing = [slot for slot in VIEW_SLOTS[: checked.views] if slot not in parts.files]
+        if missing:
+            raise _part_missing(missing)
         return await _submit(state, caller, checked.id, _metadata(checked.id, checked, unknown), parts.files)
 
 
@@ -131,7 +133,7 @@ async def put_photograph(
     state: State,
     caller: CurrentDevice,
 ) -> Response:
-    """Send one photograph of an announced meal as the body. The last of a pair queues it.
+    """Send one photograph of an announced meal as the body. The last of the announced photographs queues it.
 
     after_left and after_right are what was left of the meal; they may come at any time, also long after it.
     """
@@ -200,6 +202,14 @@ def get_artefact(
     )
 
 
+def _part_missing(parts: list[str]) -> MalformedRequestError:
+    return MalformedRequestError(
+        f"The request has no part {', '.join(parts)}. To send part by part, use PUT /v1/meals/{{id}}.",
+        code="part_missing",
+        parts=parts,
+    )
+
+
 def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]) -> MealMetadata:
     """Raises InvalidInputError (time, zone, marker)."""
     if checked.marker is not None:
@@ -211,6 +221,7 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
         camera=camera_details(checked.camera),
         hints=hint_details(checked.hints),
         complete=checked.complete,
+        views=checked.views,
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
         unknown=unknown,

@@ -10,8 +10,8 @@ from app.core.errors import MalformedRequestError
 from app.http.metadata import validated
 from app.http.problems import problem_responses
 from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
-from app.meals.models import SLOTS
 from app.people.access.deps import CurrentDevice, State
+from app.photos.slots import PAIR_SLOTS
 from app.uploads.api import camera_details
 from app.uploads.check_pair import CheckedPair, CheckRequest, check_pair
 from app.uploads.check_schemas import CheckMetadataIn, CheckOut, CheckProblemOut
@@ -54,8 +54,8 @@ async def post_check(
     """
     await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
-    async with received_parts(request, SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
-        missing = [slot for slot in SLOTS if slot not in parts.files]
+    async with received_parts(request, PAIR_SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
+        missing = [slot for slot in PAIR_SLOTS if slot not in parts.files]
         if missing:
             raise MalformedRequestError(
                 f"The request has no part {', '.join(missing)}.", code="part_missing", parts=missing

@@ -7,7 +7,7 @@ blob: another request of the same meal may have just sealed the same key, so del
 
 import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
@@ -24,7 +24,7 @@ from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.announce import announce_meal
 from app.meals.meal_time import MealTime
-from app.meals.models import SLOTS, AsideDetails, HintDetails, Meal, MealDetails, MealImage
+from app.meals.models import DEFAULT_VIEWS, AsideDetails, HintDetails, Meal, MealDetails, MealImage
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import queries as people
 from app.people.access import audit
@@ -35,16 +35,29 @@ from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.photos.slots import VIEW_SLOTS
 from app.records.read_meal import MealView
 
 log = structlog.get_logger()
 
-COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "complete", "app_version")  # equal: a repetition
+COMPARED = (  # equal in a repetition
+    "captured_at",
+    "time_zone",
+    "marker",
+    "camera",
+    "hints",
+    "complete",
+    "views",
+    "app_version",
+)  # equal: a repetition
 
 
 @dataclass(frozen=True, slots=True)
 class MealMetadata:
-    """The checked metadata of a meal. location: WGS84, degrees. unknown: fields that no model has, by their place."""
+    """The checked metadata of a meal.
+
+    location: WGS84, degrees. views: number of photographs. unknown: fields that no model has, by their place.
+    """
 
     client_id: uuid.UUID
     time: MealTime
@@ -54,6 +67,7 @@ class MealMetadata:
     complete: bool = False
     location: Mapping[str, float] | None = None
     app_version: str | None = None
+    views: int = DEFAULT_VIEWS
     unknown: Mapping[str, JsonValue] = field(default_factory=dict)
 
 
@@ -134,6 +148,7 @@ class SubmitMeal:
                 raise meal_deleted_error()
             if details is None:
                 raise _unknown_meal()
+            _require_announced(VIEW_SLOTS[: details.get("views", DEFAULT_VIEWS)], photos)
             if details["hints"]:
                 require_valid_hints(session, upload.study.id, details["hints"], photos.get("left"))
             return {}
@@ -149,6 +164,7 @@ class SubmitMeal:
                 code="meal_id_reused",
                 fields=changed,
             )
+        _require_announced(meal.view_slots, photos)
         stored = {image.slot: image for image in meals.images_of(session, upload.meal_id)}
         for slot, photo in photos.items():
             if slot in stored and stored[slot].received_sha256 != photo.received_sha256:
@@ -173,7 +189,7 @@ class SubmitMeal:
             images = [
                 image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored
             ]
-            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS)
+            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(meal.view_slots)
             meal.version += len(images) + is_complete
             if is_complete:
                 meal.status, meal.submitted_at = "queued", now
@@ -213,6 +229,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
     keep_unknown(details, metadata.unknown)
     if metadata.complete:  # absent otherwise: meals that are older than the field have none
         details["complete"] = True
+    if metadata.views != DEFAULT_VIEWS:
+        details["views"] = metadata.views
     return details
 
 
@@ -220,6 +238,17 @@ def keep_unknown(details: AsideDetails, unknown: Mapping[str, JsonValue]) -> Non
     """Add the fields that no model has: their values as JSON text, so that every database can hold any of them."""
     if unknown:
         details["ignored"], details["unknown"] = sorted(unknown), json.dumps(unknown)
+
+
+def _require_announced(slots: Collection[str], photos: Mapping[str, SealablePhoto]) -> None:
+    """Raise InvalidInputError if a photograph is of a slot beyond those that the metadata announced."""
+    surplus = [slot for slot in photos if slot not in slots]
+    if surplus:
+        raise InvalidInputError(
+            f"The metadata announced {len(slots)} photographs (views), so there is no {', '.join(surplus)}.",
+            code="view_not_announced",
+            slots=surplus,
+        )
 
 
 def _new_meal(caller: DeviceCaller, upload: _Upload, now: datetime) -> Meal:

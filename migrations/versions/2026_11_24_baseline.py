@@ -998,7 +998,11 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("blob_key", sa.String(length=200), nullable=False),
         sa.Column("received_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("erased_at", sa.DateTime(timezone=True), nullable=True),
-        sa.CheckConstraint("slot IN ('left', 'right', 'after_left', 'after_right')", name=op.f("ck_meal_image_slot")),
+        sa.CheckConstraint(
+            "slot IN ('left', 'right', 'view3', 'view4', 'view5', 'view6', 'view7', 'view8', 'after_left', "
+            "'after_right')",
+            name=op.f("ck_meal_image_slot"),
+        ),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_meal_image_meal_id_meal")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_meal_image")),
         sa.UniqueConstraint("blob_key", name=op.f("uq_meal_image_blob_key")),

@@ -4,7 +4,7 @@ import hashlib
 import uuid
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Annotated, Literal, TypedDict, get_args
+from typing import Annotated, Literal, TypedDict
 
 from fastapi import APIRouter, Form, Header, Query
 from starlette.responses import HTMLResponse, Response, StreamingResponse
@@ -19,6 +19,7 @@ from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, f
 from app.dashboard.page import CurrentPage, Page
 from app.meals.item_state import REPLACED, UNDONE
 from app.people.access.page_rules import MEAL
+from app.photos.slots import SLOTS, PhotographSlot
 from app.privacy.erase import Eraser
 from app.records import photographs_api as photographs
 from app.records.meal_story import MealStory, read_story
@@ -29,8 +30,6 @@ from app.uploads.api import get_artefact, meal_response, will_change
 
 router = APIRouter(include_in_schema=False)
 
-Slot = Literal["left", "right", "after_left", "after_right"]
-SLOTS = get_args(Slot)
 GONE = frozenset({REPLACED, UNDONE})  # flags of items that other items replace
 
 
@@ -65,7 +64,7 @@ def get_image(
     page: CurrentPage,
     participant: str,
     meal_id: uuid.UUID,
-    slot: Slot,
+    slot: PhotographSlot,
     width: Annotated[
         int, Query(ge=photographs.MIN_WIDTH_PX, le=photographs.MAX_WIDTH_PX)
     ] = photographs.DEFAULT_WIDTH_PX,

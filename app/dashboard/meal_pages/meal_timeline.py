@@ -41,9 +41,10 @@ PURPOSES: Mapping[str, str] = {
     "after": "Estimate of what was left",
     "remeasure": "Measurement of a drawn region",
 }
-SLOTS: Mapping[str, str] = {
+PHOTOGRAPHS: Mapping[str, str] = {
     "left": "Left photograph",
     "right": "Right photograph",
+    **{f"view{number}": f"Photograph {number}" for number in range(3, 9)},
     "after_left": "Left photograph after the meal",
     "after_right": "Right photograph after the meal",
 }
@@ -180,9 +181,11 @@ def _count(key: str, value: Any) -> int:
 
 def _photographs(story: MealStory) -> Iterator[Entry]:
     for image in story.view.images:
-        yield Entry(image.received_at, story.view.participant_code, "participant", f"{SLOTS[image.slot]} received")
+        yield Entry(
+            image.received_at, story.view.participant_code, "participant", f"{PHOTOGRAPHS[image.slot]} received"
+        )
         if image.erased_at is not None:
-            yield Entry(image.erased_at, SERVER, "automatic", f"{SLOTS[image.slot]} erased")
+            yield Entry(image.erased_at, SERVER, "automatic", f"{PHOTOGRAPHS[image.slot]} erased")
 
 
 def _work(story: MealStory) -> Iterator[Entry]:

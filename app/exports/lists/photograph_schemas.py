@@ -2,11 +2,11 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Literal
 
 from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT, PHOTOGRAPH, STUDY
+from app.photos.slots import PhotographSlot
 
 
 class PhotographOut(BaseModel):
@@ -17,7 +17,7 @@ class PhotographOut(BaseModel):
     participant: str = Field(description=PARTICIPANT)
     captured_at: datetime = Field(description=CAPTURED_AT)
     local_date: date = Field(description=LOCAL_DATE)
-    slot: Literal["left", "right", "after_left", "after_right"] = Field(description=PHOTOGRAPH["slot"])
+    slot: PhotographSlot = Field(description=PHOTOGRAPH["slot"])
     media_type: str = Field(description=PHOTOGRAPH["media_type"])
     width_px: int = Field(description=PHOTOGRAPH["width_px"])
     height_px: int = Field(description=PHOTOGRAPH["height_px"])

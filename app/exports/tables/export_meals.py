@@ -30,10 +30,11 @@ from app.http.tables.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, wid
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
 from app.meals.meal_time import number_of
-from app.meals.models import SLOTS, MealImage
+from app.meals.models import MealImage
 from app.meals.queries import first_days
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.access.caller import Caller, visible_rows
+from app.photos.slots import PAIR_SLOTS
 
 MEALS_A_BATCH = 1000
 Photograph = tuple[ExportedMeal, MealImage]
@@ -172,7 +173,7 @@ def _run(meal: _Meal) -> Row:
 
 
 def _hashes(meal: _Meal) -> Row:
-    pair = [meal.images.get(slot) for slot in SLOTS]
+    pair = [meal.images.get(slot) for slot in PAIR_SLOTS]
     return tuple(chain(*((image.received_sha256, image.stored_sha256) if image else (None, None) for image in pair)))
 
 

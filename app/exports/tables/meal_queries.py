@@ -12,9 +12,10 @@ from app.db.statements import AnyRow
 from app.exports.tables.record_queries import coordinates
 from app.foods.models import Food
 from app.meals.day_models import DiaryDay
-from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
+from app.meals.models import Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Participant, Study
+from app.photos.slots import SLOTS
 
 
 class ExportedMeal(NamedTuple):
@@ -131,7 +132,7 @@ def last_runs(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, Mea
 
 def images_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[MealImage]]:
     """Meal -> its photographs, left before right, the meal's own before those after it."""
-    places = {slot: place for place, slot in enumerate((*SLOTS, *AFTER_SLOTS))}
+    places = {slot: place for place, slot in enumerate(SLOTS)}
     images_by_meal: dict[uuid.UUID, list[MealImage]] = {}
     for image in session.scalars(sa.select(MealImage).where(MealImage.meal_id.in_(ids))):
         images_by_meal.setdefault(image.meal_id, []).append(image)

@@ -2,8 +2,7 @@
 
 from app.http.tables.columns import Column, Part
 from app.http.tables.record_columns import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
-
-SLOTS = ("left", "right", "after_left", "after_right")
+from app.photos.slots import SLOTS
 
 PHOTOGRAPH_PARTS = (
     Part("id", (MEAL_ID,)),

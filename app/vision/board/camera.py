@@ -44,12 +44,16 @@ def camera_from_exif(photo: Photo) -> Camera:
 
 
 def estimate_views(
-    pair: PhotoPair, observations: tuple[MarkerObservation, MarkerObservation], options: EstimateOptions
+    pair: PhotoPair,
+    observations: tuple[MarkerObservation, MarkerObservation],
+    options: EstimateOptions,
+    *,
+    is_stereo: bool = True,
 ) -> tuple[View, View] | Failure:
     """Camera and pose of both photographs from the marker's corners, which must agree (marker.agree_on_corners).
 
-    A View's rms_px is against the sheet as bent as it was found to be. Failures: camera_mismatch, same_photograph,
-    pose_unreliable, baseline_too_small, baseline_too_large.
+    is_stereo: whether the baseline must be one for stereo. A View's rms_px is against the bent sheet.
+    Failures: camera_mismatch, same_photograph, pose_unreliable; for stereo baseline_too_small, baseline_too_large.
     """
     photos = (pair.left, pair.right)
     if _is_same_photograph(photos, observations):
@@ -85,7 +89,7 @@ def estimate_views(
             photos, fit.cameras, observations, fit.poses, fit.rms_px, strict=True
         )
     )
-    too_near_or_far = _baseline_failure(left, right)
+    too_near_or_far = _baseline_failure(left, right) if is_stereo else None
     return (left, right) if too_near_or_far is None else too_near_or_far
 
 

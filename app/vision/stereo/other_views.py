@@ -78,7 +78,7 @@ def _placed(photo: Photo, first: View, options: EstimateOptions) -> View | None:
     if isinstance(observation, Failure):
         return None
     both = PhotoPair(first.photo, photo)
-    views = estimate_views(both, agree_on_corners(both, marker, observation), options)
+    views = estimate_views(both, agree_on_corners(both, marker, observation), options, is_stereo=False)
     if isinstance(views, Failure):
         return None
     matches = match_features(*views)

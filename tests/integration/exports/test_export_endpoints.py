@@ -11,9 +11,9 @@ import sqlalchemy as sa
 from app.exports.export_spec import ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
 from app.http.row_filter import RowFilter
-from app.http.tables import meal_columns, photograph_columns, record_columns
+from app.http.tables import meal_columns, record_columns
 from app.meals.event_models import LAYERS
-from app.meals.models import AFTER_SLOTS, AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, SLOTS, Meal
+from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
@@ -108,7 +108,6 @@ def test_values_that_the_dictionary_lists_are_those_of_the_models():
     assert meal_columns.MEAL_STATUSES == MEAL_STATUSES
     assert meal_columns.MEAL_ORIGINS == MEAL_ORIGINS
     assert meal_columns.AFTER_STATUSES == AFTER_STATUSES
-    assert (*SLOTS, *AFTER_SLOTS) == photograph_columns.SLOTS
     assert tuple(column.name for column in record_columns.HEADLINES) == HEADLINE_COLUMNS
 
 

@@ -37,7 +37,9 @@ class RecordingChildren:
     def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         on_stage("read")
         self.options = request.arguments["options"]
-        self.photos = {side: pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")}
+        self.photos = {
+            side: pathlib.Path(request.arguments["photographs"][side]).read_bytes() for side in ("left", "right")
+        }
         return ChildResult("ok", answer(*self.items))
 
 
@@ -48,7 +50,7 @@ class ChildrenInProcess:
 
     def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         output = pathlib.Path(request.arguments["output_dir"])
-        photos = [pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")]
+        photos = [pathlib.Path(request.arguments["photographs"][side]).read_bytes() for side in ("left", "right")]
         key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))
         if key not in self.done:
             arguments = json.loads(json.dumps(request.arguments))  # as the pipe to a child gives them

@@ -87,7 +87,7 @@ def test_thumbnail_looks_as_the_picture_that_is_made_at_its_width(tmp_path):
     left.write_bytes(photograph(1))
     request = {"photo": str(left), "output": str(output), "width_px": THUMBNAIL_PX, "max_pixels": 10**7}
     picture_task(request | {"colour": None}, lambda _: None)
-    paths = {"left": str(left), "right": str(left), "output_dir": str(tmp_path), "max_pixels": 10**7}
+    paths = {"photographs": {"left": str(left), "right": str(left)}, "output_dir": str(tmp_path), "max_pixels": 10**7}
     estimate_task(paths | {"options": OPTIONS}, lambda _: None)
     pixels = [np.asarray(Image.open(path), float) for path in (output, tmp_path / "thumbnail_left.jpg")]
     assert np.abs(pixels[0] - pixels[1]).mean() < 4.0  # of 255; halved while decoded, or afterwards

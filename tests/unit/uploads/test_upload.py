@@ -9,7 +9,7 @@ from fastapi import FastAPI, Request
 
 from app.http.problems import install_problem_handlers
 from app.http.upload import UploadLimits, received_body, received_parts
-from app.meals.models import SLOTS
+from app.photos.slots import PAIR_SLOTS
 
 LIMITS = UploadLimits(photo_bytes=200_000, metadata_bytes=1000)
 BOUNDARY = "b0undary"
@@ -28,7 +28,7 @@ def client_for(folder, limits):
 
     @app.post("/parts")
     async def parts(request: Request):
-        async with received_parts(request, SLOTS, folder, limits, limiter) as found:
+        async with received_parts(request, PAIR_SLOTS, folder, limits, limiter) as found:
             return {
                 "metadata": (found.metadata or b"").decode(),
                 "files": {

@@ -69,3 +69,13 @@ def test_photograph_of_another_scene_adds_nothing(photographs, pair):
     moved = render(look_at(CENTRES_MM[3], (60.0, 0.0, 10.0)), None, 7)  # another cloth, no ball
     third = measured([*photographs[:2], Photo(np.clip(moved, 0, 255).astype(np.uint8))])
     assert third.items[0].volume_ml == pair.items[0].volume_ml
+
+
+def test_photograph_from_farther_along_the_same_line_of_sight_joins(photographs, pair):
+    """It could be no stereo partner of the first, and shows the outline all the same."""
+    centre_mm = np.array(CENTRES_MM[0]) * 1.3
+    pixels = render(look_at(tuple(centre_mm), (60.0, 0.0, 10.0)), BALL, 0)
+    noisy = pixels + np.random.default_rng(9).normal(0.0, 1.0, pixels.shape)
+    third = measured([*photographs[:2], Photo(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))])
+    assert third.parameters["views"] == 3
+    assert third.items[0].volume_ml == pytest.approx(pair.items[0].volume_ml, rel=0.05)
