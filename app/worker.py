@@ -3,6 +3,7 @@
 import argparse
 import os
 import sys
+from functools import partial
 
 import structlog
 
@@ -15,6 +16,7 @@ from app.core.private_files import keep_files_private
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.estimates.estimate_meal import EstimateMeal
+from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.worker_process import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
@@ -52,7 +54,7 @@ def run_worker(settings: Settings) -> int:
     metrics = _serve_metrics(settings)
 
     def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:
-        return EstimateMeal(database, blobs, pool, settings)
+        return EstimateMeal(database, blobs, pool, settings, partial(open_index, settings.food_index))
 
     def make_chores(database: Database) -> list[Chore]:
         return worker_chores(database, blobs, box, settings)

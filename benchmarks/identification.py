@@ -33,6 +33,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from app.identification.building.fit_calibration import expected_calibration_error, fit_calibration  # noqa: E402
+from app.identification.building.held_out import (  # noqa: E402
+    scores_of_unseen_classes,
+    scores_of_unseen_specimens,
+    specimen_folds,
+)
 from app.identification.calibrate import (  # noqa: E402  # found from the checkout, installed or not
     NONE_PRIOR,
     posterior,
@@ -44,13 +50,7 @@ from app.identification.kernel_classifier import KernelClassifier, fit_classifie
 from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
 from app.vision.looks.vcm import describe  # noqa: E402
 from app.vision.looks.vcm_region import region_of_box  # noqa: E402
-from tools.food_index.build import LabelledFood, boxes_of, labelled_foods  # noqa: E402
-from tools.food_index.calibration import expected_calibration_error, fit_calibration  # noqa: E402
-from tools.food_index.held_out import (  # noqa: E402
-    scores_of_unseen_classes,
-    scores_of_unseen_specimens,
-    specimen_folds,
-)
+from tools.food_index import LabelledFood, boxes_of, labelled_foods  # noqa: E402
 
 LUNCH = 750  # minutes after midnight
 TAKEN = 0.8  # the probability from which a food is proposed without being asked about

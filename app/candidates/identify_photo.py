@@ -1,10 +1,11 @@
-"""Identify the food in one photograph, or in a box of it, by the shipped index; needs no server."""
+"""Identify the food in one photograph, or in a box of it, by an index; needs no server."""
 
 import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
 from app.identification.calibrate import NONE_PRIOR
-from app.identification.food_index import shipped_index
+from app.identification.food_index import open_index
 from app.identification.identifier import Circumstances, Identification, Identifier
 from app.meals.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
@@ -36,10 +37,13 @@ class IdentifiedPhoto:
     seconds: float
 
 
-def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = None) -> IdentifiedPhoto:
+def identify_photo(
+    photo: Photo, box: Box | None, marker: MarkerSpec | None = None, index: Path | None = None
+) -> IdentifiedPhoto:
     """Identify the food in the box, or in the likeliest place. marker: in the photograph, to correct its colours.
 
-    Raises InvalidInputError: `box_outside`, or the marker's failure code if it is not found.
+    index: file of an index; None: the shipped one. Raises InvalidInputError: `box_outside`, `food_index_unreadable`,
+    or the marker's failure code if it is not found.
     """
     started = time.perf_counter()
     pixels = photo.pixels_bgr
@@ -49,7 +53,7 @@ def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = No
             raise InvalidInputError(f"{board.message} {board.advice}".strip(), code=board.code)
         pixels = apply_colour(pixels, measure_colour(photo, board))
     if box is not None:
-        identified = _identify(pixels, [box], NONE_PRIOR)
+        identified = _identify(pixels, [box], NONE_PRIOR, index)
         if not identified:
             height, width = pixels.shape[:2]
             raise InvalidInputError(
@@ -59,14 +63,14 @@ def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = No
         return IdentifiedPhoto(*identified[0], time.perf_counter() - started)
     boxes = propose_boxes(pixels)
     surest, surest_box = max(
-        _identify(pixels, boxes, UNPOINTED_NONE_PRIOR), key=lambda each: each[0].candidates[0].probability
+        _identify(pixels, boxes, UNPOINTED_NONE_PRIOR, index), key=lambda each: each[0].candidates[0].probability
     )
     return IdentifiedPhoto(surest, surest_box, time.perf_counter() - started)
 
 
-def identify_items(items: Iterable[dict[str, Any]]) -> None:
-    """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates."""
-    identifier = _identifier(None)
+def identify_items(items: Iterable[dict[str, Any]], index: Path | None = None) -> None:
+    """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates. index: see identify_photo."""
+    identifier = _identifier(index, None)
     for item in items:
         vcm = item.pop("vcm")
         if vcm is None:
@@ -75,7 +79,7 @@ def identify_items(items: Iterable[dict[str, Any]]) -> None:
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
         circumstances = Circumstances(item["volume_ml"], relative_sd)
         vector = numbers_of(VcmAnswer.model_validate(vcm).vector)
-        identification = identifier.identify(vector, circumstances, _all_foods())
+        identification = identifier.identify(vector, circumstances, most=len(open_index(index).foods))
         item.update(
             candidates=candidates_to_json(identification),
             none_of_these=round(identification.none_probability, 4),
@@ -122,24 +126,22 @@ def food_name(food_key: str, name: str | None) -> str:
     return _starter_names().get(food_key) or name or food_key
 
 
-def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> list[tuple[Identification, Box]]:
+def _identify(
+    pixels: np.ndarray, boxes: Sequence[Box], none_prior: float, index: Path | None
+) -> list[tuple[Identification, Box]]:
+    """Candidates are all foods of the index, so that their probabilities and that of none of them sum to 1."""
     regions = [(region_of_box(pixels, box), box) for box in boxes]
-    identifier = _identifier(none_prior)
+    identifier, most = _identifier(index, none_prior), len(open_index(index).foods)
     return [
-        (identifier.identify(describe(region).astype(np.float64), most=_all_foods()), box)
+        (identifier.identify(describe(region).astype(np.float64), most=most), box)
         for region, box in regions
         if region is not None
     ]
 
 
-def _all_foods() -> int:
-    """Return how many candidates to list: all, so that their probabilities and that of none of them sum to 1."""
-    return len(shipped_index().foods)
-
-
 @cache
-def _identifier(none_prior: float | None) -> Identifier:
-    return Identifier(shipped_index(), none_prior=none_prior)
+def _identifier(index: Path | None, none_prior: float | None) -> Identifier:
+    return Identifier(open_index(index), none_prior=none_prior)
 
 
 @cache

@@ -1,15 +1,58 @@
 """The commands `tada index ...`: the index of how foods look."""
 
 import json
+import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from app.cli.database import JsonOption, opened_database
+from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 
 index_cli = typer.Typer(no_args_is_help=True, help="The index of how foods look.")
+
+
+@index_cli.command("build")
+def index_build(
+    folder: Annotated[Path, typer.Argument(help="FOLDER/<label>/<specimen>/*.jpg; see docs/identification.md.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The index; its labels go beside it as .csv.")] = Path(
+        "index.npz"
+    ),
+    name: Annotated[str | None, typer.Option(help="Its name in `index_version`; default: the folder's.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Build an index of how foods look from labelled photographs. TADA_FOOD_INDEX makes the server use it."""
+    from app.candidates.labelled_folder import build_from_folder
+    from app.identification.building.build_index import write_index, write_labels
+    from app.identification.food_index import labels_path, open_index
+
+    if output.suffix != ".npz":
+        raise InvalidInputError(f"{output} does not end in .npz.")
+    built = build_from_folder(
+        folder, name or folder.resolve().name, max_pixels=Settings().max_photo_pixels, on_photo=_show_progress
+    )
+    write_index(output, built)
+    write_labels(labels_path(output), built.foods)
+    report = {
+        "index": str(output),
+        "version": open_index(output).version,
+        "photographs": len(built.vectors),
+        "specimens": len(set(built.specimens)),
+        "foods": [food.food_key for food in built.foods],
+    }
+    if as_json:
+        print(json.dumps(report))
+    else:
+        print(f"{len(built.vectors)} photographs, {report['specimens']} specimens, {len(built.foods)} foods: {output}")
+
+
+def _show_progress(number: int, count: int) -> None:
+    """Count on a terminal's standard error."""
+    if sys.stderr.isatty():
+        print(f"\r{number} of {count}", end="\n" if number == count else "", file=sys.stderr, flush=True)
 
 
 @index_cli.command("rebuild")

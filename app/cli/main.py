@@ -160,8 +160,14 @@ def estimate(
         vessels=vessels,
     )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
+    settings = Settings()
     estimated = estimate_files(
-        photographs, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce
+        photographs,
+        options,
+        max_pixels=settings.max_photo_pixels,
+        debug=debug,
+        on_stage=announce,
+        index=settings.food_index,
     )
     if as_json:
         print(json.dumps(estimated))
@@ -180,9 +186,12 @@ def identify(
     marker: Annotated[
         str | None, typer.Option(metavar="M", help="A marker in the photograph, to correct its colours.")
     ] = None,
+    index: Annotated[
+        Path | None, typer.Option(help="An index by `tada index build`; default: TADA_FOOD_INDEX, or the shipped one.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the food in a photograph by the index that ships with the program."""
+    """Identify the food in a photograph by an index of foods."""
     from app.candidates.identify_photo import identified_to_json, identify_photo, parse_box
     from app.vision.looks.vcm_region import SIDE_PX
     from app.vision.marker_spec import parse_marker
@@ -190,7 +199,9 @@ def identify(
     food_box = parse_box(box) if box is not None else None
     spec = parse_marker(marker) if marker is not None else None
     identified = identified_to_json(
-        identify_photo(read_photo_or_fail(photo, least_short_side_px=SIDE_PX), food_box, spec)
+        identify_photo(
+            read_photo_or_fail(photo, least_short_side_px=SIDE_PX), food_box, spec, index or Settings().food_index
+        )
     )
     if as_json:
         print(json.dumps(identified))

@@ -88,6 +88,13 @@ class Settings(BaseSettings):
         ge=1,
         description="Simultaneous estimates in one worker; default: by its cores and memory.",
     )
+    food_index: Path | None = Field(
+        default=None, description="Index of how foods look, made by `tada index build`; default: the shipped one."
+    )
+    classifier: Path | None = Field(
+        default=None,
+        description="Description (TOML) of an ONNX network whose candidates join the index's; default: none.",
+    )
     export_days: int = Field(default=7, ge=1, description="Days that a file made in the background is kept.")
     export_min_free_bytes: int = Field(
         default=1024 * MEBIBYTE,

@@ -56,8 +56,9 @@ def estimate_files(
     max_pixels: int,
     debug: Path | None,
     on_stage: Callable[[str], None] | None,
+    index: Path | None = None,
 ) -> dict[str, Any]:
-    """Run the pipeline on two to eight files; with `debug`, write its pictures there."""
+    """Run the pipeline on two to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
     if not PAIR <= len(photographs) <= MAX_VIEWS:
         raise InvalidInputError(
             f"{len(photographs)} photographs were given; {PAIR} to {MAX_VIEWS} of one meal are needed."
@@ -85,7 +86,7 @@ def estimate_files(
         for artefact in estimate.artefacts:
             (debug / artefact.name).write_bytes(artefact.content)
     answer: dict[str, Any] = found.as_json()
-    identify_items(answer["items"])
+    identify_items(answer["items"], index)
     for item in answer["items"]:
         hint = options.hints[item["hint"]] if item["hint"] is not None else None
         food = table[hint.food] if hint is not None and hint.food else None

@@ -3,7 +3,7 @@
 p(class) ~ prior(class) exp(score / temperature), p(none) ~ prior(none) exp(none_score / temperature): temperature
 scaling (Guo, Pleiss, Sun and Weinberger, "On calibration of modern neural networks", ICML 2017) with one class
 more whose score is the same for all regions, so that it wins where nothing known scores well. Both numbers come with
-the index (tools/food_index/calibration.py fits them).
+the index (building/fit_calibration.py fits them).
 """
 
 from dataclasses import dataclass

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.core.errors import InvalidInputError
 from app.identification.calibrate import Calibration
 from app.identification.metric import BlockLayout, Metric, Vectors
 
@@ -78,6 +80,26 @@ def shipped_index() -> FoodIndex:
         return read_index(io.BytesIO(file.read()), shipped_foods())
 
 
+@cache
+def open_index(path: Path | None) -> FoodIndex:
+    """Return the index in a file that `tada index build` wrote, with its labels beside it; None: the shipped one.
+
+    Raises InvalidInputError, code `food_index_unreadable`.
+    """
+    if path is None:
+        return shipped_index()
+    try:
+        foods = read_labels(labels_path(path).read_text(encoding="utf-8"))
+        return read_index(io.BytesIO(path.read_bytes()), foods)
+    except (OSError, ValueError, KeyError) as error:
+        raise InvalidInputError(f"The index {path} cannot be read: {error}.", code="food_index_unreadable") from error
+
+
+def labels_path(path: Path) -> Path:
+    """Where the labels of an index are: beside it, with the suffix .csv."""
+    return path.with_suffix(".csv")
+
+
 def shipped_foods() -> tuple[KnownFood, ...]:
     """The labels of the shipped index and their foods."""
     return read_labels((_folder() / LABELS).read_text(encoding="utf-8"))
@@ -93,7 +115,7 @@ def read_labels(text: str) -> tuple[KnownFood, ...]:
 
 
 def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
-    """Return the index of an archive that tools/food_index wrote. known: what its labels are.
+    """Return the index of an archive that building/build_index.py wrote. known: what its labels are.
 
     Raises ValueError if it is no such archive, is damaged, or has an unknown label.
     """

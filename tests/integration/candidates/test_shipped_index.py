@@ -7,13 +7,14 @@ import zipfile
 import numpy as np
 import pytest
 
+from app.candidates.labelled_folder import LAYOUT
+from app.identification.building.fit_calibration import expected_calibration_error, fit_calibration
+from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.identification.calibrate import posterior
 from app.identification.food_index import shipped_index
 from app.nutrition.foods import load_starter_table
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
-from tools.food_index.build import LAYOUT, build_index, describe_food, labelled_foods
-from tools.food_index.calibration import expected_calibration_error, fit_calibration
-from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
+from tools.food_index import build_shipped, describe_food, labelled_foods
 
 NOT_IN_THE_STARTER_TABLE = {"mooncake", "sachima"}  # no public table at hand has figures for them
 SAMPLE = 25
@@ -103,7 +104,7 @@ def test_index_is_built_from_a_folder_of_labelled_photographs(shared_data, tmp_p
         boxes = source / "boxes" / f"{food.photo.stem}.xml"
         (tmp_path / "boxes" / boxes.name).symlink_to(boxes)
     known = [food for food in shipped_index().foods if food.label in {"banana", "egg", "tomato"}]
-    built = build_index(tmp_path, known)
+    built = build_shipped(tmp_path, known)
     assert len(built.vectors) == len(few)
     assert [food.label for food in built.foods] == ["banana", "egg", "tomato"]
     assert built.volumes_ml == {}  # without density.xls

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from app.identification.building.fit_metric import fit_metric
 from app.identification.calibrate import Calibration
 from app.identification.food_index import FoodIndex, KnownFood
 from app.identification.metric import BlockLayout
-from tools.food_index.metric import fit_metric
 
 LAYOUT = (BlockLayout("shares", 6, is_histogram=True), BlockLayout("measures", 4, is_histogram=False))
 LENGTH = sum(block.size for block in LAYOUT)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.identification.building.build_index import write_index
 from app.identification.calibrate import Calibration
 from app.identification.food_index import (
     KnownFood,
@@ -15,7 +16,6 @@ from app.identification.food_index import (
 )
 from app.identification.identifier import Identifier
 from tests.unit.identification.small_index import pictures_of, small_index
-from tools.food_index.build import write_index
 
 VOLUMES = {"apple": (150.0, 180.0), "egg": (55.0,)}
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from app.identification.building.fit_metric import fit_metric
 from app.identification.metric import CLIP_SD, BlockLayout, Metric, squared_distances
-from tools.food_index.metric import fit_metric
 
 LAYOUT = (
     BlockLayout("narrow", 3, is_histogram=False),

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.identification.kernel_classifier import fit_classifier
 from tests.unit.identification.clouds import clouds
-from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 
 
 def test_scores_of_unseen_specimens_are_those_of_fitting_again_without_the_fold():

@@ -1,6 +1,6 @@
 """Builds the index that ships from a folder of labelled photographs.
 
-    python -m tools.food_index.build FOLDER -o app/identification/shipped/ecustfd.npz
+    python -m tools.food_index FOLDER -o app/identification/shipped/ecustfd.npz
 
 The folder is laid out as ECUSTFD is (Liang and Li, "Computer vision-based food calorie estimation: dataset, method,
 and experiment", arXiv:1705.07632, 2017): images/*.jpg, a box a food in boxes/*.xml (Pascal VOC), each specimen's volume
@@ -18,22 +18,19 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from app.candidates.labelled_folder import LAYOUT
 from app.core.errors import Failure, InvalidInputError
+from app.identification.building.build_index import build_index, write_index
 from app.identification.food_index import FoodIndex, KnownFood, shipped_foods
-from app.identification.metric import BlockLayout, Vectors
-from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe
+from app.identification.metric import Vectors
+from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
 from app.vision.photo import read_photo
 from tools.ecustfd import read_specimens
-from tools.food_index.calibration import fit_calibration
-from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen_specimens
-from tools.food_index.metric import fit_metric
 
 SOURCE = "ecustfd"
-DIGEST = re.compile(r" [0-9a-f]{12}$")  # of the content, at the end of a version
 NAME = re.compile(r"(?P<label>[a-z_]+?)(?P<specimen>\d+)[ST]\(\d+\)", re.ASCII)
 MAX_PIXELS = 64_000_000
-LAYOUT = tuple(BlockLayout(block.name, block.size, block.kind == "histogram") for block in BLOCKS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ class LabelledFood:
     box: Box
 
 
-def build_index(folder: Path, known: Sequence[KnownFood]) -> FoodIndex:
+def build_shipped(folder: Path, known: Sequence[KnownFood]) -> FoodIndex:
     """The index of all labelled foods in a folder. known: the labels that it is to have, in their order.
 
     Raises InvalidInputError where the folder is laid out otherwise or a photograph cannot be read.
@@ -55,50 +52,15 @@ def build_index(folder: Path, known: Sequence[KnownFood]) -> FoodIndex:
     described = [(food, describe_food(food)) for food in labelled_foods(folder) if food.label in number]
     if not described:
         raise InvalidInputError(f"{folder} has no labelled photographs: images/*.jpg and boxes/*.xml are expected.")
-    vectors = np.stack([vector for _, vector in described]).astype(np.float16).astype(np.float64)  # as it is stored
-    labels = np.array([number[food.label] for food, _ in described], np.intp)
-    specimens = tuple(food.specimen for food, _ in described)
-    metric = fit_metric(vectors, LAYOUT)
-    examples = metric.embed(vectors)
-    scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, len(known))
-    calibration = fit_calibration(
-        scores[has_another], labels[has_another], scores_of_unseen_classes(examples, labels, len(known))
-    )
-    return FoodIndex(
-        version=SOURCE,
-        vcm_version=VCM_VERSION,
-        foods=tuple(known),
-        vectors=vectors,
-        labels=labels,
-        specimens=specimens,
-        layout=LAYOUT,
-        metric=metric,
-        calibration=calibration,
-        volumes_ml=_volumes(folder / "density.xls", number),
-    )
-
-
-def write_index(path: Path, index: FoodIndex) -> None:
-    """The archive that read_index reads; the same index gives the same bytes. Vectors are kept in half precision."""
-    sizes = [(food.label, volume) for food in index.foods for volume in index.volumes_ml.get(food.label, ())]
-    np.savez_compressed(
-        path,
-        allow_pickle=False,
-        source=np.array(DIGEST.sub("", index.version)),
-        vcm_version=np.array(index.vcm_version),
-        label_names=np.array([food.label for food in index.foods]),
-        vectors=index.vectors.astype(np.float16),
-        labels=index.labels.astype(np.uint8 if len(index.foods) < 256 else np.uint16),
-        specimens=np.array(index.specimens),
-        block_names=np.array([block.name for block in index.layout]),
-        block_sizes=np.array([block.size for block in index.layout], np.int32),
-        block_is_histogram=np.array([block.is_histogram for block in index.layout]),
-        centre=index.metric.centre,
-        sd=index.metric.sd,
-        weight=index.metric.weight,
-        calibration=np.array([index.calibration.temperature, index.calibration.none_score]),
-        volume_labels=np.array([label for label, _ in sizes]),
-        volumes_ml=np.array([volume for _, volume in sizes], np.float64),
+    return build_index(
+        SOURCE,
+        VCM_VERSION,
+        known,
+        np.stack([vector for _, vector in described]),
+        np.array([number[food.label] for food, _ in described], np.intp),
+        [food.specimen for food, _ in described],
+        LAYOUT,
+        _volumes(folder / "density.xls", number),
     )
 
 
@@ -157,11 +119,11 @@ def _volumes(path: Path, labels: dict[str, int]) -> dict[str, tuple[float, ...]]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m tools.food_index.build", description="Build the index that ships.")
+    parser = argparse.ArgumentParser(prog="python -m tools.food_index", description="Build the index that ships.")
     parser.add_argument("folder", type=Path, help="labelled photographs, laid out as ECUSTFD is")
     parser.add_argument("-o", "--output", type=Path, default=Path("index.npz"), help="the archive to write")
     options = parser.parse_args(arguments)
-    index = build_index(options.folder, shipped_foods())
+    index = build_shipped(options.folder, shipped_foods())
     write_index(options.output, index)
     regions, specimens = len(index.vectors), len(set(index.specimens))
     sys.stdout.write(f"{regions} regions of {specimens} specimens, {len(index.foods)} foods: {options.output}\n")

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
+from app.identification.building.fit_calibration import LEAST_TEMPERATURE, expected_calibration_error, fit_calibration
 from app.identification.calibrate import NONE_PRIOR, posterior
-from tools.food_index.calibration import LEAST_TEMPERATURE, expected_calibration_error, fit_calibration
 
 CLASSES = 6
 

@@ -1,4 +1,4 @@
-"""Fits the temperature and the none score of an index, and measures how honest its probabilities are.
+"""Fit the temperature and the none score of an index, and measures how honest its probabilities are.
 
 Both numbers are those under which held-out examples are likeliest: of known classes, no picture of whose specimen was
 seen; and of classes that were left out whole, which stand for all that the index does not know.

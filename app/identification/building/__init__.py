@@ -1,0 +1,1 @@
+"""Make an index of foods from described regions: metric, calibration, archive."""
