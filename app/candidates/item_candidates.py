@@ -1,7 +1,7 @@
-"""The foods that an item may be: the phone's hint, and the index's candidates for its current region.
+"""The foods that an item may be: the phone's hint, the index's candidates for its current region, then a network's.
 
-A region that was redrawn and measured again was also identified again, and its candidates count; if the redrawing is
-undone, those of the previous region count again.
+A region that was redrawn and measured again was also identified again, and only its candidates count; if the redrawing
+is undone, those of the previous region count again.
 """
 
 import uuid
@@ -13,13 +13,13 @@ from sqlalchemy.orm import Session
 from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals import meal_parts
-from app.meals.meal_parts import FROM_HINT, FROM_INDEX, Identified
+from app.meals.meal_parts import FROM_HINT, FROM_INDEX, FROM_MODEL, Identified
 from app.meals.record_models import CandidateSource, EffectiveRecord, Item, ItemCandidate
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A food that an item may be. probability: by the index; None: a hint's."""
+    """A food that an item may be. probability: by its source; None: a hint's."""
 
     food: Food
     probability: float | None
@@ -28,7 +28,10 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class ItemCandidates:
-    """candidates: the hint's first, then the index's, best first. identified: None if no run identified the item."""
+    """candidates: the hint's first, then the index's and a network's, each best first.
+
+    identified: None if no run identified the item by the index.
+    """
 
     candidates: tuple[Candidate, ...]
     identified: Identified | None
@@ -48,10 +51,12 @@ def current_candidates(
 ) -> tuple[list[ItemCandidate], Identified | None]:
     """Return an item's current candidates: of the run that saw its current region, or else of the run that found it."""
     by_run = {each.run_id: each for each in identified if each.index_version is not None}
-    run_id = seen_by if seen_by in by_run else found_by
+    is_seen_anew = seen_by in by_run or any(row.source == FROM_MODEL and row.run_id == seen_by for row in rows)
+    run_id = seen_by if is_seen_anew else found_by
+    of_run = [row for row in rows if row.source != FROM_HINT and (row.run_id or found_by) == run_id]
+    ordered = [row for source in (FROM_INDEX, FROM_MODEL) for row in of_run if row.source == source]
     hints = [row for row in rows if row.source == FROM_HINT]
-    by_index = [row for row in rows if row.source == FROM_INDEX and (row.run_id or found_by) == run_id]
-    return hints + by_index, by_run.get(run_id) if run_id is not None else None
+    return hints + ordered, by_run.get(run_id) if run_id is not None else None
 
 
 def candidates_of_records(

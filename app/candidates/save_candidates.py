@@ -14,9 +14,9 @@ from sqlalchemy.orm import Session
 from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals.identification_models import ItemIdentification
-from app.meals.meal_parts import FROM_INDEX
+from app.meals.meal_parts import FROM_INDEX, FROM_MODEL
 from app.meals.record_models import Item, ItemCandidate
-from app.meals.run_answer import ItemAnswer
+from app.meals.run_answer import CandidateAnswer, ItemAnswer
 
 ASSIGNED_FROM = 0.8  # probability of the first candidate; a wrong food must not enter sums unnoticed
 MOST_CANDIDATES = 10
@@ -47,16 +47,18 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                     created_at=now,
                 )
             )
+        by_model, _ = _known(answer.model_candidates, foods_by_key)
+        from_all = [(FROM_INDEX, each) for each in candidates] + [(FROM_MODEL, each) for each in by_model]
         session.add_all(
             ItemCandidate(
                 item_id=item.id,
                 position=position,
                 food_id=food.id,
                 probability=probability,
-                source=FROM_INDEX,
+                source=source,
                 run_id=run_id,
             )
-            for position, (food, probability) in enumerate(candidates, start=places.get(item.id, 0))
+            for position, (source, (food, probability)) in enumerate(from_all, start=places.get(item.id, 0))
         )
         likely.append(candidates[0][0] if candidates and candidates[0][1] >= ASSIGNED_FROM else None)
     session.flush()
@@ -66,6 +68,7 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
 def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
     """Return key -> food in force, of all candidates of all items."""
     keys = {each.food for _, answer in seen if answer.index_version is not None for each in answer.candidates}
+    keys |= {each.food for _, answer in seen for each in answer.model_candidates}
     return foods.foods_by_key(session, keys) if keys else {}
 
 
@@ -83,7 +86,15 @@ def _candidates(answer: ItemAnswer, foods_by_key: Mapping[str, Food]) -> tuple[l
     """Return the saved candidates, best first, and the probability of none of them; None: not identified."""
     if answer.index_version is None or answer.none_probability is None:
         return [], None
-    named = [(foods_by_key.get(each.food), each.probability) for each in answer.candidates]
+    kept, unknown = _known(answer.candidates, foods_by_key)
+    return kept, min(answer.none_probability + unknown, 1.0)
+
+
+def _known(
+    candidates: Sequence[CandidateAnswer], foods_by_key: Mapping[str, Food]
+) -> tuple[list[tuple[Food, float]], float]:
+    """Return those of a food table in force, best first, and the probability of the others."""
+    named = [(foods_by_key.get(each.food), each.probability) for each in candidates]
     unknown = sum(probability for food, probability in named if food is None)
     kept = [(food, p) for food, p in named if food is not None and p >= LEAST_PROBABILITY]
-    return kept[:MOST_CANDIDATES], min(answer.none_probability + unknown, 1.0)
+    return kept[:MOST_CANDIDATES], unknown

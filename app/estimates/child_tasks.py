@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from pydantic import BaseModel, JsonValue
 
+from app.candidates.classifier_file import read_model
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
@@ -22,6 +23,7 @@ from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.intrinsics import camera_from_mapping
+from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
@@ -31,6 +33,8 @@ from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 StageListener = Callable[[str], None]
 Arguments = Mapping[str, object]  # JSON, checked by each task
 
+GREY = Photo(np.full((64, 64, 3), 128, np.uint8))  # what a network is tried on
+GREY_RINGS = [[(8.0, 8.0), (56.0, 8.0), (56.0, 56.0), (8.0, 56.0)]]
 PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
 
 
@@ -80,6 +84,18 @@ class _RegionRequest(BaseModel):
     rings: list[list[tuple[float, float]]]
     colour: Json | None
     marker: str
+
+
+class _ClassifyRequest(BaseModel):
+    """regions: rings of each, px. network_input: of food_model.NetworkInput."""
+
+    photo: Path
+    max_pixels: int
+    regions: list[list[list[tuple[float, float]]]]
+    colour: Json | None
+    model: Path
+    sha256: str
+    network_input: NetworkInput
 
 
 class _DescribeRequest(BaseModel):
@@ -283,6 +299,33 @@ def describe_task(arguments: Arguments, _: StageListener) -> Json:
     return {"failure": None, "vcms": vcms}
 
 
+def classify_task(arguments: Arguments, _: StageListener) -> Json:
+    """Probabilities of the labels of an operator's network, by region; None where nothing of a region is in view.
+
+    Without regions the network is loaded and shown a grey picture, which tells whether it fits its description.
+    """
+    request = _ClassifyRequest.model_validate(arguments)
+    content = read_model(request.model, request.sha256)
+    network = content if isinstance(content, Failure) else load_network(content)
+    if isinstance(network, Failure):
+        return {"failure": failure_to_json(network), "probabilities": []}
+    photo: Photo | Failure = GREY
+    regions = request.regions or [GREY_RINGS]
+    if request.regions:
+        photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
+    if isinstance(photo, Failure):
+        return {"failure": failure_to_json(photo), "probabilities": []}
+    colour = colour_from_json(request.colour) if request.colour is not None else None
+    answers: list[JsonValue] = []
+    for rings in regions:
+        outline = [np.asarray(ring, np.float64).reshape(-1, 2) for ring in rings]
+        answer = classify_region(network, request.network_input, photo.pixels_bgr, outline, colour)
+        if isinstance(answer, Failure):
+            return {"failure": failure_to_json(answer), "probabilities": []}
+        answers.append(answer.tolist() if answer is not None else None)
+    return {"failure": None, "probabilities": answers}
+
+
 def _colour_by_marker(photo: Photo, marker: str) -> ColourCorrection | None:
     """As the pipeline measures it; None where the board is not found: the pixels as they are."""
     found = find_marker(photo, parse_marker(marker))
@@ -308,4 +351,5 @@ TASKS: Mapping[str, Callable[[Arguments, StageListener], Json]] = {
     "calibrate": calibrate_task,
     "picture": picture_task,
     "describe": describe_task,
+    "classify": classify_task,
 }

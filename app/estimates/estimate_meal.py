@@ -16,6 +16,7 @@ import sqlalchemy.exc
 import structlog
 from sqlalchemy.orm import Session
 
+from app.candidates.classify import ClassifyFoods
 from app.candidates.identify import IdentifyFoods
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
 from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
@@ -87,6 +88,7 @@ class EstimateMeal:
     ) -> None:
         self._database = database
         self._identify = IdentifyFoods(database, index)
+        self._classify = ClassifyFoods(children, settings)
         self._blobs = blobs
         self._children = children
         self._settings = settings
@@ -126,6 +128,7 @@ class EstimateMeal:
                 answer.regions = list(regions.items)
             if job.purpose != "after":  # leftovers are of the foods that were served
                 self._identify.add_candidates(meal, answer)
+                self._classify.add_candidates(study.code, answer, paths["left"])
             for artefact in answer.artefacts:
                 artefact.blob_key = f"{prefix}/{artefact.name}/{artefact.sha256}"
                 self._blobs.put_file(artefact.blob_key, folder / artefact.name)

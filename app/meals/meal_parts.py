@@ -16,7 +16,7 @@ from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
 
-FROM_HINT, FROM_INDEX = "hint", "index"  # sources of candidates
+FROM_HINT, FROM_INDEX, FROM_MODEL = "hint", "index", "model"  # sources of candidates
 
 Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 

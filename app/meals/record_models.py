@@ -32,7 +32,7 @@ RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
 ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
 ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 LeftoverClass = Literal["food_left", "refuse", "unmatched"]
-CandidateSource = Literal["hint", "index"]  # the phone's hint, or the food index
+CandidateSource = Literal["hint", "index", "model"]  # the phone's hint, the food index, an operator's network
 LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
 
 
@@ -210,7 +210,7 @@ class Leftover(Base):
 
 
 class ItemCandidate(Base):
-    """A food that an item may be, by the phone's "hint" or by the "index", best first within a run.
+    """A food that an item may be, by the phone's "hint", the "index" or a "model", best first within a source and run.
 
     Append-only: if a later run identifies the item again, its candidates get the next positions and replace the earlier
     ones. run_id: NULL for the run that found the item. probability: NULL for a hint.

@@ -30,7 +30,7 @@ class VcmAnswer(_Answer):
 
 
 class CandidateAnswer(_Answer):
-    """A food by its key, with its probability by the index."""
+    """A food by its key, with its probability by the index or a network."""
 
     food: str
     probability: float
@@ -39,7 +39,8 @@ class CandidateAnswer(_Answer):
 class ItemAnswer(_Answer):
     """One food. polygon: a ring, or several. hint: position of the hint that it answers.
 
-    candidates, none_probability, index_version: by the index; index_version None: not identified.
+    candidates, none_probability, index_version: by the index; index_version None: not identified. model_candidates: by
+    an operator's network.
     """
 
     polygon: Polygon
@@ -47,6 +48,7 @@ class ItemAnswer(_Answer):
     volume_interval_ml: list[float] | None
     relative_sd: dict[str, float]
     candidates: list[CandidateAnswer] = Field(default_factory=list)
+    model_candidates: list[CandidateAnswer] = Field(default_factory=list)
     hint: int | None = None
     flags: list[str]
     traits: Json = Field(default_factory=dict)

@@ -207,8 +207,10 @@ class CandidateOut(BaseModel):
     """A food that the item may be; source: who says so."""
 
     food: FoodRef = Field(description="The food that it may be.")
-    probability: float | None = Field(description="By the index; null: a hint's.")
-    source: CandidateSource = Field(description="hint, the phone's; or index")
+    probability: float | None = Field(description="By the source alone; null: a hint's.")
+    source: CandidateSource = Field(
+        description="hint, the phone's; index; or model, a network that the operator supplies"
+    )
 
 
 class ItemOut(BaseModel):

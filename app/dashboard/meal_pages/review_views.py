@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.foods.models import Food
 from app.meals.item_state import FOOD_DOUBTFUL, FOOD_IDENTIFIED, ITEM_DECISIONS
+from app.meals.meal_parts import FROM_MODEL
 from app.records.review.meal_history import HistoryRow
 from app.records.review.review_items import ReviewItem
 
@@ -203,12 +204,18 @@ def _marked(item: ReviewItem, foods: Mapping[str, tuple[Food, float | None, str]
     """Return the key of the food that is more likely right than wrong; None: the reviewer has to choose.
 
     A reviewer may confirm a marked food by reflex. The index knows few foods, so its "none of these" is no evidence
-    against a food that a person or the phone has named; its certainty about another food is.
+    against a food that a person or the phone has named; its certainty about another food is. An operator's network
+    alone marks nothing: nobody knows how honest its probabilities are.
     """
     if item.row.food is not None:
         return None if FOOD_DOUBTFUL in item.row.record.flags else item.row.food.key
-    first, probability, _ = next(iter(foods.values()), (None, None, ""))
-    if first is None or probability is None or probability <= (item.candidates.none_probability or 0.0):
+    first, probability, source = next(iter(foods.values()), (None, None, ""))
+    if (
+        first is None
+        or probability is None
+        or source == FROM_MODEL
+        or probability <= (item.candidates.none_probability or 0.0)
+    ):
         return None
     return first.key
 

@@ -328,3 +328,38 @@ def test_saving_an_answer_again_writes_nothing_more(meal_of, state, rows):
     before = [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)]
     estimates.save(state, uuid.UUID(meal.meal_id), identified_item(SURE))
     assert [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)] == before
+
+
+def by_model(probabilities):
+    return {"model_candidates": [{"food": key, "probability": p} for key, p in probabilities.items()]}
+
+
+def test_candidates_of_a_network_stand_after_those_of_the_index_and_assign_nothing(meal_of):
+    meal = meal_of(identified_item(UNSURE, none=0.1, **by_model({"plum": 0.97, "no-such-food": 0.02, "apple": 0.01})))
+    (item,) = meal.items()
+    assert shown(item)[3:] == [("plum", 0.97, "model"), ("apple", 0.01, "model")]
+    assert [source for _, _, source in shown(item)[:3]] == ["index"] * 3
+    assert (item["food"], item["flags"], item["none_of_these"]) == (None, [], 0.1)
+    meal.say("set_food", item=item["id"], food="plum")
+    assert meal.items()[0]["food"]["key"] == "plum"
+
+
+def test_candidates_of_a_network_are_there_where_the_index_was_not_used(meal_of):
+    (item,) = meal_of(found_item(hint=None, **by_model({"plum": 0.97}))).items()
+    assert (shown(item), item["none_of_these"]) == ([("plum", 0.97, "model")], None)
+
+
+def test_candidates_of_a_network_follow_a_redrawn_region(meal_of, remeasure):
+    meal = meal_of(identified_item(UNSURE, none=0.1, **by_model({"plum": 0.97})))
+    (item,) = meal.items()
+    meal.say("redraw", item=item["id"], polygon=RING)
+    remeasure(meal, identified_item({"peach": 0.7}, hint=0, **by_model({"pear": 0.6})))
+    assert shown(meal.items()[0]) == [("peach", 0.7, "index"), ("pear", 0.6, "model")]
+    meal.say("redraw", item=item["id"], polygon=RING[::-1])
+    remeasure(
+        meal, identified_item({"apple": 0.6}, hint=0)
+    )  # the network failed: what it said of another region is gone
+    assert shown(meal.items()[0]) == [("apple", 0.6, "index")]
+    for event in meal.history()["items"][-2:]:
+        meal.say("undo", event=event["id"])
+    assert shown(meal.items()[0]) == shown(item)
