@@ -216,26 +216,24 @@ def identify(
 def calibrate(
     photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different angles.")],
     marker: MarkerOption = DEFAULT_MARKER,
+    is_rig: Annotated[
+        bool,
+        typer.Option("--rig", help="A stereo rig: the left camera's photographs, then as many of the right one."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute a camera's intrinsics from photographs of a board: the camera file's keys and rms_px."""
-    from app.estimates.camera_json import camera_to_json
-    from app.vision.board.calibration import calibrate as run
-    from app.vision.marker_spec import parse_marker
+    """Compute a camera's intrinsics from photographs of a board, or a rig's: the file's keys and rms_px."""
+    from app.estimates.calibrate_files import calibrate_camera_files, calibrate_rig_files
 
-    calibration = run([read_photo_or_fail(path) for path in photos], parse_marker(marker))
-    if isinstance(calibration, Failure):
-        return fail(f"{calibration.message} {calibration.advice}".strip(), 1)
-    camera_file = camera_to_json(calibration.camera) | {
-        "rms_px": round(calibration.rms_px, 4),
-        "photographs": len(calibration.used),
-    }
+    calibrated = (calibrate_rig_files if is_rig else calibrate_camera_files)(photos, marker, read_photo_or_fail)
+    if isinstance(calibrated, Failure):
+        return fail(f"{calibrated.message} {calibrated.advice}".strip(), 1)
     if as_json:
-        print(json.dumps(camera_file))
+        print(json.dumps(calibrated.document))
         return None
-    print("\n".join(f"{key:<12} {value}" for key, value in camera_file.items()))
-    for rejected in calibration.rejected:
-        print(f"left out: {photos[rejected.index]}: {rejected.failure.message}", file=sys.stderr)
+    print("\n".join(f"{key:<12} {value}" for key, value in calibrated.document.items()))
+    for name, failure in calibrated.left_out:
+        print(f"left out: {name}: {failure.message}", file=sys.stderr)
     return None
 
 

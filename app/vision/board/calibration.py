@@ -16,7 +16,7 @@ from app.vision.board.marker import find_marker
 from app.vision.board.pose import board_points, solve_pose
 from app.vision.intrinsics import TOLERATED_RMS_PX, Camera
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import Float32Array, Float64Array, MarkerObservation, Photo
+from app.vision.model import Float64Array, MarkerObservation, Photo
 
 MIN_VIEWS = 3  # two planes fix five intrinsics in theory, a third makes them bear noise
 MIN_TILT_SPREAD_DEG = 10.0  # between the steepest different views; parallel planes leave the focal length open
@@ -91,23 +91,28 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
     )
 
 
-def _flat_points(seen: MarkerObservation) -> Float32Array:
-    """(n, 3) points in view at z = 0, where OpenCV's first guess wants them; thickness has no part in intrinsics."""
-    return seen.seen_of(board_points(replace(seen.spec, thick_mm=0.0))).astype(np.float32)
+def flat_points(spec: MarkerSpec) -> Float64Array:
+    """(n, 3) mm, the print's points at z = 0, as OpenCV's first guess wants them, whatever the board's thickness."""
+    return board_points(replace(spec, thick_mm=0.0))
 
 
 def _fit_intrinsics(
     observations: Sequence[MarkerObservation], size: tuple[int, int]
 ) -> tuple[Camera, float, Float64Array]:
     """Camera, overall rms and each view's rms, px. size: (width, height)."""
-    points = [_flat_points(seen) for seen in observations]
+    points = [seen.seen_of(flat_points(seen.spec)).astype(np.float32) for seen in observations]
     corners = [seen.corners_px.astype(np.float32) for seen in observations]
     # OpenCV makes its own first guess where the matrix is zero.
     rms, matrix, distortion, _, _, _, _, view_rms = cv2.calibrateCameraExtended(
         points, corners, size, np.zeros((3, 3)), np.zeros(5)
     )
+    return calibrated_camera(size, matrix, distortion), float(rms), np.asarray(np.ravel(view_rms), np.float64)
+
+
+def calibrated_camera(size: tuple[int, int], matrix: cv2.typing.MatLike, distortion: cv2.typing.MatLike) -> Camera:
+    """A camera from OpenCV's (3, 3) matrix and distortion k1, k2, p1, p2, k3. size: (width, height), px."""
     k1, k2, p1, p2, k3 = (float(value) for value in np.ravel(distortion)[:5])
-    camera = Camera(
+    return Camera(
         *size,
         fx=float(matrix[0, 0]),
         fy=float(matrix[1, 1]),
@@ -116,7 +121,6 @@ def _fit_intrinsics(
         distortion=(k1, k2, p1, p2, k3),
         source="given",
     )
-    return camera, float(rms), np.asarray(np.ravel(view_rms), np.float64)
 
 
 def _tilt_spread_deg(rough: Camera, observations: Sequence[MarkerObservation]) -> float:
