@@ -68,43 +68,26 @@ def reconstruct_as_printed(
     photographs, or the marker's disparities do not fall with depth.
     """
     first, second = views.first, views.second
-    x, x_second = (
-        undistort_to_pinhole(view, px) for view, px in ((first, matches.first_px), (second, matches.second_px))
-    )
+    x, x_second = undistort_to_pinhole(first, matches.first_px), undistort_to_pinhole(second, matches.second_px)
     candidates = np.flatnonzero(matches.is_board | matches.is_food)  # section IV.A
     if len(candidates) < DRAWN_MATCHES:
         return too_few_matches(len(candidates))
     drawn = rng.choice(candidates, DRAWN_MATCHES, replace=False)
-    fundamental = fundamental_from_points(x[drawn], x_second[drawn])
-    size = (first.camera.width, first.camera.height)
-    rectified = None if fundamental is None else rectify_by_fundamental(fundamental, x[drawn], x_second[drawn], size)
-    if rectified is None:
-        return _unusable("its epipole lies within the photograph")
-    sides = [
-        _Side.of(homography, view.camera.matrix) for homography, view in zip(rectified, (first, second), strict=True)
-    ]
-    place_px = undistort_to_pinhole(first, pair.first_map_px[np.any(masks, axis=0)].astype(np.float64))
-    if not sides[0].is_ahead(place_px) or not sides[1].is_ahead(x_second[drawn]):
+    sides = _rectify(views, x[drawn], x_second[drawn])
+    if isinstance(sides, Failure):
+        return sides
+    places_px = undistort_to_pinhole(first, pair.first_map_px[np.any(masks, axis=0)].astype(np.float64))
+    if not sides[0].is_ahead(places_px) or not sides[1].is_ahead(x_second[drawn]):
         return _unusable("it turns the photograph inside out")
-    frame, grid = _frame(map_points(sides[0].homography, place_px), masks)
-
     depth = _fit_depth(views, sides)
     if depth is None:
         return _unusable("the disparities of the marker do not fall with its depth")
     model, covariance, sign = depth
 
-    low, high = _search_range(map_points(sides[0].homography, x[candidates]), sides[1], x_second[candidates], frame)
-    wider = np.array([[1.0, 0.0, float(high)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ frame
-    pictures = [
-        warp_view(view, to_grid @ view.camera.matrix, side.turn(view.camera.matrix) @ view.rotation, (width, grid[1]))[
-            0
-        ]
-        for view, side, to_grid, width in (
-            (first, sides[0], frame, grid[0]),
-            (second, sides[1], wider, grid[0] + high - low),
-        )
-    ]
-    measured_px = match_by_correlation(pictures[0], pictures[1], low, high)
+    frame, grid = _frame(map_points(sides[0].homography, places_px), masks)
+    matched_px = map_points(sides[0].homography, x[candidates])[:, 0]
+    matched_px -= map_points(sides[1].homography, x_second[candidates])[:, 0]
+    measured_px = _match_foods(views, sides, frame, grid, _search_range(matched_px * frame[0, 0]))
 
     columns, rows = np.meshgrid(np.arange(grid[0], dtype=np.float64), np.arange(grid[1], dtype=np.float64))
     in_first = np.column_stack([columns.ravel(), rows.ravel()])
@@ -134,7 +117,7 @@ class _Side:
     """One camera and its rectifying homography, of that sign by which what is ahead of the camera stays ahead.
 
     inverse_camera: (3, 3) K^-1. axis: (3,) third row of H K: the depth axis, camera frame, as long as H has it.
-    baseline: (3,) unit, the direction that H sends to (1, 0, 0). focal_px: one for both sides.
+    baseline: (3,) unit, the direction that H sends to (1, 0, 0). focal_px: the first camera's, on both sides.
     """
 
     homography: Float64Array
@@ -144,13 +127,13 @@ class _Side:
     focal_px: float
 
     @classmethod
-    def of(cls, homography: Float64Array, camera: Float64Array) -> "_Side":
+    def of(cls, homography: Float64Array, camera: Float64Array, focal_px: float) -> "_Side":
         rows = homography @ camera
         if rows[2, 2] < 0:
             homography, rows = -homography, -rows
         baseline = np.cross(rows[1], rows[2])
         baseline *= np.sign(rows[0] @ baseline) / np.linalg.norm(baseline)
-        return cls(homography, np.asarray(np.linalg.inv(camera), np.float64), rows[2], baseline, float(camera[0, 0]))
+        return cls(homography, np.asarray(np.linalg.inv(camera), np.float64), rows[2], baseline, focal_px)
 
     def is_ahead(self, pixels: Float64Array) -> bool:
         """Whether H keeps all of (n, 2) px of the pinhole on one side of its horizon."""
@@ -180,6 +163,18 @@ class _Side:
         return rotation_along(self.baseline, self.axis)
 
 
+def _rectify(views: RefinedViews, x: Float64Array, x_second: Float64Array) -> tuple[_Side, _Side] | Failure:
+    """H and H' of F from the drawn matches, (16, 2) px of the pinholes (eq. 4-9). Failure "draw_unusable"."""
+    first, second = views.first.camera, views.second.camera
+    fundamental = fundamental_from_points(x, x_second)
+    if fundamental is None:
+        return _unusable("the matches lie in one point")
+    homographies = rectify_by_fundamental(fundamental, x, x_second, (first.width, first.height))
+    if homographies is None:
+        return _unusable("its epipole lies within the photograph")
+    return _Side.of(homographies[0], first.matrix, first.fx), _Side.of(homographies[1], second.matrix, first.fx)
+
+
 def _unusable(reason: str) -> Failure:
     return Failure(
         "draw_unusable",
@@ -188,7 +183,7 @@ def _unusable(reason: str) -> Failure:
     )
 
 
-def _fit_depth(views: RefinedViews, sides: list[_Side]) -> tuple[DepthModel, Float64Array, float] | None:
+def _fit_depth(views: RefinedViews, sides: tuple[_Side, _Side]) -> tuple[DepthModel, Float64Array, float] | None:
     """Fit p and q to the marker's points (eq. 14); with them, their covariance and the sign of disparities.
 
     None unless all depths of tie points are positive and fall as disparity grows.
@@ -224,15 +219,32 @@ def _frame(places_px: Float64Array, masks: list[MaskArray]) -> tuple[Float64Arra
     return np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]], [0.0, 0.0, 1.0]]), (width, height)
 
 
-def _search_range(
-    rectified_px: Float64Array, second: _Side, second_px: Float64Array, frame: Float64Array
-) -> tuple[int, int]:
-    """The matches' disparities on the grid, and as much again to either side."""
-    disparity = (rectified_px - map_points(second.homography, second_px))[:, 0] * frame[0, 0]
-    low, high = np.quantile(disparity, RANGE_QUANTILES)
-    span = min(float(high - low) + MARGIN_PX, MAX_RANGE_PX / 3)
-    middle = (low + high) / 2
-    return int(np.floor(middle - 1.5 * span)), int(np.ceil(middle + 1.5 * span))
+def _search_range(disparity_px: Float64Array) -> tuple[int, int]:
+    """The matches' disparities on the grid, (n,), and as much again to either side."""
+    low, high = np.quantile(disparity_px, RANGE_QUANTILES)
+    half = 1.5 * min(float(high - low) + MARGIN_PX, MAX_RANGE_PX / 3)
+    return int(np.floor((low + high) / 2 - half)), int(np.ceil((low + high) / 2 + half))
+
+
+def _match_foods(
+    views: RefinedViews,
+    sides: tuple[_Side, _Side],
+    frame: Float64Array,
+    grid: tuple[int, int],
+    search_px: tuple[int, int],
+) -> Float32Array:
+    """(H, W) disparity on the grid around the foods; both photographs are resampled to it (section IV.B)."""
+    low, high = search_px
+    wider = np.array([[1.0, 0.0, float(high)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ frame
+    pictures = []
+    for view, side, to_grid, width in (
+        (views.first, sides[0], frame, grid[0]),
+        (views.second, sides[1], wider, grid[0] + high - low),
+    ):
+        camera = view.camera.matrix
+        picture, _ = warp_view(view, to_grid @ camera, side.turn(camera) @ view.rotation, (width, grid[1]))
+        pictures.append(picture)
+    return match_by_correlation(pictures[0], pictures[1], low, high)
 
 
 def match_by_correlation(first_bgr: ImageArray, second_bgr: ImageArray, low: int, high: int) -> Float32Array:

@@ -12,7 +12,7 @@ from app.vision.stereo.features import Matches
 from app.vision.stereo.printed_stereo import match_by_correlation, reconstruct_as_printed
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews
-from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, rendered_views
+from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, rendered_views, view_of
 
 BALL = Ball((115.0, 15.0), 33.0)
 MIDDLE = np.array([*BALL.centre_mm, BALL.radius_mm])
@@ -20,7 +20,8 @@ MIDDLE = np.array([*BALL.centre_mm, BALL.radius_mm])
 
 def project(view, points):
     in_camera = points @ view.rotation.T + view.translation_mm
-    return in_camera[:, :2] / in_camera[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
+    camera = view.camera
+    return in_camera[:, :2] / in_camera[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
 
 
 def ball_matches(views, count=30):
@@ -71,6 +72,17 @@ def test_exact_matches_give_p_zero_q_focal_times_baseline_and_points_on_the_ball
     points = stereo.points_mm[stereo.surfaces[0]].astype(float)
     off = np.linalg.norm(stereo.to_table(points) - MIDDLE, axis=1) - BALL.radius_mm
     assert np.median(np.abs(off)) < 1.5  # a quarter of a pixel of disparity is 0.7 mm of depth here
+
+
+def test_cameras_of_different_focal_length_leave_p_at_zero():
+    longer = replace(CAMERA, fx=1.02 * CAMERA.fx, fy=1.02 * CAMERA.fy)
+    first, second = blank_views()
+    second = view_of(second.photo.pixels_bgr, (second.rotation, second.translation_mm), longer)
+    views = first, second
+    pair = rectify_by_poses(*views)
+    stereo = reconstructed((views, ball_matches(views), pair, ball_mask(first, pair)))
+    assert abs(stereo.depth.p_mm) < 0.1
+    assert np.isclose(stereo.depth.q_mm_px, CAMERA.fx * pair.baseline_mm, rtol=1e-3)
 
 
 def test_depth_axis_is_across_the_baseline_and_towards_the_scene(scene):
