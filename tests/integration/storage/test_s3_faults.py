@@ -228,9 +228,9 @@ def test_bucket_that_keeps_versions_is_found_out(own_server, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"blob_url": "s3://key:secret@bucket/x"}, "no more"),
-        ({"blob_url": "s3://bucket/x?endpoint=y"}, "no more"),
-        ({"blob_url": "s3:///prefix"}, "no more"),
+        ({"blob_url": "s3://key:secret@bucket/x"}, "nothing else"),
+        ({"blob_url": "s3://bucket/x?endpoint=y"}, "nothing else"),
+        ({"blob_url": "s3:///prefix"}, "nothing else"),
         ({"blob_url": "gs://bucket"}, "TADA_BLOB_URL"),
         ({"s3_access_key_id": None}, "both or none"),
         ({"s3_secret_access_key": None}, "both or none"),
