@@ -131,7 +131,8 @@ def demo(
 @cli.command()
 def estimate(
     photographs: Annotated[
-        list[Path], typer.Argument(help="Photographs from the left, from the right, then up to six others.")
+        list[Path],
+        typer.Argument(help="Photographs from the left, from the right, then up to six others; or one alone."),
     ],
     marker: Annotated[
         str | None, typer.Option(metavar="M", help=f"Such as {DEFAULT_MARKER}, which holds where nothing is given.")
@@ -147,7 +148,7 @@ def estimate(
     debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate the volumes of the foods in two or more photographs of a meal, without a server."""
+    """Estimate the volumes of the foods in one or more photographs of a meal, without a server."""
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(

@@ -154,14 +154,13 @@ def run_estimate(
             return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
         photos.append(photo)
     read_seconds = time.perf_counter() - started
-    left, right, *others = photos
-    pair = PhotoPair(left, right, tuple(others))
+    pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     answer = answer_of(estimate, options)
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:
-        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails((left, right), estimate)])
+        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos[:2], estimate)])
     return answer, estimate
 
 
@@ -170,7 +169,7 @@ def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefac
     colours = estimate.colours or (None, None)
     return [
         Artefact(thumbnail_name(side), "image/jpeg", _jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
-        for side, photo, colour in zip(SIDES, photos, colours, strict=True)
+        for side, photo, colour in zip(SIDES, photos, colours, strict=False)  # there may be one photograph only
     ]
 
 

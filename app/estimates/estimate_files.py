@@ -1,4 +1,4 @@
-"""`tada estimate`: two or more files in, the answer as JSON out, foods of hints resolved in the starter table."""
+"""`tada estimate`: one or more files in, the answer as JSON out, foods of hints resolved in the starter table."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -58,11 +58,11 @@ def estimate_files(
     on_stage: Callable[[str], None] | None,
     index: Path | None = None,
 ) -> dict[str, Any]:
-    """Run the pipeline on two to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
-    if not PAIR <= len(photographs) <= MAX_VIEWS:
-        raise InvalidInputError(
-            f"{len(photographs)} photographs were given; {PAIR} to {MAX_VIEWS} of one meal are needed."
-        )
+    """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
+    if len(photographs) > MAX_VIEWS:
+        raise InvalidInputError(f"{len(photographs)} photographs were given; of one meal {MAX_VIEWS} are the most.")
+    if len(photographs) < PAIR and (options.rig is not None or options.method != "shape"):
+        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: give both.")
     if len(photographs) > PAIR and (options.rig is not None or options.method != "shape"):
         raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
     names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]

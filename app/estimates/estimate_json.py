@@ -100,7 +100,7 @@ def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
         failure=estimate.failure,
         marker=str(options.marker) if options.marker is not None else None,
         camera=camera_to_json(views[0].camera) if views is not None else None,
-        camera_right=camera_to_json(views[1].camera) if views is not None else None,
+        camera_right=camera_to_json(views[1].camera) if views is not None and views[1] is not None else None,
         colour={"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,
         stages={name: round(seconds, 4) for name, seconds in estimate.stages.items()},
         seconds=round(sum(estimate.stages.values()), 4),

@@ -52,10 +52,11 @@ def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...
         pictures["rectified_by_f.jpg"] = _rectified_by_f(trace, trace.refined, trace.matches, trace.epipolar)
     if scene is not None:
         first = apply_colour(scene.rectified.first_bgr, trace.colour_of(0))
-        second = apply_colour(scene.rectified.second_bgr, trace.colour_of(1))
         disparity = scene.rectified.disparity_from_parallax(scene.disparity.parallax_px)
-        # The pair that depth is measured on; the second is sheared so that the marker's plane coincides.
-        pictures["rectified.jpg"] = _with_rows(_side_by_side(first, second))
+        if scene.rectified.second_bgr is not None:
+            # The pair that depth is measured on; the second is sheared so that the marker's plane coincides.
+            second = apply_colour(scene.rectified.second_bgr, trace.colour_of(1))
+            pictures["rectified.jpg"] = _with_rows(_side_by_side(first, second))
         pictures["disparity.jpg"] = _side_by_side(first, _coloured(disparity))
         measured = [(item, item.volume) for item in trace.items if item.volume is not None][:SHOWN_ITEMS]
         if measured:

@@ -42,11 +42,21 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PhotoPair:
-    """The left and the right photograph, as the phone named them, and others of the same scene."""
+    """The left and the right photograph, as the phone named them, and others of the same scene.
+
+    right: None where there is but one photograph.
+    """
 
     left: Photo
-    right: Photo
+    right: Photo | None = None
     others: tuple[Photo, ...] = ()
+
+    @property
+    def both(self) -> tuple[Photo, Photo]:
+        """Left and right. Raises ValueError for a single photograph."""
+        if self.right is None:
+            raise ValueError("There is one photograph only.")
+        return self.left, self.right
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +218,8 @@ class Artefact:
 class MealEstimate:
     """What one run of the pipeline found. failure and items exclude each other.
 
-    views: (left, right), or None if it failed before. stages: seconds by step, in order.
+    views: (left, right), or None if it failed before; right is None where one photograph was measured. stages: seconds
+    by step, in order.
     parameters: what the run depended on beside its inputs and the version (for the record).
     colours: the corrections of the (left, right) photograph, or None if a marker was not found.
     """
@@ -218,7 +229,7 @@ class MealEstimate:
     stages: Mapping[str, float]
     items: tuple[ItemEstimate, ...] = ()
     failure: Failure | None = None
-    views: tuple[View, View] | None = None
+    views: tuple[View, View | None] | None = None
     parameters: Mapping[str, object] = field(default_factory=dict)
     artefacts: Sequence[Artefact] = ()
     colours: tuple[ColourCorrection, ColourCorrection] | None = None

@@ -1,4 +1,4 @@
-"""The founding paper's flow chart (Figure 3): two photographs in, the volume of each food out, step after step.
+"""The founding paper's flow chart (Figure 3): photographs in, the volume of each food out, step after step.
 
 Photographs arrive decoded (photo.py); densities and nutrients are for others.
 """
@@ -26,7 +26,7 @@ from app.vision.shape.measure import MeasuredItem, measure_items
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
-from app.vision.stereo.disparity import match_dense
+from app.vision.stereo.disparity import match_dense, unmatched
 from app.vision.stereo.epipolar import compare_fundamentals
 from app.vision.stereo.features import NO_MATCHES, match_features, shows_sheet
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
@@ -36,13 +36,17 @@ from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.printed_stereo import reconstruct_as_printed
 from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
-from app.vision.stereo.rectification import is_swapped, rectify_by_poses
+from app.vision.stereo.rectification import is_swapped, rectify_alone, rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.rig_pose import refine_rig, views_of_rig
+from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
 from app.vision.trace import Reconstruction, Trace
 from app.vision.traits import traits_of
 
+# Why the right photograph may be left out: the marker is not seen in it. Another board is seen, or the whole
+# photograph is poor, and who photographs should hear of it.
+MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
 PIPELINE_VERSION = "6"  # changes whenever the same photographs may give another answer
 
 
@@ -53,7 +57,7 @@ def estimate_meal(
     on_stage: Callable[[str], None] = lambda _: None,
     want_artefacts: bool = False,
 ) -> MealEstimate:
-    """Volumes of the foods in a stereo pair. on_stage hears each stage's name as it begins.
+    """Volumes of the foods in a stereo pair, or in one photograph. on_stage hears each stage's name as it begins.
 
     What the photographs do not allow is told in MealEstimate.failure; views and artefacts show how far the run came.
     """
@@ -85,7 +89,7 @@ def _run(
         return refined
     scene = _reconstruct(refined, stage)
     marker = refined.first.marker
-    if marker is not None and marker.spec.thick_mm == 0:
+    if isinstance(refined, RefinedViews) and marker is not None and marker.spec.thick_mm == 0:
         with stage("depth"):
             thick_mm = find_thickness(marker.spec, scene.table_points())
         if thick_mm > 0:  # a plaque carries the print: its table frame lies deeper
@@ -93,14 +97,14 @@ def _run(
             trace.keep_views(refined)
             scene = _reconstruct(refined, stage)
     trace.scene = scene
-    if pair.others and marker is not None:
+    if pair.others and isinstance(refined, RefinedViews) and marker is not None:
         with stage("match"):
             trace.others = place_other_views(pair.others, refined, options)
     moved = judge_table(marker.spec, scene.plane_mm, scene.points_table) if marker is not None else None
     if moved is not None:
         return moved
     with stage("segment"):
-        left = refined.second if trace.is_swapped else refined.first
+        left = refined.second if trace.is_swapped and isinstance(refined, RefinedViews) else refined.first
         places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
@@ -131,11 +135,16 @@ def _run(
         return items + _missed(options.hints, items)
 
 
-def _find_views(pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace) -> RefinedViews | Failure:
-    """Cameras and poses by the rig or the marker, refined by matches of the whole scene."""
+def _find_views(
+    pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> RefinedViews | SingleView | Failure:
+    """Cameras and poses by the rig or the marker, of two views refined by matches of the whole scene."""
     rig = options.rig
     views = _views_of_rig(pair, rig, options, stage, trace) if rig else _views_by_marker(pair, options, stage, trace)
     if isinstance(views, Failure):
+        return views
+    if isinstance(views, SingleView):
+        trace.keep_single(views)
         return views
     trace.views, trace.is_swapped = views, is_swapped(*views)
     first, second = views[::-1] if trace.is_swapped else views
@@ -187,13 +196,16 @@ def _refine_rig(first: View, second: View, options: EstimateOptions, trace: Trac
 
 def _views_by_marker(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
-) -> tuple[View, View] | Failure:
+) -> tuple[View, View] | SingleView | Failure:
     with stage("marker"):
         observations = _find_markers(pair, options, trace)
     if isinstance(observations, Failure):
         return observations
     with stage("camera"):
-        return estimate_views(pair, observations, options)
+        left, right = observations
+        if right is None:
+            return place_alone(pair.left, left, options)
+        return estimate_views(pair, (left, right), options)
 
 
 def _views_of_rig(
@@ -217,10 +229,23 @@ def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemE
 
 
 def _measure(
-    foods: Foods, refined: RefinedViews, scene: Reconstruction, options: EstimateOptions, trace: Trace
+    foods: Foods,
+    refined: RefinedViews | SingleView,
+    scene: Reconstruction,
+    options: EstimateOptions,
+    trace: Trace,
 ) -> list[MeasuredItem] | Failure:
     """Volumes by the method asked for, each with the doubt that poses and lenses leave."""
     pair, disparity, points = scene.rectified, scene.disparity, scene.points_table
+    if isinstance(refined, SingleView):
+        trace.table = foods.table
+        pose_sd = single_volume_sd(refined, np.nanmedian(scene.plane_mm[foods.mask], axis=0)[:2].astype(np.float64))
+        if pose_sd > MOST_SD:
+            return too_unsure()
+        measured = measure_shapes(foods, pair, disparity, points, pose_sd=pose_sd, hints=options.hints)
+        if isinstance(measured, Failure):
+            return measured
+        return [replace(item, flags=(*item.flags, "single_view")) for item in measured]
     doubt = volume_doubt(refined, points[foods.mask], trace.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
@@ -253,17 +278,24 @@ def _measure_as_printed(
     return measure_as_printed(foods.regions, stereo, options.hints)
 
 
-def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:
-    """Points in the views' table frame."""
+def _reconstruct(refined: RefinedViews | SingleView, stage: "_Stages") -> Reconstruction:
+    """Points in the views' table frame; none of a single view."""
+    marker = refined.first.marker
     with stage("rectify"):
-        rectified = rectify_by_poses(refined.first, refined.second)
+        if isinstance(refined, RefinedViews):
+            rectified = rectify_by_poses(refined.first, refined.second)
+        else:
+            rectified = rectify_alone(refined.first)
     with stage("disparity"):
-        disparity = match_dense(
-            rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
-        )
+        if rectified.second_bgr is None:
+            disparity = unmatched(rectified.shape)
+        else:
+            disparity = match_dense(*rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen)
     with stage("depth"):
-        marker = refined.first.marker
-        depth = fit_to_marker(rectified, refined) if marker is not None else ideal_depth(rectified)
+        if isinstance(refined, RefinedViews) and marker is not None:
+            depth = fit_to_marker(rectified, refined)
+        else:
+            depth = ideal_depth(rectified)
         depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
         points, plane = back_project(rectified, depth_mm), plane_points(rectified)
         is_ignored = ~rectified.is_seen
@@ -274,18 +306,22 @@ def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:
 
 def _find_markers(
     pair: PhotoPair, options: EstimateOptions, trace: Trace
-) -> tuple[MarkerObservation, MarkerObservation] | Failure:
-    """The marker in both photographs; in one only, the trace keeps that one."""
+) -> tuple[MarkerObservation, MarkerObservation | None] | Failure:
+    """The marker in both photographs, or in the left one alone, which is then measured alone (decision 0030)."""
     if options.marker is None:
         raise ValueError("Options need a marker or a rig: one of them gives the scale.")
     left = find_marker(pair.left, options.marker, "left")
-    right = find_marker(pair.right, options.marker, "right")
+    right = find_marker(pair.right, options.marker, "right") if pair.right is not None else None
     if isinstance(left, Failure):
         trace.markers = (None, None if isinstance(right, Failure) else right)
         return left
-    if isinstance(right, Failure):
+    if pair.right is None or right is None or isinstance(right, Failure):
+        if isinstance(right, Failure) and (right.code not in MARKER_UNSEEN or options.method != "shape"):
+            trace.markers = (left, None)
+            return right
         trace.markers = (left, None)
-        return right
+        trace.colours = measure_colour(pair.left, left), UNCORRECTED
+        return left, None
     trace.markers = observations = agree_on_corners(pair, left, right)
     trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
     return observations

@@ -69,16 +69,18 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
             for place, (name, photo, marker) in enumerate(
                 zip(("left", "right"), (pair.left, pair.right), trace.markers, strict=True)
             )
+            if photo is not None
         },
         "board": _board(observation),
     }
     scene = trace.scene
     if scene is None or trace.views is None:
         return _encoded(content)
+    right = trace.views[1]
     topologies: list[IntArray] = []
     foods = [
         _item(index, item, estimate, topologies)
-        | _right_rings(item, scene, trace.views[1], is_swapped=trace.is_swapped)
+        | (_right_rings(item, scene, right, is_swapped=trace.is_swapped) if right is not None else {})
         for index, (item, estimate) in enumerate(zip(trace.items, items, strict=True))
     ]
     content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
@@ -233,7 +235,9 @@ def _points(trace: Trace, scene: Reconstruction, spec: MarkerSpec, most: int) ->
     ranges = [(int(start), len(own)) for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)]
     chosen.append(_evenly(rest, pair.shape[1], most - sum(map(len, chosen))))
     index = np.concatenate(chosen)
-    painted = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
+    painted = np.empty((0, 3), np.uint8)
+    if len(index):  # a single view measures no point
+        painted = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
     return {
         "positions": _quantised(_over_the_table(trace.table, scene, index)),
         "colours": _packed(painted[:, ::-1], "u1"),

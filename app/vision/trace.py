@@ -14,6 +14,7 @@ from app.vision.stereo.printed_stereo import PrintedStereo
 from app.vision.stereo.reconstruction import DepthModel
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.relative_pose import RefinedViews
+from app.vision.stereo.single_view import SingleView
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class Reconstruction:
 class Trace:
     """Each step's result, None or empty where the run ended before.
 
-    views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
+    views: (left, right) as sent; right is None where the left one is measured alone. single: that one. refined: first
+    and second by where they stand; is_swapped: first is the right one.
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
@@ -49,10 +51,11 @@ class Trace:
 
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
     colours: tuple[ColourCorrection, ColourCorrection] | None = None
-    views: tuple[View, View] | None = None
+    views: tuple[View, View | None] | None = None
     is_swapped: bool = False
     matches: Matches | None = None
     refined: RefinedViews | None = None
+    single: SingleView | None = None
     focal: FocalDoubt | None = None
     epipolar: Epipolar | None = None
     scene: Reconstruction | None = None
@@ -63,10 +66,15 @@ class Trace:
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
-        first, second = refined.first, refined.second
+        left, right = (refined.second, refined.first) if self.is_swapped else (refined.first, refined.second)
         self.refined = refined
-        self.views = (second, first) if self.is_swapped else (first, second)
-        self.markers = self.views[0].marker, self.views[1].marker
+        self.views = left, right
+        self.markers = left.marker, right.marker
+
+    def keep_single(self, view: SingleView) -> None:
+        """Keep the view of one photograph that is measured alone."""
+        self.single = view
+        self.views = view.first, None
 
     def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:
         """The correction of the first or the second view by where they stand. Raises ValueError before the marker."""
@@ -77,12 +85,11 @@ class Trace:
     def parameters(self) -> dict[str, float | int | str]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         out: dict[str, float | int | str] = {}
+        if self.single is not None:
+            thick_mm = self.single.first.required_marker.spec.thick_mm
+            out |= _of_view("first", self.single.first) | {"views": 1, "marker_thick_mm": thick_mm}
         if self.refined is not None:
-            for name, view in (("first", self.refined.first), ("second", self.refined.second)):
-                out[f"focal_{name}_px"] = round(view.camera.fx, 2)
-                out[f"k1_{name}"], out[f"k2_{name}"] = (round(each, 4) for each in view.camera.distortion[:2])
-                out[f"lens_{name}"] = "given" if view.camera.source == "given" else "estimated"
-                out[f"camera_height_{name}_mm"] = round(float(view.centre_mm[2]), 2)
+            out |= _of_view("first", self.refined.first) | _of_view("second", self.refined.second)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             if self.refined.first.marker is not None:
                 out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
@@ -99,7 +106,9 @@ class Trace:
                 "epipolar_distance_8_point_px": round(self.epipolar.matches_distance_px, 3),
                 "epipolar_distance_calibrated_px": round(self.epipolar.views_distance_px, 3),
             }
-        if self.scene is not None:
+        if self.scene is not None and self.single is not None:
+            out["rectified_focal_px"] = round(self.scene.rectified.focal_px, 2)
+        elif self.scene is not None:
             pair, depth = self.scene.rectified, self.scene.depth
             out["baseline_mm"] = round(pair.baseline_mm, 2)
             out["rectified_focal_px"] = round(pair.focal_px, 2)
@@ -109,3 +118,15 @@ class Trace:
             out["printed_depth_p_mm"] = round(self.printed.depth.p_mm, 3)
             out["printed_depth_q_mm_px"] = round(self.printed.depth.q_mm_px, 3)
         return out
+
+
+def _of_view(name: str, view: View) -> dict[str, float | int | str]:
+    """What the record keeps of a view's geometry."""
+    k1, k2 = (round(each, 4) for each in view.camera.distortion[:2])
+    return {
+        f"focal_{name}_px": round(view.camera.fx, 2),
+        f"k1_{name}": k1,
+        f"k2_{name}": k2,
+        f"lens_{name}": "given" if view.camera.source == "given" else "estimated",
+        f"camera_height_{name}_mm": round(float(view.centre_mm[2]), 2),
+    }

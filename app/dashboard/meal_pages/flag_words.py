@@ -13,6 +13,8 @@ FLAGS: Mapping[str, str] = {
     "missing, never as 0.",
     "hint_missed": "The phone pointed at a food where nothing could be measured. Draw it, set the amount, or reject "
     "it.",
+    "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
+    "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "
     "photographs with their EXIF data, or calibrate the phone.",
     "form_unlikely": "A person said how it lies, and the photographs clearly support another form. Check the "

@@ -5,6 +5,7 @@ mm. Refining the relative pose by the scene's own points is left to epipolar.py.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -55,13 +56,30 @@ def estimate_views(
     is_stereo: whether the baseline must be one for stereo. A View's rms_px is against the bent sheet.
     Failures: camera_mismatch, same_photograph, pose_unreliable; for stereo baseline_too_small, baseline_too_large.
     """
-    photos = (pair.left, pair.right)
+    photos = pair.both
     if _is_same_photograph(photos, observations):
         return Failure(
             "same_photograph",
             "Both photographs are the same one.",
             "Take one photograph from the left of the meal and one from the right, about a hand's width apart.",
         )
+    views = _fitted_views(photos, observations, options)
+    if isinstance(views, Failure):
+        return views
+    left, right = views
+    too_near_or_far = _baseline_failure(left, right) if is_stereo else None
+    return (left, right) if too_near_or_far is None else too_near_or_far
+
+
+def estimate_view(photo: Photo, observation: MarkerObservation, options: EstimateOptions) -> View | Failure:
+    """The same of one photograph. Failures: camera_mismatch, pose_unreliable."""
+    views = _fitted_views((photo,), (observation,), options)
+    return views if isinstance(views, Failure) else views[0]
+
+
+def _fitted_views(
+    photos: Sequence[Photo], observations: Sequence[MarkerObservation], options: EstimateOptions
+) -> list[View] | Failure:
     cameras: list[Camera] = []
     for photo in photos:
         if options.camera is None:
@@ -71,10 +89,10 @@ def estimate_views(
         if isinstance(adapted, Failure):
             return adapted
         cameras.append(adapted)
-    fit = fit_board((cameras[0], cameras[1]), observations)
+    fit = fit_board(cameras, observations)
     if fit is None:
         return _unreliable("no camera position above the table explains the marker's corners")
-    for name, rms, observation in zip(("left", "right"), fit.rms_px, observations, strict=True):
+    for name, rms, observation in zip(("left", "right"), fit.rms_px, observations, strict=False):
         limit = MAX_RMS_SQUARES * shortest_side_px(observation)
         if rms > limit:
             return _unreliable(
@@ -83,14 +101,12 @@ def estimate_views(
     bend_mm = float(np.abs(fit.bend_mm).max())
     if bend_mm > MAX_BEND_MM:
         return _unreliable(f"the marker seems bent by {bend_mm:.0f} mm, more than {MAX_BEND_MM:g} mm")
-    left, right = (
+    return [
         View(photo, camera, observation, rotation, translation_mm, rms)
         for photo, camera, observation, (rotation, translation_mm), rms in zip(
             photos, fit.cameras, observations, fit.poses, fit.rms_px, strict=True
         )
-    )
-    too_near_or_far = _baseline_failure(left, right) if is_stereo else None
-    return (left, right) if too_near_or_far is None else too_near_or_far
+    ]
 
 
 def view_angle_deg(left: View, right: View) -> float:

@@ -98,8 +98,9 @@ def agree_on_corners(
     ways = readings(right)
     if len(ways) == 1:
         return left, right
-    left_pose = _rough_pose(pair.left, left)
-    poses = [_rough_pose(pair.right, way) for way in ways]
+    left_photo, right_photo = pair.both
+    left_pose = _rough_pose(left_photo, left)
+    poses = [_rough_pose(right_photo, way) for way in ways]
     if left_pose is None or any(pose is None for pose in poses):
         return left, right
     rotations = [pose for pose in poses if pose is not None]
@@ -107,8 +108,8 @@ def agree_on_corners(
     nearest, second = np.argsort(angles)[:2]
     if angles[second] - angles[nearest] > CLEAR_ANGLE_DEG and angles[second] > 2 * angles[nearest]:
         return left, ways[nearest]
-    surroundings = _rectify_surroundings(pair.left, left)
-    likeness = [_correlation(surroundings, _rectify_surroundings(pair.right, way)) for way in ways]
+    surroundings = _rectify_surroundings(left_photo, left)
+    likeness = [_correlation(surroundings, _rectify_surroundings(right_photo, way)) for way in ways]
     runner_up, likest = np.argsort(likeness)[-2:]
     if likeness[likest] - likeness[runner_up] > CLEAR_CORRELATION:
         return left, ways[likest]

@@ -1,4 +1,4 @@
-"""Where the cameras stood over the marker: poses of one or two views from the corners of the printed sheet.
+"""Where the cameras stood over the marker: poses of one or more views from the corners of the printed sheet.
 
 Cameras and observations in -> rotations, translations (mm), and for cameras that are only guessed a better focal
 length.
@@ -7,7 +7,7 @@ would turn that into five percent of focal length. Intrinsics themselves: camera
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -29,16 +29,16 @@ OUTLIER_SD = 3.0  # beyond, a corner pulls only linearly
 
 @dataclass(frozen=True, slots=True)
 class BoardFit:
-    """Two views of one sheet, fitted together.
+    """Views of one sheet, fitted together.
 
-    poses: two times (rotation (3, 3), translation (3,) mm), table to camera. bend_mm: (3,), see bent_points.
+    poses: of each, rotation (3, 3) and translation (3,) mm, table to camera. bend_mm: (3,), see bent_points.
     rms_px: of each view's corners against the bent sheet.
     """
 
-    cameras: tuple[Camera, Camera]
-    poses: tuple[tuple[Float64Array, Float64Array], tuple[Float64Array, Float64Array]]
+    cameras: tuple[Camera, ...]
+    poses: tuple[tuple[Float64Array, Float64Array], ...]
     bend_mm: Float64Array
-    rms_px: tuple[float, float]
+    rms_px: tuple[float, ...]
 
 
 def board_points(spec: MarkerSpec) -> Float64Array:
@@ -100,28 +100,26 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     return best
 
 
-def fit_board(
-    cameras: tuple[Camera, Camera], observations: tuple[MarkerObservation, MarkerObservation]
-) -> BoardFit | None:
-    """Both poses and the sheet's bend, and, unless a camera is "given", its focal length and k1: maximum a posteriori.
+def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservation]) -> BoardFit | None:
+    """Each view's pose, the sheet's bend and, unless a camera is "given", focal length and k1: maximum a posteriori.
 
-    Two guessed cameras that are equal (same size, same EXIF) stay equal: one phone. Principal point and further
+    Guessed cameras that are equal (same size, same EXIF) stay equal: one phone. Principal point and further
     distortion stay as they are; a board that fills a tenth of the photograph cannot tell them. None: no pose explains
     the corners.
     """
     poses = [solve_pose(camera, seen) for camera, seen in zip(cameras, observations, strict=True)]
-    if poses[0] is None or poses[1] is None:
+    starts = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in poses if pose is not None]
+    if len(starts) < len(cameras):
         return None
-    starts = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in (poses[0], poses[1])]
-    is_shared = cameras[0] == cameras[1]
-    lens_at = (15, 15) if is_shared else (15, 17)  # in the unknowns: two poses, bend, then (log scale of f, k1) a lens
-    first = np.concatenate([*starts, np.zeros(5 if is_shared else 7)])
+    count = len(cameras)
+    bend_at = 6 * count  # in the unknowns: poses, bend, then (log scale of f, k1) a lens
+    lenses = 1 if all(camera == cameras[0] for camera in cameras) else count
+    lens_at = [bend_at + 3 + (2 * index if lenses > 1 else 0) for index in range(count)]
+    first = np.concatenate([*starts, np.zeros(3 + 2 * lenses)])
     corner_sd = [_corner_sd_px(camera) for camera in cameras]
-    spreads = np.concatenate(
-        [np.full(3, BEND_SD_MM), *(_lens_spread(camera) for camera in cameras[: 1 if is_shared else 2])]
-    )
+    spreads = np.concatenate([np.full(3, BEND_SD_MM), *(_lens_spread(camera) for camera in cameras[:lenses])])
     # A given camera keeps its lens: these unknowns are left out, and stay zero.
-    is_free = np.concatenate([np.full(15, True), spreads[3:] > 0])
+    is_free = np.concatenate([np.full(bend_at + 3, True), spreads[3:] > 0])
 
     def unpack(free: Float64Array) -> Float64Array:
         unknowns = np.zeros_like(first)
@@ -131,27 +129,26 @@ def fit_board(
     def corner_residual(index: int, unknowns: Float64Array) -> Float64Array:
         camera = _scaled_lens(cameras[index], *unknowns[lens_at[index] : lens_at[index] + 2])
         seen = observations[index]
-        points = seen.seen_of(bent_points(seen.spec, unknowns[12:15]))
+        points = seen.seen_of(bent_points(seen.spec, unknowns[bend_at : bend_at + 3]))
         return (project(camera, points, unknowns[6 * index : 6 * index + 6]) - seen.corners_px).ravel()
 
     def residual(free: Float64Array) -> Float64Array:
         unknowns = unpack(free)
-        prior = unknowns[12:][is_free[12:]] / spreads[is_free[12:]]
-        return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in (0, 1))])
+        prior = unknowns[bend_at:][is_free[bend_at:]] / spreads[is_free[bend_at:]]
+        return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in range(count))])
 
     solved = unpack(_minimised(residual, first[is_free], OUTLIER_SD))
-    rotations = [np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64) for at in (0, 6)]
-    translations = [solved[3:6], solved[9:12]]
-    if not all(_is_above_table(r, t) for r, t in zip(rotations, translations, strict=True)):
+    placed = [
+        (np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64), solved[at + 3 : at + 6])
+        for at in range(0, bend_at, 6)
+    ]
+    if not all(_is_above_table(rotation, translation) for rotation, translation in placed):
         return None
     return BoardFit(
-        cameras=(
-            _scaled_lens(cameras[0], *solved[lens_at[0] : lens_at[0] + 2]),
-            _scaled_lens(cameras[1], *solved[lens_at[1] : lens_at[1] + 2]),
-        ),
-        poses=((rotations[0], translations[0]), (rotations[1], translations[1])),
-        bend_mm=solved[12:15],
-        rms_px=(_rms_px(corner_residual(0, solved)), _rms_px(corner_residual(1, solved))),
+        cameras=tuple(_scaled_lens(camera, *solved[at : at + 2]) for camera, at in zip(cameras, lens_at, strict=True)),
+        poses=tuple(placed),
+        bend_mm=solved[bend_at : bend_at + 3],
+        rms_px=tuple(_rms_px(corner_residual(index, solved)) for index in range(count)),
     )
 
 

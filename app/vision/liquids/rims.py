@@ -56,7 +56,7 @@ class Circle:
 
 def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
     """Circles parallel to the table, best seen first. is_usable: (H, W) pixels of the first view that may show one."""
-    grey = [grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr)]
+    grey = [grey_of(image).astype(np.float32) for image in pair.both_bgr]
     spread = max(0.4 * CELL_MM / pair.pixel_mm, 0.5)
     smooth = [blurred(image, spread) for image in grey]
     usable = is_usable.astype(np.uint8)

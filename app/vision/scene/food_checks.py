@@ -47,6 +47,8 @@ def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
     heights = scene.height_mm[mask]
     heights = heights[np.isfinite(heights)]
     top_mm = float(np.quantile(heights, 0.9)) if len(heights) else 0.0
+    if not np.isfinite(scene.height_mm).any() and not _is_grey(mask, scene):
+        return False  # a single view measures no height: what is long and coloured may be a banana
     if top_mm > MIRROR_MM or (top_mm > TABLE_THING_MM and not _is_grey(mask, scene)):
         return False
     _, sides, _ = cv2.minAreaRect(np.argwhere(mask)[:, ::-1].astype(np.float32))

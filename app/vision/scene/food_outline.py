@@ -30,6 +30,7 @@ PLACE_NATS = (-2.0, 1.0)
 ALIEN_NATS = -0.5  # a pixel inside whose colour speaks so much for the surroundings does not teach the food's colours
 MAX_ALIEN_SHARE = 0.25  # of the pixels inside; where more are, food and surroundings look alike
 MIN_HOLE_MM2 = 60.0
+MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
 HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
 MIN_HOLE_POINTS = 8
 RAISED_MM = 5.0
@@ -137,7 +138,11 @@ def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) 
     for hole in components(whole & ~mask):
         low = height_mm[hole]
         low = low[np.isfinite(low)]
-        if np.count_nonzero(hole) * pixel_mm**2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+        area_mm2 = np.count_nonzero(hole) * pixel_mm**2
+        if len(own) == 0 and area_mm2 > MIN_SEEN_HOLE_MM2:
+            out = out & ~hole  # a single view knows it by its colour alone
+            continue
+        if area_mm2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
             continue
         if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
             out = out & ~hole

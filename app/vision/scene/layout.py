@@ -62,8 +62,13 @@ def reduced_scene(
 
 
 def _table_correlation(pair: RectifiedPair) -> Float32Array:
-    """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane; NaN where it is plain."""
-    first, second = (grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr))
+    """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane.
+
+    NaN where it is plain, and everywhere in a single view.
+    """
+    if pair.second_bgr is None:
+        return np.full(pair.shape, np.nan, np.float32)
+    first, second = (grey_of(image).astype(np.float32) for image in pair.both_bgr)
     window = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
     mean, mean_second = cv2.boxFilter(first, -1, window), cv2.boxFilter(second, -1, window)
     variance = cv2.boxFilter(first * first, -1, window) - mean * mean

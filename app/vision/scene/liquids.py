@@ -37,9 +37,10 @@ def segment_meal(
 ) -> Foods | Failure:
     """Foods and liquids, liquids first. See segment_foods for shapes, units and failures.
 
-    The paper's method has no vessels: all is food to it, as it is and as printed.
+    The paper's method has no vessels: all is food to it, as it is and as printed. A rim's height takes two views: a
+    single one shows none.
     """
-    if options.method != "shape":
+    if options.method != "shape" or pair.second_bgr is None:
         return segment_foods(pair, disparity, points_table, ignored, hints, is_complete=options.is_complete)
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])

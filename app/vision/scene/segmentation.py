@@ -16,6 +16,7 @@ from app.vision.geometry.masks import dilated, distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.filled_vessel import FilledVessel
 from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
 from app.vision.scene.food_checks import is_food
 from app.vision.scene.food_outline import correct_outlines, tidy_outlines
@@ -104,7 +105,7 @@ def segment_foods(
     for region in drawn:
         taken |= region.mask
     scene, trend = reduced_scene(pair, disparity, points_table, ignored)
-    layout = lay_out(scene, trend)
+    layout = lay_out(scene, trend) if pair.second_bgr is not None else lay_out_by_colour(scene, trend)
     if layout is None:
         return Foods(drawn, trend) if drawn else no_food_found()
     layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
@@ -161,7 +162,8 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray,
     scene = layout.scene
     drawn = [_reduced(hint.mask, scene) for hint in hints]
     points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
-    places = find_places(scene, layout.dishes, layout.view, points)
+    has_heights = bool(np.isfinite(scene.height_mm).any())
+    places = find_places(scene, layout.dishes, layout.view, points) if has_heights else places_by_colour(layout, points)
     seen: list[_Seen] = []
     taken = scene.is_ignored
     for place in places:

@@ -34,6 +34,13 @@ SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages a
 FLOOR_PRIOR = (0.3, 0.17)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
 BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 
+# Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
+# a board is 10 to 25 mm thick.
+TYPICAL_RIM_MM = 15.0
+TYPICAL_FLOOR_MM, TYPICAL_FLOOR_SD_MM = 4.0, 2.0
+TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
+TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
+
 
 @dataclass(frozen=True, slots=True)
 class Support:
@@ -55,6 +62,8 @@ def find_support(
     inside = mask & np.isfinite(scene.points_table[..., 2])
     middle = np.median(scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0)
     table_mm = float(trend.height_mm(middle))
+    if not np.isfinite(scene.height_mm).any():
+        return _typical_support(dish, table_mm)
     clear_mm = scene.pixel_mm * distance_px(foods)
     if dish is not None and dish.is_deep:
         return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
@@ -79,6 +88,15 @@ def find_support(
     is_near &= scene.pixel_mm * scene.reach_px < room_mm
     level_mm, sd = _reconciled(heights[is_near], expected_mm, BOARD_SD_MM, LEVEL_SD_MM, 0.5)
     return Support(table_mm + level_mm, sd, "board")
+
+
+def _typical_support(dish: Dish | None, table_mm: float) -> Support:
+    """What dishes are like, where no height is measured."""
+    if dish is None:
+        return Support(table_mm, TYPICAL_TABLE_SD_MM, "table")
+    if dish.floor_mm > 0:
+        return Support(table_mm + TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM, "board")
+    return Support(table_mm + TYPICAL_FLOOR_MM, TYPICAL_FLOOR_SD_MM, "floor")
 
 
 def _reconciled(

@@ -3,6 +3,8 @@
 Points of the visible side (mm, table frame), the area of its mask and the support -> forms to fit (forms.py).
 """
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -67,11 +69,50 @@ def families(
     height = max(float(np.quantile(points[:, 2], TOP_QUANTILE)) - support_mm, 2 * MIN_HALF_MM)
     variance, axes = np.linalg.eigh(np.cov((points[:, :2] - middle).T))
     aspect = min(float(np.sqrt(variance[1] / max(variance[0], 1e-6))), MAX_ASPECT)
-    long, short = radius * np.sqrt(aspect), radius / np.sqrt(aspect)
     away = middle - camera_mm[:2]
     away /= max(float(np.linalg.norm(away)), 1e-9)
-    place = _placed(middle + away * BEHIND_SHARE * min(radius, height / 2), support_mm)
-    upright = _turned(float(np.arctan2(axes[1, 1], axes[0, 1])))
+    upper = points[points[:, 2] - support_mm > UPPER_SHARE * height, :2]
+    extent = Extent(
+        middle + away * BEHIND_SHARE * min(radius, height / 2),
+        radius,
+        aspect,
+        float(np.arctan2(axes[1, 1], axes[0, 1])),
+        height,
+        _rectangle(upper) if len(upper) >= MIN_POINTS else None,
+    )
+    return begin_families(extent, support_mm, support_sd_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """middle_mm: (2,). half_mm: its two half sides; heading of the first, radians."""
+
+    middle_mm: Float64Array
+    half_mm: tuple[float, float]
+    heading: float
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How far a food reaches. middle_mm: (2,) x, y. radius_mm: of a disc that covers as much of the table.
+
+    aspect: length by width. heading: of the length, radians. height_mm: over the support. top: a flat top's, if any.
+    """
+
+    middle_mm: Float64Array
+    radius_mm: float
+    aspect: float
+    heading: float
+    height_mm: float
+    top: Rectangle | None
+
+
+def begin_families(extent: Extent, support_mm: float, support_sd_mm: float) -> list[Form]:
+    """Each family with this extent; the slab only where there is a top."""
+    radius, height = extent.radius_mm, extent.height_mm
+    long, short = radius * np.sqrt(extent.aspect), radius / np.sqrt(extent.aspect)
+    place = _placed(extent.middle_mm, support_mm)
+    upright = _turned(extent.heading)
     lying = upright @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # C along, A across, B up
 
     def form(name: str, free: tuple[int, ...], axes: Float64Array, **values: float) -> Superellipsoid:
@@ -89,17 +130,22 @@ def families(
     ]
     bent = {"a": np.log(0.9 * short), "b": half, "c": np.log(1.1 * long)}
     forms += [form("bent", _BENT, lying, bend=side * BENT_RAD, **bent) for side in (-1, 1)]
-    upper = points[points[:, 2] - support_mm > UPPER_SHARE * height, :2]
-    if len(upper) >= MIN_POINTS:
-        centre, size, angle = cv2.minAreaRect(upper.astype(np.float32))
-        a, b = (np.log(max(side / 2, MIN_HALF_MM)) for side in size)
-        slab = {"x": centre[0], "y": centre[1], "e1": SLAB_LOG_EXPONENT, "e2": SLAB_LOG_EXPONENT}
-        forms.append(form("slab", _SLAB, _turned(float(np.radians(angle))), a=a, b=b, c=half, **slab))
+    if extent.top is not None:
+        a, b = (np.log(max(side, MIN_HALF_MM)) for side in extent.top.half_mm)
+        x, y = extent.top.middle_mm.tolist()
+        slab = {"x": x, "y": y, "e1": SLAB_LOG_EXPONENT, "e2": SLAB_LOG_EXPONENT}
+        forms.append(form("slab", _SLAB, _turned(extent.top.heading), a=a, b=b, c=half, **slab))
     tube = min(height / 2, RING_TUBE_SHARE * radius)
     p = place.copy()
     p[[A, B, C]] = np.log([max(radius - tube, MIN_HALF_MM), tube, tube])
     forms.append(Ring("ring", p, _RING, upright, support_sd_mm))
     return forms
+
+
+def _rectangle(points: Float64Array) -> Rectangle:
+    """The smallest one around (n, 2) points."""
+    centre, size, angle = cv2.minAreaRect(points.astype(np.float32))
+    return Rectangle(np.array(centre), (size[0] / 2, size[1] / 2), float(np.radians(angle)))
 
 
 _KEYS = {"x": X, "y": Y, "a": A, "b": B, "c": C, "e1": E1, "e2": E2, "sunk": SUNK, "bend": BEND}

@@ -39,7 +39,7 @@ class Seen:
     """What the views show of a food. mask: (H, W). inward_px: (H, W) distance to the mask's outline.
 
     outlines: in the first and the second view, then in the others. dense: from the whole pair, where no surface is
-    known yet. surface: measured along a form that is near the food's.
+    known yet. surface: measured along a form that is near the food's. outline_sd_px: of the outlines.
     """
 
     sight: Sight
@@ -49,6 +49,7 @@ class Seen:
     dense: DisparityMap
     surface: SurfaceParallax | None = None
     others: tuple[PinholeView, ...] = ()
+    outline_sd_px: float = TUNING.outline_sd_px
 
     def pixel_gradient(self, points_table: Float64Array, view: int) -> Float64Array:
         """(n, 2, 3) derivative of the pixel in a view, numbered as outlines, by the point, px/mm."""
@@ -112,9 +113,13 @@ def fit_form(
     cells: int,
     rounds: int,
     start: Float64Array | None = None,
-    outline_sd_px: float = TUNING.outline_sd_px,
+    outline_sd_px: float | None = None,
 ) -> FormFit | None:
-    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
+    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE.
+
+    outline_sd_px: None: what is seen tells it.
+    """
+    outline_sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
     first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
     if first is None:
         return None
@@ -300,7 +305,7 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bo
         index[nearest[apart]],
         np.einsum("na,nab->nb", towards, gradient),
         distance[apart] - TUNING.unexplained_px,
-        np.full(len(apart), TUNING.outline_sd_px),
+        np.full(len(apart), seen.outline_sd_px),
         weight,
     )
 

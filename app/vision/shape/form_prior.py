@@ -20,6 +20,7 @@ FAMILIES_OF_FORM: Mapping[FoodForm, frozenset[str]] = {
 }
 PERSON_ODDS = 100.0  # that a person who says how a food lies means one of that form's families
 TABLE_ODDS = 4.0  # that a food lies as its kind usually does: an apple is eaten whole more often than in slices
+SINGLE_TABLE_ODDS = 20.0  # the same where one outline, which hardly tells forms apart, is all that speaks against it
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,12 @@ class FormPrior:
     def factor(self, family: str) -> float:
         """Of a family's weight, 1 for those of the form."""
         return 1.0 if family in self.families else 1.0 / self.odds
+
+    def share(self, family: str) -> float:
+        """The same of a single view, where the other forms share those odds."""
+        others = sum(1 for form, families in FAMILIES_OF_FORM.items() if form != "lying" and self.families != families)
+        odds = self.odds if self.is_said else SINGLE_TABLE_ODDS
+        return 1.0 if family in self.families else 1.0 / (odds * max(others, 1))
 
     def is_unlikely(self, log_evidence: Mapping[str, float]) -> bool:
         """Whether the picture outweighs a person's word. log_evidence: of the families that were fitted, by name."""

@@ -48,7 +48,8 @@ class Form(ABC):
 
     parameters: (p,) start, see the indices above or those of the family's own module; X, Y and SUPPORT are the same in
     all. free: those that are fitted. support_sd_mm: spread of SUPPORT.
-    axes: (3, 3) the form's own axes as columns, table frame. is_round: whether its section across C is, as of what
+    axes: (3, 3) the form's own axes as columns, table frame. height_ratio: mean and spread of the logarithm of its
+    height over its width, for views that hardly tell them apart. is_round: whether its section across C is, as of what
     grows round a stalk; the side that nobody sees is as deep as the one that is seen is wide.
     """
 
@@ -59,6 +60,12 @@ class Form(ABC):
     support_sd_mm: float
     has_displacement: bool = True
     is_round: bool = False
+    height_ratio: tuple[float, float] | None = None
+
+    @property
+    def height_over(self) -> tuple[int, tuple[int, int]]:
+        """The parameter whose logarithm height_ratio counts, and the two over whose mean it does."""
+        return C, (A, B)
 
     @property
     def is_folded(self) -> bool:
@@ -95,6 +102,15 @@ class Form(ABC):
         if self.is_round:
             section = [self.free.index(A), self.free.index(B)]
             out[section] = out[section].mean()
+        return self._at_ratio(out)
+
+    def _at_ratio(self, unknowns: Float64Array) -> Float64Array:
+        """(k,) the unknowns with the height that height_ratio expects over their width."""
+        if self.height_ratio is None:
+            return unknowns
+        height, width = self.height_over
+        out = unknowns.copy()
+        out[self.free.index(height)] = out[[self.free.index(each) for each in width]].mean() + self.height_ratio[0]
         return out
 
     @property
@@ -105,6 +121,13 @@ class Form(ABC):
             tie = np.zeros(len(out))
             tie[self.free.index(A)], tie[self.free.index(B)] = 1.0 / ROUND_SD, -1.0 / ROUND_SD
             out += np.outer(tie, tie)
+        if self.height_ratio is not None:
+            height, width = self.height_over
+            tie = np.zeros(len(out))
+            tie[self.free.index(height)] = 1.0
+            for each in width:
+                tie[self.free.index(each)] -= 0.5
+            out += np.outer(tie, tie) / self.height_ratio[1] ** 2
         return out
 
     @property
@@ -112,7 +135,8 @@ class Form(ABC):
         """Of prior_precision, over what is not free."""
         spread = self._prior_sd
         bound = -2 * float(np.log(spread[np.isfinite(spread)]).sum())
-        return bound - 2 * float(np.log(ROUND_SD)) if self.is_round else bound
+        bound -= 2 * float(np.log(ROUND_SD)) if self.is_round else 0.0
+        return bound if self.height_ratio is None else bound - 2 * float(np.log(self.height_ratio[1]))
 
     @property
     def parameter_sd(self) -> Float64Array:
@@ -204,10 +228,18 @@ class Superellipsoid(Form):
     """SUPPORT is the height that it rests at; where SUNK is free, it is cut flat that deep over its lowest point.
 
     TAPER: relative change of the section from the middle to the end of the C axis. BEND: the angle by which each half
-    of that axis is bent towards A. rest_sd: see REST_SD.
+    of that axis is bent towards A. rest_sd: see REST_SD. sunk_sd_mm: prior spread of SUNK.
     """
 
     rest_sd: float = REST_SD
+    sunk_sd_mm: float = float(SPREAD[SUNK])
+
+    @property
+    def parameter_sd(self) -> Float64Array:
+        """See Form."""
+        spread: Float64Array = Form.parameter_sd.__get__(self)
+        spread[SUNK] = self.sunk_sd_mm
+        return spread
 
     @property
     def is_folded(self) -> bool:
@@ -360,6 +392,11 @@ class Ring(Form):
     E1 stretches it along its first axis against the second (logarithm of the ratio). E2, SUNK, TAPER and BEND do not
     exist.
     """
+
+    @property
+    def height_over(self) -> tuple[int, tuple[int, int]]:
+        """The tube's, over the tube's width."""
+        return C, (B, B)
 
     @property
     def is_folded(self) -> bool:

@@ -46,6 +46,11 @@ class Prism(Form):
     corners: int = 4
 
     @property
+    def height_over(self) -> tuple[int, tuple[int, int]]:
+        """See Form; the whole height over half the width."""
+        return HEIGHT, (A, B)
+
+    @property
     def is_flat(self) -> bool:
         """It has."""
         return True
@@ -79,7 +84,7 @@ class Prism(Form):
         """See Form; a wedge that begins skewed is expected none the more so."""
         out = self.start
         out[self.free.index(SKEW)], out[self.free.index(ROUNDING)] = 0.0, np.log(ROUNDING_MM)
-        return out
+        return self._at_ratio(out)
 
     def topology(self, cells: int) -> Topology:
         """Loops of the outline, one above the other."""

@@ -84,7 +84,7 @@ def _candidate(
     camera = sight.cameras_mm[0]
     if height_mm > CAMERA_SHARE * (camera[2] - support_mm):
         return None
-    base, top = (_cast(sight, hull, support_mm + level) for level in (0.0, height_mm))
+    base, top = (cast(sight, hull, support_mm + level) for level in (0.0, height_mm))
     if base is None or top is None:
         return None
     area, both = cv2.intersectConvexConvex(_convex(base), _convex(top))
@@ -102,8 +102,8 @@ def _candidate(
     return _Candidate(height_mm, polygon, float(shared / union))
 
 
-def _cast(sight: Sight, pixels: Float64Array, level_mm: float) -> Float64Array | None:
-    """(n, 2) mm, where the rays through pixels of the first view meet a level; None where one does not."""
+def cast(sight: Sight, pixels: Float64Array, level_mm: float) -> Float64Array | None:
+    """Return (n, 2) mm, where the rays through pixels of the first view meet a level; None where one does not."""
     pair = sight.pair
     rays = pair.rays(pixels) @ pair.rotation
     if (rays[:, 2] >= 0).any():

@@ -11,25 +11,24 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, inward_px, window_around
-from app.vision.geometry.mesh import ClosedShape, Topology, faces_towards
+from app.vision.geometry.mesh import Topology, faces_towards
 from app.vision.geometry.pictures import grey_of, lab_of
-from app.vision.geometry.sections import cut_sections
-from app.vision.geometry.slices import Slice
-from app.vision.geometry.symmetry import SymmetryAxis
 from app.vision.liquids.filled_vessel import FilledVessel
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import families
+from app.vision.shape.form_average import Flags, average_forms, log_normal_volume
 from app.vision.shape.form_fit import FormFit, Seen, fit_form
 from app.vision.shape.form_prior import FormPrior, form_prior
-from app.vision.shape.forms import COARSE, EXACT, FINE, Form
+from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.shape.prism_starts import begin_prisms
+from app.vision.shape.single_starts import single_view_forms
 from app.vision.shape.surface_match import draw_mask, measure_along
-from app.vision.shape.tuning import TUNING
-from app.vision.shape.volume import NORMAL_90, SCALE_SD, Volume
+from app.vision.shape.tuning import SINGLE_TUNING, TUNING
+from app.vision.shape.volume import SCALE_SD, Volume
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import (
     Outline,
@@ -43,22 +42,30 @@ from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight, sight_of
 
-Flags = tuple[str, ...]  # stable codes
 HIDDEN_PX = 5  # around where another food's measured points are seen, which have gaps
 
 
 @dataclass(frozen=True, slots=True)
 class _Food:
-    """What fitting needs of one region. lab, hidden_by: of each view; (H, W) foods in front of it."""
+    """What fitting needs of one region. lab, hidden_by: of each view; (H, W) foods in front of it.
+
+    grey: of the pair; None of a single view, which stands in its own second one's place in lab. points: (n, 3) mm;
+    none in a single view.
+    """
 
     sight: Sight
     seen: Seen
-    grey: tuple[Float32Array, Float32Array]
+    grey: tuple[Float32Array, Float32Array] | None
     lab: tuple[Float32Array, ...]
     hidden_by: tuple[MaskArray, ...]
     points: Float64Array
     support_mm: float
     support_sd_mm: float
+
+    @property
+    def is_single(self) -> bool:
+        """Whether one view alone shows it."""
+        return self.grey is None
 
 
 def measure_shapes(
@@ -99,7 +106,7 @@ class _Scene:
     disparity: DisparityMap
     points_table: Float32Array
     plane_xy_mm: Float32Array
-    grey: tuple[Float32Array, Float32Array]
+    grey: tuple[Float32Array, Float32Array] | None
     lab: tuple[Float32Array, ...]
     others: tuple[PinholeView, ...]
 
@@ -113,12 +120,14 @@ class _Scene:
         line = _without(snap(self.lab[0], rings, TUNING.snap_px), in_pair[0])
         inward = inward_px(mask)
         measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
-        if len(measured) == 0:
+        if len(measured) == 0 and self.pair.second_bgr is not None:
             return None
         parallax = self.disparity.parallax_px[measured[:, 0], measured[:, 1]].astype(np.float64)
         points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
         support_mm, support_sd_mm = self._support(number, points)
         seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity, others=self.others)
+        if self.grey is None:
+            seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
         return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)
 
@@ -127,7 +136,8 @@ class _Scene:
         support = self.foods.regions[number].support
         if support is None:
             return TUNING.support_unknown_mm, TUNING.support_unknown_sd_mm
-        table_mm = float(self.foods.table.height_mm(np.median(points[:, :2], axis=0)))
+        seen = points[:, :2] if len(points) else self.plane_xy_mm[self.foods.regions[number].mask].astype(np.float64)
+        table_mm = float(self.foods.table.height_mm(np.asarray(np.median(seen, axis=0), np.float64)))
         return support.height_mm - table_mm, max(support.sd_mm, TUNING.least_support_sd_mm)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
@@ -181,10 +191,13 @@ def _scene_of(
     points_table: Float32Array,
     others: Sequence[PinholeView],
 ) -> _Scene:
-    grey = [grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr)]
-    lab = tuple(lab_of(image) for image in (pair.first_bgr, pair.second_bgr, *(view.picture_bgr for view in others)))
+    is_single = pair.second_bgr is None
+    first_bgr, second_bgr = (pair.first_bgr, pair.first_bgr) if is_single else pair.both_bgr
+    grey = [grey_of(image).astype(np.float32) for image in (first_bgr, second_bgr)]
+    lab = tuple(lab_of(image) for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others)))
     plane_xy_mm = plane_points(pair)[..., :2]
-    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, (grey[0], grey[1]), lab, tuple(others))
+    of_pair = None if is_single else (grey[0], grey[1])
+    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, of_pair, lab, tuple(others))
 
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
@@ -203,15 +216,21 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
-    if forms:
+    if len(food.points) == 0:
+        forms = single_view_forms(food.sight, food.seen.mask, food.support_mm, food.support_sd_mm)
+    elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
     coarse = [begin_fit(replace(form, has_displacement=False), food.seen) for form in forms]
     ranked = sorted((fit for fit in coarse if fit is not None), key=lambda fit: fit.cost)
-    usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost]
-    of_form = [fit for fit in usable[TUNING.kept :] if prior is not None and fit.form.name in prior.families]
+    kept, margin = (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
+    usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
+    rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
+    of_form = [fit for fit in rest if prior is not None and fit.form.name in prior.families]
+    if food.is_single:
+        return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(food, _pass(food, usable[: TUNING.kept] + of_form[:1], None))
+    fits = _settled(food, _pass(food, usable[:kept] + of_form[:1], None))
     for runner_up in fits[1:2]:
         # What is measured along a form favours it: one that does better along itself is the better one.
         own = _pass(food, [runner_up], None)
@@ -258,7 +277,12 @@ def _refit(food: _Food, seen: Seen | None, before: FormFit) -> FormFit | None:
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:
-    """The food with its parallax along a form near it, and its outline in the other views around that form's."""
+    """The food with its parallax along a form near it, and its outline in the other views around that form's.
+
+    A single view shows nothing more along any form.
+    """
+    if food.grey is None:
+        return food.seen
     vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
     covered = _covered(food, vertices, mesh)
     surface = measure_along(food.sight, food.grey, (food.seen.mask, covered[0]), vertices, mesh)
@@ -307,39 +331,11 @@ def _measured(
         fits = _fit_families(food, prior)
         if not fits:
             return None
-        result = _of_forms(fits, pair_sd, prior)
+        result = average_forms(fits, pair_sd, prior, is_single=food.is_single)
     volume, support_mm, flags = result
-    if is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
+    if not food.is_single and is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
-
-
-def _of_forms(fits: Sequence[FormFit], pair_sd: float, prior: FormPrior | None) -> tuple[Volume, float, Flags]:
-    """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices."""
-    costs = np.array([fit.evidence for fit in fits])
-    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
-    log_evidence = -0.5 * (costs - costs[0]) / (TUNING.temper * misfit)
-    weights = np.exp(log_evidence)
-    flags: Flags = ()
-    if prior is not None:
-        names = [fit.form.name for fit in fits]
-        weights *= [prior.factor(name) for name in names]
-        best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
-        flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
-    weights /= weights.sum()
-    best = fits[int(weights.argmax())]
-    logs = np.log([fit.volume_ml for fit in fits])
-    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit in fits]) * np.sqrt(misfit)
-    mean = float(weights @ logs)
-    vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
-    support_mm = float(vertices[:, 2].min())
-    rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit in fits])
-    variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
-    item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
-    slices = cut_sections(vertices, mesh.faces, support_mm)
-    middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
-    shape = ClosedShape(rest, mesh.faces)
-    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
 
 
 def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tuple[Volume | None, float, Flags] | None:
@@ -358,7 +354,9 @@ def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tupl
         return None, food.support_mm, flags
     rest = food.points - [0.0, 0.0, food.support_mm]
     item_sd = content.sd_ml / content.volume_ml
-    volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest, content.shape)
+    volume = log_normal_volume(
+        content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest, content.shape
+    )
     return volume, food.support_mm, flags
 
 
@@ -369,32 +367,10 @@ def _of_liquid(region: Region, vessel: FilledVessel, pair_sd: float) -> Measured
     if liquid.is_measurable:
         item_sd = liquid.sd_ml / liquid.volume_ml
         middle, rest = vessel.rim.centre_mm, points - [0.0, 0.0, liquid.floor_mm]
-        volume = _volume(liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape)
+        volume = log_normal_volume(liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape)
     return MeasuredItem(region, points, liquid.floor_mm, volume, vessel.flags)
 
 
 def _is_beside(points_table: Float64Array, vessel: Vessel) -> bool:
     """Whether most of a food lies outside the bowl's rim."""
     return bool(np.median(np.linalg.norm(points_table[:, :2] - vessel.centre_mm, axis=1)) >= vessel.radius_mm)
-
-
-def _volume(
-    volume_ml: float,
-    pair_sd: float,
-    item_sd: float,
-    slices: tuple[Slice, ...],
-    middle_mm: Float64Array,
-    completed_mm: Float64Array,
-    shape: ClosedShape,
-) -> Volume:
-    volume_ml, factor = float(volume_ml), float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
-    return Volume(
-        volume_ml=volume_ml,
-        interval_ml=(volume_ml / factor, volume_ml * factor),
-        relative_sd={"pair": pair_sd, "item": item_sd},
-        form="ellipse",
-        axis=SymmetryAxis(middle_mm, 0.0, 1.0),
-        slices=slices,
-        completed_mm=completed_mm,
-        shape=shape,
-    )

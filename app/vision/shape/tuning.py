@@ -56,3 +56,21 @@ class FormTuning:
 
 
 TUNING = FormTuning()
+
+
+@dataclass(frozen=True, slots=True)
+class SingleTuning:
+    """What differs where one view alone shows a food: its outline is all there is, and no food is of a family exactly.
+
+    A height may not be read out of what is but the outline's own irregularity.
+    """
+
+    temper: float = 12.0  # as FormTuning's: one outline tells families apart by little else than its irregularities
+    outline_sd_px: float = 2.0  # of an outline: irregularities of a fiftieth of a food that spans 100 px
+    kept: int = 9  # families that are fitted finely: one outline tells few of them apart
+    kept_margin: float = 20.0  # of the best family's cost, within which others are fitted finely, too
+    rest_sd: float = 0.08  # relative, of a volume: what the side that nobody sees leaves out
+    heap_rest_sd: float = 0.25  # the same of a heap, whose outline is nearly its foot's alone: it hardly shows a height
+
+
+SINGLE_TUNING = SingleTuning()

@@ -34,6 +34,7 @@ BAND_ROWS = 96
 INDEPENDENT_SHARE = 0.3  # of a window's pixels: demosaicing, compression and resampling tie neighbours' noise together
 SPECKLE_PX = 100  # smaller islands of parallax that hang together with nothing are mismatches
 SPECKLE_STEP_PX = 2
+COLOUR_REACH_PX = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,15 @@ class DisparityMap:
     parallax_px: Float32Array
     reach_px: Float32Array
     sd_px: Float32Array | None = None
+
+
+def unmatched(shape: tuple[int, int]) -> DisparityMap:
+    """The map of a single view, in which nothing is measured. shape: (H, W).
+
+    Its reach tells the segmentation how far outlines by colour alone may be from the true ones.
+    """
+    nothing = np.full(shape, np.nan, np.float32)
+    return DisparityMap(nothing, np.full(shape, COLOUR_REACH_PX, np.float32), nothing)
 
 
 def match_dense(

@@ -36,7 +36,7 @@ def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
     left = find_marker(pair.left, marker)
     if isinstance(left, Failure):
         return pair
-    photos = [pair.right, *pair.others]
+    photos = [pair.both[1], *pair.others]
     angles = {index: _angle_deg(pair.left, left, photo) for index, photo in enumerate(photos)}
     seen = {index: angle for index, angle in angles.items() if angle is not None}
     if not seen:

@@ -18,12 +18,16 @@ WORKING_SIDE_PX = 1280  # long side of the rectified pair: a food of 50 mm at 50
 MIN_HEIGHT_MM, MAX_HEIGHT_MM = -15.0, 200.0  # over the marker's plane: what the disparity search covers
 MAP_STEP_PX = 8  # between computed points of the maps: the error of interpolation stays below a hundredth of a pixel
 ALIASING_FREE = 0.9  # of the reduction from photograph to grid: what is left, linear sampling bears
+INVERSE_DEPTH_BASELINE_MM = 10.0  # of a single view: its unit of inverse depth, f B px mm
 MAX_SHARE_OF_CAMERA_HEIGHT = 0.7  # nothing is searched for nearer to the lens than that
 
 
 @dataclass(frozen=True, slots=True)
 class RectifiedPair:
     """Both views on one grid: rows are epipolar lines, and the marker's plane has parallax zero.
+
+    A single view has its own grid: second_bgr is None, and baseline_mm, INVERSE_DEPTH_BASELINE_MM, makes of a depth
+    that was measured otherwise a parallax, so that inverse depths are px here as they are there.
 
     first_bgr, second_bgr: (H, W, 3); black where a view does not reach. is_seen: (H, W) both views reach it (at the
     marker's plane). first_map_px: (H, W, 2) each pixel's place in the first photograph. focal_px, centre_px: of the
@@ -33,7 +37,7 @@ class RectifiedPair:
     """
 
     first_bgr: ImageArray
-    second_bgr: ImageArray
+    second_bgr: ImageArray | None
     is_seen: MaskArray
     first_map_px: Float32Array
     focal_px: float
@@ -48,6 +52,13 @@ class RectifiedPair:
     def shape(self) -> tuple[int, int]:
         """(H, W)."""
         return self.first_bgr.shape[0], self.first_bgr.shape[1]
+
+    @property
+    def both_bgr(self) -> tuple[ImageArray, ImageArray]:
+        """First and second picture. Raises ValueError for a single view."""
+        if self.second_bgr is None:
+            raise ValueError("A single view has no second picture.")
+        return self.first_bgr, self.second_bgr
 
     @property
     def pixel_mm(self) -> float:
@@ -140,6 +151,34 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     )
 
 
+def rectify_alone(view: View) -> RectifiedPair:
+    """The grid of a single view: its photograph without distortion, turned no way."""
+    rotation = view.rotation
+    plane = -rotation[:, 2] / view.centre_mm[2]
+    low, high = _own_bounds(view, plane)
+    focal = min(float(np.sqrt(view.camera.fx * view.camera.fy)), WORKING_SIDE_PX / float((high - low).max()))
+    width, height = (int(np.ceil(side * focal)) for side in high - low)
+    centre_x, centre_y = -low * focal
+    matrix = np.array([[focal, 0.0, centre_x], [0.0, focal, centre_y], [0.0, 0.0, 1.0]])
+    a, b = plane[:2] * INVERSE_DEPTH_BASELINE_MM
+    c = focal * INVERSE_DEPTH_BASELINE_MM * plane[2] - a * centre_x - b * centre_y
+    first_bgr, first_map = warp_view(view, matrix, rotation, (width, height))
+    disparity = a * np.arange(width)[None, :] + b * np.arange(height)[:, None] + c
+    return RectifiedPair(
+        first_bgr=first_bgr,
+        second_bgr=None,
+        is_seen=(disparity > 0) & _is_inside(view, first_map),
+        first_map_px=first_map,
+        focal_px=focal,
+        centre_px=(float(centre_x), float(centre_y)),
+        rotation=rotation,
+        first_centre_mm=view.centre_mm,
+        baseline_mm=INVERSE_DEPTH_BASELINE_MM,
+        plane_px=(float(a), float(b), float(c)),
+        parallax_range_px=(0.0, 0.0),
+    )
+
+
 def rectify_by_fundamental(
     fundamental: Float64Array, x: Float64Array, x_second: Float64Array, size: tuple[int, int]
 ) -> tuple[Float64Array, Float64Array] | None:
@@ -200,6 +239,16 @@ def _seen_bounds(
     if len(shared) < 2:
         shared = turned[:, :2]
     return shared.min(axis=0), shared.max(axis=0)
+
+
+def _own_bounds(view: View, plane: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """(2,), (2,) least and greatest x / z, y / z of a view's rays that meet the plane."""
+    height, width = view.photo.pixels_bgr.shape[:2]
+    columns, rows = np.meshgrid(np.linspace(0, width - 1, 65), np.linspace(0, height - 1, 49))
+    rays = homogeneous(undistort_to_rays(view, np.column_stack([columns.ravel(), rows.ravel()])))
+    meets = rays @ plane > 0
+    seen = rays[meets] if np.count_nonzero(meets) > 1 else rays
+    return seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
 
 
 def warp_view(

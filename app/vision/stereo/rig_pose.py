@@ -26,8 +26,8 @@ SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
 
 def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> tuple[View, View] | Failure:
     """Left and right view over the table. Failures: camera_mismatch, same_photograph, table_not_found."""
-    photos = (pair.left, pair.right)
-    if np.array_equal(pair.left.pixels_bgr, pair.right.pixels_bgr):
+    photos = pair.both
+    if np.array_equal(photos[0].pixels_bgr, photos[1].pixels_bgr):
         return Failure(
             "same_photograph",
             "Both photographs are the same one.",
@@ -38,12 +38,12 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
     if isinstance(cameras, Failure):
         return cameras
     pose = RigPose(rig.right_from_left, np.array(rig.translation_mm))
-    plane = find_table_plane((pair.left.pixels_bgr, pair.right.pixels_bgr), cameras, pose, rng)
+    plane = find_table_plane((photos[0].pixels_bgr, photos[1].pixels_bgr), cameras, pose, rng)
     if isinstance(plane, Failure):
         return plane
     rotation, translation_mm = table_from_plane(plane)
-    left = View(pair.left, cameras[0], None, rotation, translation_mm, 0.0)
-    right = View(pair.right, cameras[1], None, *_second_pose(left, pose), 0.0)
+    left = View(photos[0], cameras[0], None, rotation, translation_mm, 0.0)
+    right = View(photos[1], cameras[1], None, *_second_pose(left, pose), 0.0)
     return left, right
 
 

@@ -117,10 +117,18 @@ def test_scene_without_a_marker_says_so(tmp_path, pixels):
     assert failure_code(estimate(tmp_path, *bare)) == "marker_not_found"
 
 
-def test_marker_in_one_view_only_names_the_other_view(tmp_path, pixels):
-    answer = estimate(tmp_path, original("left"), encoded(without_board(pixels["right"])))
+def test_marker_in_the_right_view_only_names_the_left_view(tmp_path, pixels):
+    answer = estimate(tmp_path, encoded(without_board(pixels["left"])), original("right"))
     assert failure_code(answer) == "marker_not_found"
-    assert "right" in answer["failure"]["message"]
+    assert "left" in answer["failure"]["message"]
+
+
+def test_marker_in_the_left_view_only_is_measured_by_that_view(tmp_path, pixels, volume_ml):
+    answer = estimate(tmp_path, original("left"), encoded(without_board(pixels["right"])), point=APPLE)
+    assert answer["failure"] is None
+    [item] = [each for each in answer["items"] if each["hint"] == 0]
+    assert "single_view" in item["flags"]
+    assert item["volume_interval_ml"][0] < volume_ml < item["volume_interval_ml"][1]
 
 
 @pytest.mark.parametrize("announced", ["plain:7x5:11", "plain:12x9:11", "colour:4x5:12"])

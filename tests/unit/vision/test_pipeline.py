@@ -138,7 +138,7 @@ def test_table_without_food_says_so_and_shows_how_far_it_came():
 
 def test_photograph_without_marker_says_so(pair):
     grey = Photo(np.full_like(pair.left.pixels_bgr, 128))
-    estimate = estimate_meal(PhotoPair(pair.left, grey), OPTIONS)
+    estimate = estimate_meal(PhotoPair(grey, pair.right), OPTIONS)
     assert estimate.failure is not None
     assert estimate.views is None
     assert estimate.colours is None

@@ -1,0 +1,356 @@
+"""Dishes and places of a single view, where no heights tell what stands: by what is unlike the surface it lies on.
+
+The reduced picture over the table -> Layout and Places as heights give them for a pair. The table shows its colours
+around the sheet and along the picture's border, a dish along its rim; what differs there and hangs together lies on
+it. A thing that is round or rectangular as seen from above, larger than a slice of bread, and that shows another thing
+within, is a dish.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.masks import (
+    components,
+    dilated,
+    distance_px,
+    inward_px,
+    largest_part,
+    opened,
+    touching,
+    without_specks,
+)
+from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import blurred, lab_bytes
+from app.vision.geometry.topview import TableTrend, TopView
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.scene.colour_bins import colour_bins, colour_histogram, contrast_features, shaded_bins
+from app.vision.scene.dish import Dish
+from app.vision.scene.layout import Layout
+from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
+from app.vision.scene.scene import Scene
+from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM
+
+TABLE_REACH_MM = 380.0  # from the sheet: beyond lies the room
+BORDER_SHARE = 0.05  # of the picture's sides: its border, which foods seldom reach
+AROUND_SHEET_MM = (5.0, 25.0)  # beyond the paper, whose edge is blurred and may lie a little off
+MIN_BARE_PX = 150
+SIDE_PX = 360  # of the reduced picture
+UNSEEN = 3e-5  # probability of a colour that a model has not seen
+COLOUR_NATS = 5.0
+COMMON_SHARE = 0.02  # of the bare surface, whose rarest colours are left out of what it is like
+ROUNDS = 3
+LIGHT_ROUNDS, LIGHT_RIDGE = 4, 1e-4
+LEAST_SPREAD, USUAL_SPREADS, APART_NATS = 1.0, 4.0, 4.0
+MIN_THING_MM2 = 250.0
+CELL_MM = 3.0
+MIN_DISH_MM2 = 9000.0  # a saucer; smaller ones are foods
+MAX_DISH_MM2 = 110_000.0
+MAX_ASPECT = 1.6
+ON_OUTLINE_MM = 3.5
+MIN_ROUND_COVER, MIN_SQUARE_COVER = 0.55, 0.85  # of a dish's outline, which food may hide
+SECTORS = 48
+TRIALS = 300
+OUTLINE_POINTS = 240
+RIM_MM = (3.0, 16.0)  # inward, where a dish is bare
+BESIDE_RIM_MM = 8.0  # inward from a dish's outline, up to which what differs is its decoration or its edge
+SHARE_INSIDE = 0.4  # of what lies on a dish, that is seen within its rim
+MAX_SHARE_ON_DISH = 0.75  # of a dish that what lies on it may hide
+
+
+def lay_out_by_colour(scene: Scene, trend: TableTrend) -> Layout:
+    """The layout of a scene without heights."""
+    view = _top_grid(scene)
+    dishes = [_as_dish(thing, scene, view) for thing in components(_on_table(scene))]
+    return Layout(scene, trend, view, [dish for dish in dishes if dish is not None])
+
+
+def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]:
+    """The places that hold food. points: (h, w) small parts that are food for certain."""
+    scene, things = layout.scene, _on_table(layout.scene)
+    silhouettes = [_silhouette(dish, layout) for dish in layout.dishes]
+    on_dishes = [
+        _on_dish(scene, touching(things, silhouette), _inward(dish, layout))
+        for dish, silhouette in zip(layout.dishes, silhouettes, strict=True)
+    ]
+    taken = np.any([*silhouettes, *on_dishes], axis=0) if silhouettes else np.zeros(scene.is_ignored.shape, np.bool_)
+    on_table = without_specks(opened(things & ~dilated(taken, 5), 3), MIN_THING_MM2 / scene.pixel_mm**2)
+    for point in points:
+        at = point & ~scene.is_ignored
+        owners = [number for number, silhouette in enumerate(silhouettes) if (silhouette & at).any()]
+        if owners:
+            on_dishes[owners[0]] = on_dishes[owners[0]] | at
+        elif not any((each & at).any() for each in on_dishes):
+            on_table = on_table | at
+    places = []
+    for number, (dish, silhouette, sure) in enumerate(zip(layout.dishes, silhouettes, on_dishes, strict=True)):
+        if sure.any():
+            others = [*silhouettes[:number], *silhouettes[number + 1 :], *on_dishes[:number], *on_dishes[number + 1 :]]
+            elsewhere = np.any([on_table, *others], axis=0) & ~sure
+            reach = distance_px(sure) * scene.pixel_mm < REACH_IN_DISH_MM
+            band = _band(_inward(dish, layout), RIM_BAND_MM) & ~sure
+            places.append(Place(dish, sure, silhouette | reach, band, elsewhere))
+    if on_table.any():
+        nothing = np.zeros(on_table.shape, np.bool_)
+        for group in _groups(on_table, scene):
+            elsewhere = (taken | (on_table & ~group)) & ~group
+            near = distance_px(group) * scene.pixel_mm < REACH_MM
+            places.append(Place(None, group, near, nothing, elsewhere))
+    return places
+
+
+def _on_table(scene: Scene) -> MaskArray:
+    """(h, w) dishes and foods on the table."""
+    return _unlike(scene, _bare_table(scene), _is_table(scene))
+
+
+def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
+    return [on_table & group for group in components(distance_px(on_table) * scene.pixel_mm < 6.0)]
+
+
+def _is_table(scene: Scene) -> MaskArray:
+    """(h, w) whose rays meet the table near the sheet."""
+    return (np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM) & ~scene.is_ignored
+
+
+def _bare_table(scene: Scene) -> MaskArray:
+    """(h, w) that shows the bare table for the most part: around the sheet and along the picture's border."""
+    height, width = scene.is_ignored.shape
+    border = np.ones((height, width), np.bool_)
+    margin = max(2, round(BORDER_SHARE * max(height, width)))
+    border[margin:-margin, margin:-margin] = False
+    sheet = scene.is_ignored & (np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM / 2)
+    clear_mm = distance_px(sheet) * scene.pixel_mm
+    around = clear_mm < AROUND_SHEET_MM[1]
+    return (border | around) & (clear_mm > AROUND_SHEET_MM[0]) & _is_table(scene)
+
+
+def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
+    """(h, w) what lies on a surface: unlike its bare part in colour, whole and filled. within: where it is sought.
+
+    Reduced, for the cut takes long and the food's own outline is sought again.
+    """
+    height, width = bare.shape
+    scale = min(1.0, SIDE_PX / max(height, width))
+    size = (max(8, round(width * scale)), max(8, round(height * scale)))
+    small_bare, small_within = (_resized(mask, size) for mask in (bare, within))
+    image = np.asarray(cv2.resize(scene.image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    things = _unlike_small(image, small_bare, small_within, MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2)
+    whole = cv2.resize(things.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+    return np.asarray(whole & within, np.bool_)
+
+
+def _resized(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
+    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def _unlike_small(image_bgr: ImageArray, bare: MaskArray, within: MaskArray, least: float) -> MaskArray:
+    """(h, w) the same of a reduced picture. least: area of a thing, px."""
+    nothing = np.zeros(bare.shape, np.bool_)
+    if np.count_nonzero(bare) < MIN_BARE_PX or not within.any():
+        return nothing
+    image = _evenly_lit(image_bgr, bare)
+    lab = lab_bytes(image)
+    bins, shaded = colour_bins(lab), shaded_bins(image)
+    features = contrast_features(lab)
+    own = colour_histogram([bins, *shaded], bare)[bins]
+    common = float(np.quantile(own[bare], COMMON_SHARE))
+    apart = _apart_nats(lab, bare)
+    ratio = np.log((common + UNSEEN) / (own + UNSEEN)) + apart
+    mask = within & ~bare & (ratio > 0)
+    mask = without_specks(opened(mask, 3), least)
+    for _ in range(ROUNDS):
+        if not mask.any():
+            return mask
+        inner, outer = mask & (inward_px(mask, 3) > 2), (within | bare) & (distance_px(mask) > 3)
+        if not (inner.any() and outer.any()):
+            return mask
+        inside, outside = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
+        ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
+        mask = cut_in_two((ratio + apart).astype(np.float32), features, ~within, nothing)
+        mask = without_specks(opened(mask, 3), least)
+    return mask & within
+
+
+def _apart_nats(lab: Float32Array, bare: MaskArray) -> Float32Array:
+    """(h, w) what speaks against a bare surface beyond a histogram's bins: lighter, or of another chroma, than it is.
+
+    Darker is what shadows are. lab: (h, w, 3), 0-255, evenly lit.
+    """
+    smooth = blurred(lab, 1.0)
+    light = np.maximum(smooth[..., 0], 1.0)
+    features = np.stack([light, 128.0 * (smooth[..., 1] - 128.0) / light, 128.0 * (smooth[..., 2] - 128.0) / light], -1)
+    middle = np.median(features[bare], axis=0)
+    spread = 1.48 * np.median(np.abs(features[bare] - middle), axis=0) + LEAST_SPREAD
+    off = (features - middle) / spread
+    off[..., 0] = np.maximum(off[..., 0], 0.0)
+    beyond = np.maximum(np.sqrt((off**2).sum(axis=-1)) - USUAL_SPREADS, 0.0)
+    return np.asarray(np.minimum(beyond, APART_NATS), np.float32)
+
+
+def _evenly_lit(image_bgr: ImageArray, bare: MaskArray) -> ImageArray:
+    """The picture as if a bare surface, (h, w), were lit alike all over: each channel over its slow course there."""
+    height, width = bare.shape
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    rows = design[bare]
+    ridge = LIGHT_RIDGE * len(rows) * np.eye(rows.shape[1], dtype=np.float32)
+    out = np.empty_like(image_bgr)
+    for channel in range(3):
+        values = np.log(image_bgr[..., channel].astype(np.float32) + 1.0)
+        seen = values[bare]
+        weights = np.ones_like(seen)
+        for _ in range(LIGHT_ROUNDS):
+            weighted = rows * weights[:, None]
+            course = np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ seen)
+            off = np.abs(seen - rows @ course)
+            weights = 1.0 / (1.0 + (off / (1.48 * np.median(off) + 1e-3)) ** 2)
+        steady = values - design @ course + np.median(rows @ course)
+        out[..., channel] = np.clip(np.exp(steady) - 1.0, 0, 255).astype(np.uint8)
+    return out
+
+
+def _top_grid(scene: Scene) -> TopView:
+    """An empty view from above of what the picture shows of the table near the sheet."""
+    xy = scene.plane_xy_mm[_is_table(scene)].astype(np.float64)
+    low, high = (np.asarray(end(xy, axis=0), np.float64) for end in (np.min, np.max)) if len(xy) else np.eye(2)
+    columns, rows = (int(cells) for cells in np.ceil((high - low) / CELL_MM) + 1)
+    shape = (rows, columns)
+    return TopView(low, CELL_MM, np.zeros(shape, np.float32), np.zeros(shape, np.int64))
+
+
+@dataclass(frozen=True, slots=True)
+class _Outline:
+    """inward_mm: (rows, columns) of the top view. cover: share of the outline that is seen."""
+
+    inward_mm: Float32Array
+    cover: float
+
+
+def _as_dish(thing: MaskArray, scene: Scene, view: TopView) -> Dish | None:
+    """The dish that a thing is; None for a food."""
+    area_mm2 = np.count_nonzero(thing) * scene.pixel_mm**2
+    if area_mm2 < MIN_DISH_MM2 / 2:
+        return None
+    outline = _outline_mm(thing, scene.xy_at(TYPICAL_RIM_MM))
+    best: tuple[_Outline, bool] | None = None
+    ellipse = _fit_ellipse(outline, view)
+    if ellipse is not None and ellipse.cover > MIN_ROUND_COVER:
+        best = ellipse, True
+    else:
+        rectangle = _fit_rectangle(outline, view)
+        if rectangle is not None and rectangle.cover > MIN_SQUARE_COVER:
+            best = rectangle, False
+    if best is None:
+        return None
+    shape, is_round = best
+    size_mm2 = np.count_nonzero(shape.inward_mm > 0) * CELL_MM**2
+    if not MIN_DISH_MM2 < size_mm2 < MAX_DISH_MM2:
+        return None
+    rim_mm = TYPICAL_RIM_MM if is_round else TYPICAL_BOARD_MM
+    dish = Dish(shape.inward_mm, rim_mm, 0.0 if is_round else TYPICAL_BOARD_MM)
+    inward = dish.inward_at(view, scene.xy_at(rim_mm))
+    held = _on_dish(scene, thing, inward)
+    share = np.count_nonzero(held) / max(int(np.count_nonzero(inward > 0)), 1)
+    return dish if held.any() and share < MAX_SHARE_ON_DISH else None
+
+
+def _outline_mm(thing: MaskArray, xy_mm: Float32Array) -> Float64Array:
+    """(n, 2) mm of the outline, evenly drawn."""
+    contours, _ = cv2.findContours(largest_part(thing).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    pixels = np.asarray(max(contours, key=len)).reshape(-1, 2)
+    chosen = pixels[np.linspace(0, len(pixels) - 1, min(OUTLINE_POINTS, len(pixels))).astype(np.int64)]
+    return np.asarray(xy_mm[chosen[:, 1], chosen[:, 0]], np.float64)
+
+
+def _fit_ellipse(outline: Float64Array, view: TopView) -> _Outline | None:
+    """The ellipse that most of the outline lies on (RANSAC), which food that stands over the rim hides in part."""
+    rng = np.random.default_rng(0)
+    best: tuple[float, Float64Array] | None = None
+    for _ in range(TRIALS):
+        drawn = outline[rng.choice(len(outline), 6, replace=False)]
+        conic = _ellipse(drawn)
+        if conic is None:
+            continue
+        cover = _cover(outline, conic)
+        if best is None or cover > best[0]:
+            best = cover, conic
+    if best is None:
+        return None
+    near = np.abs(_beyond_mm(outline, best[1])) < ON_OUTLINE_MM
+    better = _ellipse(outline[near]) if np.count_nonzero(near) > 8 else None
+    conic = best[1] if better is None or _cover(outline, better) < best[0] else better
+    return _Outline((-_beyond_mm(view.centres_mm(), conic)).astype(np.float32), _cover(outline, conic))
+
+
+def _ellipse(points: Float64Array) -> Float64Array | None:
+    """(5,) middle, half-axes and heading, mm and radians; None for one that is no dish's."""
+    (x, y), size, angle = cv2.fitEllipseDirect(points.astype(np.float32))
+    width, height = np.asarray(size, np.float64).tolist()
+    values = np.array([x, y, width / 2, height / 2, np.radians(angle)], np.float64)
+    if not np.isfinite(values).all() or min(width, height) < 2 * ON_OUTLINE_MM:
+        return None
+    return values if max(width, height) < MAX_ASPECT * min(width, height) else None
+
+
+def _beyond_mm(xy_mm: Float64Array, ellipse: Float64Array) -> Float64Array:
+    """(...,) distance outside the ellipse, mm, to first order; xy_mm: (..., 2)."""
+    x, y, a, b, angle = ellipse
+    cosine, sine = np.cos(angle), np.sin(angle)
+    u = (xy_mm[..., 0] - x) * cosine + (xy_mm[..., 1] - y) * sine
+    v = -(xy_mm[..., 0] - x) * sine + (xy_mm[..., 1] - y) * cosine
+    radius = np.hypot(u / a, v / b)
+    return np.asarray((radius - 1) * np.hypot(u, v) / np.maximum(radius, 1e-6), np.float64)
+
+
+def _cover(outline: Float64Array, ellipse: Float64Array) -> float:
+    """Share of the directions from the ellipse's middle in which the outline lies on it."""
+    near = outline[np.abs(_beyond_mm(outline, ellipse)) < ON_OUTLINE_MM]
+    turn = np.arctan2(near[:, 1] - ellipse[1], near[:, 0] - ellipse[0])
+    return len(np.unique(np.floor((turn + np.pi) / (2 * np.pi) * SECTORS))) / SECTORS
+
+
+def _fit_rectangle(outline: Float64Array, view: TopView) -> _Outline | None:
+    """The smallest rectangle around the outline."""
+    box = cv2.minAreaRect(outline.astype(np.float32))
+    corners = np.asarray(cv2.boxPoints(box), np.float32)
+    if min(box[1]) <= 0 or max(box[1]) > 2 * MAX_ASPECT * min(box[1]):
+        return None
+    contour = corners.reshape(-1, 1, 2)
+    near = [abs(cv2.pointPolygonTest(contour, (float(x), float(y)), measureDist=True)) for x, y in outline]
+    places = view.cells_px(corners)
+    picture = np.zeros(view.height_mm.shape, np.uint8)
+    cv2.fillConvexPoly(picture, np.rint(places).astype(np.int32), 1)
+    inside = picture > 0
+    inward = (inward_px(inside) - inward_px(~inside)) * CELL_MM
+    return _Outline(np.asarray(inward, np.float32), float(np.mean(np.array(near) < ON_OUTLINE_MM)))
+
+
+def _inward(dish: Dish, layout: Layout) -> Float32Array:
+    return dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm))
+
+
+def _silhouette(dish: Dish, layout: Layout) -> MaskArray:
+    """(h, w) the dish from its rim down to the table."""
+    scene = layout.scene
+    return (_inward(dish, layout) > 0) | (dish.inward_at(layout.view, scene.plane_xy_mm) > 0)
+
+
+def _band(inward_mm: Float32Array, span_mm: tuple[float, float]) -> MaskArray:
+    return (inward_mm > span_mm[0]) & (inward_mm < span_mm[1])
+
+
+def _on_dish(scene: Scene, thing: MaskArray, inward_mm: Float32Array) -> MaskArray:
+    """(h, w) what lies on a dish: unlike its rim, and not only along it; also what stands over it. thing: with it."""
+    within = (thing | (inward_mm > 0)) & ~scene.is_ignored
+    over = opened(thing & (inward_mm < -BESIDE_RIM_MM / 2), 5) & ~scene.is_ignored
+    things = _unlike(scene, _band(inward_mm, RIM_MM) & within, within) & (inward_mm > -BESIDE_RIM_MM / 2) | over
+    deep = inward_mm > 2 * BESIDE_RIM_MM
+    kept = [
+        part
+        for part in components(opened(things, 3))
+        if np.count_nonzero(part & deep) > SHARE_INSIDE * np.count_nonzero(part)
+    ]
+    return np.any(kept, axis=0) if kept else np.zeros(thing.shape, np.bool_)
