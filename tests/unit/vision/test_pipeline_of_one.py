@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from app.vision.board.marker import find_marker
+from app.vision.board.print_layout import sheet_half_mm
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.stereo.single_view import place_alone, single_volume_sd
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+from tests.unit.vision.synthetic import paint_over
 
 BALL = Ball((115.0, 15.0), 33.0)
 OPTIONS = EstimateOptions(SPEC, CAMERA)
@@ -55,12 +57,26 @@ def test_one_view_is_recorded_and_drawn(estimate):
     assert {"overlay.jpg", "scene.json"} <= {each.name for each in estimate.artefacts}
 
 
+def without_marker(view):
+    """The view's photograph with a cloth over the sheet."""
+    half = np.array(sheet_half_mm(SPEC)) + 3.0
+    corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * [*half, 0.0]
+    in_camera = corners @ view.rotation.T + view.translation_mm
+    pixels = in_camera[:, :2] / in_camera[:, 2:] * CAMERA.fx + [CAMERA.cx, CAMERA.cy]
+    return paint_over(view.photo, pixels)
+
+
 def test_marker_unseen_in_the_right_photograph_leaves_the_left_one(pair, estimate):
-    grey = Photo(np.full_like(pair.right.pixels_bgr, 128))
-    alone = estimate_meal(PhotoPair(on_plain_table(pair.left), grey), OPTIONS)
+    hidden = without_marker(rendered_views(BALL)[1])
+    alone = estimate_meal(PhotoPair(on_plain_table(pair.left), hidden), OPTIONS)
     assert [item.volume_ml for item in alone.items] == [item.volume_ml for item in estimate.items]
-    paper = estimate_meal(PhotoPair(pair.left, grey), replace(OPTIONS, method="paper"))
-    assert paper.failure.code in ("marker_not_found", "image_too_dark", "image_blurred")
+    paper = estimate_meal(PhotoPair(pair.left, hidden), replace(OPTIONS, method="paper"))
+    assert paper.failure.code == "marker_not_found"
+
+
+def test_marker_unseen_in_the_left_photograph_is_told(pair):
+    hidden = without_marker(rendered_views(BALL)[0])
+    assert estimate_meal(PhotoPair(hidden, pair.right), OPTIONS).failure.code == "marker_not_found"
 
 
 def test_form_that_a_person_names_decides_where_the_outline_does_not(pair):
