@@ -131,7 +131,7 @@ def _observe(
 
 def _common_points(photos: PhotoPair, spec: MarkerSpec) -> CommonPoints | Failure:
     """The points of the board that both photographs show."""
-    left, right = find_marker(photos.left, spec), find_marker(photos.right, spec)
+    left, right = (find_marker(photo, spec) for photo in photos.both)
     if isinstance(left, Failure):
         return left
     if isinstance(right, Failure):
