@@ -31,6 +31,8 @@ def index_build(
 
     if output.suffix != ".npz":
         raise InvalidInputError(f"{output} does not end in .npz.")
+    if not output.parent.is_dir():
+        raise InvalidInputError(f"{output.parent} is not a folder.")
     built = build_from_folder(
         folder, name or folder.resolve().name, max_pixels=Settings().max_photo_pixels, on_photo=_show_progress
     )

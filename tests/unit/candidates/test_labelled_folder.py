@@ -122,6 +122,14 @@ def test_empty_folder_and_one_food_alone_are_refused(tmp_path):
     assert refused.value.code == "index_too_small"
 
 
+@pytest.mark.parametrize("output", ["index.zip", "missing/index.npz"])
+def test_output_that_cannot_be_is_refused_before_the_photographs_are_read(tmp_path, output):
+    done = run_tada("index", "build", tmp_path / "no-folder", "-o", tmp_path / output)
+    assert done.returncode != 0
+    assert output.partition("/")[0] in done.stderr
+    assert "photographs" not in done.stderr
+
+
 def test_unreadable_index_is_told_by_a_code_and_by_the_doctor(tmp_path):
     broken = tmp_path / "broken.npz"
     broken.write_bytes(b"no archive")
