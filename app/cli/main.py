@@ -139,6 +139,10 @@ def estimate(
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
+    depth: Annotated[
+        list[str] | None, typer.Option(metavar="VIEW=FILE", help="Depth map of a photograph: 16 bit PNG or TIFF.")
+    ] = None,
+    depth_camera: Annotated[Path | None, typer.Option(help="Intrinsics of the depth map (JSON).")] = None,
     method: Annotated[str, typer.Option(help="Method of volume estimation: shape, paper or paper-strict.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".')
@@ -159,6 +163,7 @@ def estimate(
         hints=hint or [],
         is_complete=complete,
         vessels=vessels,
+        has_depth=bool(depth),
     )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
     settings = Settings()
@@ -169,6 +174,8 @@ def estimate(
         debug=debug,
         on_stage=announce,
         index=settings.food_index,
+        depths=depth or [],
+        depth_camera=depth_camera,
     )
     if as_json:
         print(json.dumps(estimated))

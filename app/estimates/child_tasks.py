@@ -22,6 +22,7 @@ from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
+from app.vision.depth_map import DepthCamera, read_depth
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings
@@ -138,10 +139,12 @@ def run_estimate(
     max_pixels: int,
     on_stage: StageListener,
     want_artefacts: bool,
+    depths: Mapping[str, tuple[Path, DepthCamera]] | None = None,
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
-    photographs: by name, left, right, then others. Raises OSError if a file cannot be read.
+    photographs: by name, left, right, then others. depths: depth maps of some, with their cameras.
+    Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
     on_stage("read")
@@ -152,6 +155,13 @@ def run_estimate(
             failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
             stages = {"read": time.perf_counter() - started}
             return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
+        if depths is not None and side in depths:
+            file, camera = depths[side]
+            depth = read_depth(file.read_bytes(), camera)
+            if isinstance(depth, Failure):
+                stages = {"read": time.perf_counter() - started}
+                return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
+            photo = replace(photo, depth=depth)
         photos.append(photo)
     read_seconds = time.perf_counter() - started
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))

@@ -1,7 +1,7 @@
 """`tada estimate`: one or more files in, the answer as JSON out, foods of hints resolved in the starter table."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,6 +11,7 @@ from app.estimates.child_tasks import run_estimate
 from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
+from app.vision.depth_map import DepthCamera, depth_camera_from_mapping
 from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
 
@@ -27,6 +28,7 @@ def read_options(
     hints: Sequence[str],
     is_complete: bool = False,
     vessels: Path | None = None,
+    has_depth: bool = False,
 ) -> EstimateOptions:
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
@@ -38,10 +40,11 @@ def read_options(
             "The method paper-strict needs a marker for its tie points: measure a rig by another one."
         )
     value = {
-        "marker": DEFAULT_MARKER if marker is None and rig is None else marker,
+        "marker": DEFAULT_MARKER if marker is None and rig is None and not has_depth else marker,
         "camera": _read_object(_text_of(camera), str(camera)) if camera is not None else None,
         "rig": _read_object(_text_of(rig), str(rig)) if rig is not None else None,
         "method": method,
+        "depth": has_depth,
         "hints": [_read_hint(hint) for hint in hints],
         "complete": is_complete,
         "vessels": _parsed(_text_of(vessels), str(vessels)) if vessels is not None else [],
@@ -57,6 +60,8 @@ def estimate_files(
     debug: Path | None,
     on_stage: Callable[[str], None] | None,
     index: Path | None = None,
+    depths: Sequence[str] = (),
+    depth_camera: Path | None = None,
 ) -> dict[str, Any]:
     """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
     if len(photographs) > MAX_VIEWS:
@@ -66,6 +71,8 @@ def estimate_files(
     if len(photographs) > PAIR and (options.rig is not None or options.method != "shape"):
         raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
     names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
+    names = names[: len(photographs)]
+    depth_files = _read_depths(depths, depth_camera, dict(zip(names, photographs, strict=True)))
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
@@ -78,6 +85,7 @@ def estimate_files(
             max_pixels=max_pixels,
             on_stage=on_stage or (lambda _: None),
             want_artefacts=debug is not None,
+            depths=depth_files,
         )
     except OSError as error:
         raise InvalidInputError(f"{error.filename} cannot be read: {error.strerror}.") from None
@@ -92,6 +100,28 @@ def estimate_files(
         food = table[hint.food] if hint is not None and hint.food else None
         item.update(amounts_of(item, food, hint.lies_as if hint is not None else None))
     return answer
+
+
+def _read_depths(
+    depths: Sequence[str], camera: Path | None, photographs: Mapping[str, Path]
+) -> dict[str, tuple[Path, DepthCamera]]:
+    """Depth maps by the name of their photograph, left, right, view3 ..., each as VIEW=FILE.
+
+    VIEW: that name, or the photograph's file name without its ending.
+    """
+    if not depths:
+        return {}
+    if camera is None:
+        raise InvalidInputError("--depth needs --depth-camera FILE.", code="depth_camera_invalid")
+    intrinsics = depth_camera_from_mapping(_read_object(_text_of(camera), str(camera)))
+    out = {}
+    for text in depths:
+        view, _, file = text.partition("=")
+        names = [name for name, path in photographs.items() if view in (name, path.stem)]
+        if not file or not names:
+            raise InvalidInputError(f"--depth {text}: VIEW=FILE, VIEW being one of the photographs.")
+        out[names[0]] = Path(file), intrinsics
+    return out
 
 
 def _read_hint(text: str) -> dict[str, Any]:

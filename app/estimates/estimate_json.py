@@ -62,7 +62,7 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
 
     Raises InvalidInputError for a marker, camera or rig that cannot be, and for neither a marker nor a rig.
     """
-    if value.get("marker") is None and value.get("rig") is None:
+    if value.get("marker") is None and value.get("rig") is None and not value.get("depth"):
         raise InvalidInputError("Neither a marker nor a rig gives the scale: name one.", code="marker_missing")
     return EstimateOptions(
         marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,

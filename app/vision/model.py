@@ -29,15 +29,32 @@ ColourKind = Literal["colour", "white", "none"]
 
 
 @dataclass(frozen=True, slots=True)
+class DepthMap:
+    """Depth along the optical axis of a pinhole in its photograph's pose. depth_mm: (h, w), NaN: not measured.
+
+    fx, fy, cx, cy: px of the map. sd_share: noise over depth. error_area_px: of the map, over which errors are one.
+    """
+
+    depth_mm: Float32Array
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    sd_share: float
+    error_area_px: float
+
+
+@dataclass(frozen=True, slots=True)
 class Photo:
     """One decoded photograph, upright. pixels_bgr: (H, W, 3) uint8. focal_35mm: EXIF's 35 mm equivalent, mm.
 
-    model: the phone's, as EXIF names it.
+    model: the phone's, as EXIF names it. depth: measured beside it.
     """
 
     pixels_bgr: ImageArray
     focal_35mm: float | None = None
     model: str | None = None
+    depth: DepthMap | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,19 @@ from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.figures import draw_artefacts
-from app.vision.intrinsics import Camera
+from app.vision.intrinsics import Camera, adapt_camera
 from app.vision.looks.vcm import describe_rings
-from app.vision.model import EstimateOptions, Hint, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair, View
+from app.vision.model import (
+    DepthMap,
+    EstimateOptions,
+    Hint,
+    ItemEstimate,
+    MarkerObservation,
+    MealEstimate,
+    Photo,
+    PhotoPair,
+    View,
+)
 from app.vision.rig import StereoRig
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
@@ -26,6 +36,7 @@ from app.vision.shape.measure import MeasuredItem, measure_items
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
+from app.vision.stereo.depth_parallax import parallax_of_depth, place_by_depth
 from app.vision.stereo.disparity import match_dense, unmatched
 from app.vision.stereo.epipolar import compare_fundamentals
 from app.vision.stereo.features import NO_MATCHES, match_features, shows_sheet
@@ -140,7 +151,12 @@ def _find_views(
 ) -> RefinedViews | SingleView | Failure:
     """Cameras and poses by the rig or the marker, of two views refined by matches of the whole scene."""
     rig = options.rig
-    views = _views_of_rig(pair, rig, options, stage, trace) if rig else _views_by_marker(pair, options, stage, trace)
+    if rig:
+        views: tuple[View, View] | SingleView | Failure = _views_of_rig(pair, rig, options, stage, trace)
+    elif options.marker is None and pair.left.depth is not None:
+        views = _view_by_depth(pair.left, pair.left.depth, options, stage, trace)
+    else:
+        views = _views_by_marker(pair, options, stage, trace)
     if isinstance(views, Failure):
         return views
     if isinstance(views, SingleView):
@@ -208,6 +224,21 @@ def _views_by_marker(
         return estimate_views(pair, (left, right), options)
 
 
+def _view_by_depth(
+    photo: Photo, depth: DepthMap, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> SingleView | Failure:
+    """The left photograph's view over the table that its depth map shows; the map gives the scale."""
+    trace.colours = UNCORRECTED, UNCORRECTED
+    with stage("camera"):
+        camera = camera_from_exif(photo)
+        if options.camera is not None:
+            adapted = adapt_camera(options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0])
+            if isinstance(adapted, Failure):
+                return adapted
+            camera = adapted
+        return place_by_depth(photo, camera, depth, np.random.default_rng(options.seed))
+
+
 def _views_of_rig(
     pair: PhotoPair, rig: StereoRig, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[View, View] | Failure:
@@ -245,7 +276,8 @@ def _measure(
         measured = measure_shapes(foods, pair, disparity, points, pose_sd=pose_sd, hints=options.hints)
         if isinstance(measured, Failure):
             return measured
-        return [replace(item, flags=(*item.flags, "single_view")) for item in measured]
+        flags = ("single_view",) if refined.first.marker is not None else ("single_view", "scale_from_depth")
+        return [replace(item, flags=(*item.flags, *flags)) for item in measured]
     doubt = volume_doubt(refined, points[foods.mask], trace.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
@@ -287,8 +319,9 @@ def _reconstruct(refined: RefinedViews | SingleView, stage: "_Stages") -> Recons
         else:
             rectified = rectify_alone(refined.first)
     with stage("disparity"):
+        depth_map = refined.first.photo.depth
         if rectified.second_bgr is None:
-            disparity = unmatched(rectified.shape)
+            disparity = parallax_of_depth(rectified, depth_map) if depth_map else unmatched(rectified.shape)
         else:
             disparity = match_dense(*rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen)
     with stage("depth"):

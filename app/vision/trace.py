@@ -86,8 +86,9 @@ class Trace:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         out: dict[str, float | int | str] = {}
         if self.single is not None:
-            thick_mm = self.single.first.required_marker.spec.thick_mm
-            out |= _of_view("first", self.single.first) | {"views": 1, "marker_thick_mm": thick_mm}
+            marker = self.single.first.marker
+            out |= _of_view("first", self.single.first) | {"views": 1}
+            out |= {} if marker is None else {"marker_thick_mm": marker.spec.thick_mm}
         if self.refined is not None:
             out |= _of_view("first", self.refined.first) | _of_view("second", self.refined.second)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}

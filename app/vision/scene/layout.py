@@ -14,7 +14,7 @@ from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import fine_texture
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
 from app.vision.scene.scene import Scene
-from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.disparity import COLOUR_REACH_PX, DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 
 REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
@@ -59,6 +59,14 @@ def reduced_scene(
         ),
         trend,
     )
+
+
+def without_heights(scene: Scene) -> Scene:
+    """The scene by its picture alone: a depth map's outlines are coarser than the photograph's."""
+    nothing = np.full_like(scene.height_mm, np.nan)
+    reach = np.full_like(scene.reach_px, COLOUR_REACH_PX / REDUCTION)
+    points = np.full_like(scene.points_table, np.nan)
+    return replace(scene, height_mm=nothing, points_table=points, reach_px=reach)
 
 
 def _table_correlation(pair: RectifiedPair) -> Float32Array:

@@ -23,10 +23,10 @@ from app.vision.scene.food_outline import correct_outlines, tidy_outlines
 from app.vision.scene.food_pixels import find_food_pixels
 from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.hinted import hinted_masks
-from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene
+from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
 from app.vision.scene.places import Place, find_places
 from app.vision.scene.scene import Scene
-from app.vision.scene.support import Support, find_support
+from app.vision.scene.support import Support, find_support, measured_support
 from app.vision.scene.upright_sides import with_sides
 from app.vision.scene.vessel import Vessel, describe_vessel
 from app.vision.stereo.disparity import DisparityMap
@@ -104,7 +104,8 @@ def segment_foods(
     taken = ignored.copy()
     for region in drawn:
         taken |= region.mask
-    scene, trend = reduced_scene(pair, disparity, points_table, ignored)
+    measured, trend = reduced_scene(pair, disparity, points_table, ignored)
+    scene = measured if pair.second_bgr is not None else without_heights(measured)
     layout = lay_out(scene, trend) if pair.second_bgr is not None else lay_out_by_colour(scene, trend)
     if layout is None:
         return Foods(drawn, trend) if drawn else no_food_found()
@@ -115,6 +116,8 @@ def segment_foods(
         seen = _find_foods(around, sought, _reduced(unseen, scene), is_complete=is_complete)
     seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
     regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
+    if pair.second_bgr is None and np.isfinite(measured.height_mm).any():
+        regions = _on_measured_support(regions, measured, layout.trend)
     return Foods(regions, layout.trend) if regions else no_food_found()
 
 
@@ -143,6 +146,18 @@ def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:
         for region, mask in zip(regions, masks, strict=True)
         if mask.any()
         for dish in (dish_under(mask, layout),)
+    ]
+
+
+def _on_measured_support(regions: Sequence[Region], scene: Scene, trend: TableTrend) -> list[Region]:
+    """The regions of a single view, with what its depth map shows of the support around each. scene: with heights."""
+    masks = [_reduced(region.mask, scene) for region in regions]
+    foods = np.any(masks, axis=0)
+    return [
+        region
+        if region.support is None
+        else replace(region, support=measured_support(region.support, scene, trend, mask, foods))
+        for region, mask in zip(regions, masks, strict=True)
     ]
 
 

@@ -39,6 +39,8 @@ BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 TYPICAL_RIM_MM = 15.0
 TYPICAL_FLOOR_MM, TYPICAL_FLOOR_SD_MM = 4.0, 2.0
 TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
+DEPTH_RING_MM, DEPTH_STEP_MM = (8.0, 35.0), 25.0  # around a food, where a depth map shows its support
+DEPTH_LEVEL_SD_MM = 1.0
 TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 
 
@@ -88,6 +90,17 @@ def find_support(
     is_near &= scene.pixel_mm * scene.reach_px < room_mm
     level_mm, sd = _reconciled(heights[is_near], expected_mm, BOARD_SD_MM, LEVEL_SD_MM, 0.5)
     return Support(table_mm + level_mm, sd, "board")
+
+
+def measured_support(usual: Support, scene: Scene, trend: TableTrend, mask: MaskArray, foods: MaskArray) -> Support:
+    """The usual support, corrected by heights around the food (h, w), which are noisy but many."""
+    clear_mm, own_mm = scene.pixel_mm * distance_px(foods), scene.pixel_mm * distance_px(mask)
+    table_mm = float(np.nanmedian(trend.height_mm(scene.plane_xy_mm[mask])))
+    expected_mm = usual.height_mm - table_mm
+    is_near = (own_mm < DEPTH_RING_MM[1]) & (clear_mm > DEPTH_RING_MM[0]) & ~scene.is_ignored
+    heights = scene.height_mm[is_near & (np.abs(scene.height_mm - np.float32(expected_mm)) < DEPTH_STEP_MM)]
+    level_mm, sd_mm = _reconciled(heights, expected_mm, usual.sd_mm, DEPTH_LEVEL_SD_MM, 0.5)
+    return Support(table_mm + level_mm, max(sd_mm, TABLE_SD_MM), usual.source)
 
 
 def _typical_support(dish: Dish | None, table_mm: float) -> Support:

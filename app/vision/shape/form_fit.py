@@ -402,4 +402,7 @@ def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Ar
         return np.where(inward > 1, value, np.nan), np.hypot(sd, TUNING.surface_sd_px), float(WINDOW_PX**2)
     value = np.asarray(seen.dense.parallax_px[row, column], np.float64)
     is_own = inward > seen.dense.reach_px[row, column] + 1
+    if seen.dense.error_area_px is not None and seen.dense.sd_px is not None:
+        sd = np.asarray(seen.dense.sd_px[row, column], np.float64)
+        return np.where(is_own, value, np.nan), sd, seen.dense.error_area_px
     return np.where(is_own, value, np.nan), np.full(len(value), TUNING.dense_sd_px), TUNING.dense_area_px

@@ -64,8 +64,8 @@ class _Food:
 
     @property
     def is_single(self) -> bool:
-        """Whether one view alone shows it."""
-        return self.grey is None
+        """Whether one view alone shows it, without depth."""
+        return self.grey is None and len(self.points) == 0
 
 
 def measure_shapes(
@@ -126,7 +126,7 @@ class _Scene:
         points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
         support_mm, support_sd_mm = self._support(number, points)
         seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity, others=self.others)
-        if self.grey is None:
+        if self.grey is None and len(points) == 0:
             seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
         return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)

@@ -41,13 +41,15 @@ COLOUR_REACH_PX = 6.0
 class DisparityMap:
     """parallax_px: (H, W) of the first image, NaN where unmatched. reach_px: (H, W) half the window of each.
 
-    sd_px: (H, W) standard deviation of each parallax by its window's own fit, NaN where unmatched. Within the reach of
+    error_area_px: over which errors are one; None: as of dense matching. sd_px: (H, W) of each parallax, NaN where
+    unmatched. Within the reach of
     an object's outline a parallax may be that of the other side.
     """
 
     parallax_px: Float32Array
     reach_px: Float32Array
     sd_px: Float32Array | None = None
+    error_area_px: float | None = None
 
 
 def unmatched(shape: tuple[int, int]) -> DisparityMap:

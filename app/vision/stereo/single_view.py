@@ -28,6 +28,7 @@ CORNERS_PER_FACT = 4.0  # neighbouring corners share what lens and paper do beyo
 STEP = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-4])  # of the differences: radians, mm, log of f
 CUBE_MM = 60.0
 LEAST_SD = 0.006  # as of a pair, and what the sheet's bend does to a single view's heights
+DEPTH_SCALE_SD = 0.04  # of a volume by a depth map's scale: phones' sensors are good to one or two per cent of depth
 MIN_SLANT = 0.05  # horizontal part of a ray, below which it tells no height
 
 
@@ -47,6 +48,8 @@ def place_alone(photo: Photo, observation: MarkerObservation, options: EstimateO
 
 def single_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
+    if view.first.marker is None:
+        return DEPTH_SCALE_SD
     corners = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]) - [0.5, 0.5, 0.0]
     cube = corners * CUBE_MM + [*middle_mm, 0.0]
     pixels = project(view.first.camera, cube, _pose_vector(view.first))

@@ -51,14 +51,14 @@ def find_table_plane(
     coarse = _coarse_match(pictures, cameras, pose)
     rows, columns = np.nonzero(coarse.is_matched)
     if len(rows) < MIN_SEEN_PX:
-        return _not_found("hardly anything on it looks alike in both photographs")
+        return table_not_found("hardly anything on it looks alike in both photographs")
     chosen = rng.choice(len(rows), min(SAMPLES, len(rows)), replace=False)
     pixels = np.column_stack([columns[chosen], rows[chosen]]).astype(np.float64)
     disparity = coarse.disparity_px[rows[chosen], columns[chosen]].astype(np.float64)
     # In a rectified pair a plane's disparity is linear in x and y, and its noise is the same everywhere.
-    fitted = _fit_lowest_plane(homogeneous(pixels), disparity, rng)
+    fitted = lowest_plane(homogeneous(pixels), disparity, rng)
     if fitted is None:
-        return _not_found("no plane is shared by enough of what is seen")
+        return table_not_found("no plane is shared by enough of what is seen")
     # Disparity f B / Z = a x + b y + c at pixel x = f X / Z + cx, so a f X + b f Y + (a cx + b cy + c) Z = f B.
     a, b, c = fitted
     centre_x, centre_y = coarse.centre_px
@@ -66,7 +66,7 @@ def find_table_plane(
     length = float(np.linalg.norm(normal))
     normal, distance = -normal / length, coarse.focal_px * coarse.baseline_mm / length
     if -normal[2] < np.cos(np.radians(MAX_TILT_DEG)):
-        return _not_found("the largest plane is nearly in line with the camera")
+        return table_not_found("the largest plane is nearly in line with the camera")
     return np.append(coarse.rotation.T @ normal, distance)
 
 
@@ -157,9 +157,7 @@ def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array
     return turned.min(axis=0), turned.max(axis=0)
 
 
-def _fit_lowest_plane(
-    pixels: Float64Array, disparity_px: Float64Array, rng: np.random.Generator
-) -> Float64Array | None:
+def lowest_plane(pixels: Float64Array, disparity_px: Float64Array, rng: np.random.Generator) -> Float64Array | None:
     """(3,) a, b, c of the disparity a x + b y + c that most points share (RANSAC), or of a parallel plane under it.
 
     pixels: (n, 3) homogeneous. disparity_px: (n,). None where too few share any.
@@ -205,7 +203,8 @@ def _settled(plane: Float64Array, pixels: Float64Array, disparity_px: Float64Arr
     return plane
 
 
-def _not_found(reason: str) -> Failure:
+def table_not_found(reason: str) -> Failure:
+    """Return the failure, with the reason as a clause."""
     return Failure(
         "table_not_found",
         f"The table could not be found in the photographs: {reason}.",

@@ -1,0 +1,125 @@
+"""A depth map beside a photograph: 16 bit PNG or TIFF of float32, read, checked, and its noise told from itself.
+
+Bytes and the depth camera's intrinsics -> DepthMap in mm along the optical axis, NaN where nothing was measured. The
+depth camera is a pinhole in the photograph's pose.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure, InvalidInputError
+from app.vision.model import DepthMap, Float32Array
+
+DEFAULT_UNIT_MM = 0.1
+DEPTH_MM = (50.0, 20_000.0)  # nearer or farther, a number is none of a meal's depth
+MIN_MEASURED_SHARE = 0.1
+MIN_SIDE_PX, MAX_SIDE_PX = 32, 8192
+BLOCK_PX = 16  # in which a surface is nearly a plane in depth
+MIN_NOISE_MM = 0.3  # of any depth, rounding and interpolation
+AREA_LIMITS_PX = (1.0, 64.0)  # of the map, over which errors are one
+MAGIC = (b"\x89PNG\r\n\x1a\n", b"II*\x00", b"MM\x00*")
+CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCamera:
+    """A depth camera's pinhole, px; unit_mm: of whole numbers in its PNG."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    unit_mm: float = DEFAULT_UNIT_MM
+
+
+def depth_camera_from_mapping(value: Mapping[str, Any]) -> DepthCamera:
+    """A depth camera of its file's keys. Raises InvalidInputError."""
+    try:
+        numbers = {key: float(value[key]) for key in CAMERA_KEYS}
+        unit_mm = float(value.get("unit_mm", DEFAULT_UNIT_MM))
+    except (KeyError, TypeError, ValueError):
+        raise InvalidInputError(
+            f"The depth camera needs {', '.join(CAMERA_KEYS)}, and may have unit_mm.", code="depth_camera_invalid"
+        ) from None
+    sizes = [numbers[key] for key in ("width", "height", "fx", "fy")]
+    if not np.isfinite([*numbers.values(), unit_mm]).all() or min(*sizes, unit_mm) <= 0:
+        raise InvalidInputError("The depth camera's sizes and focal lengths are positive.", code="depth_camera_invalid")
+    width, height = int(numbers.pop("width")), int(numbers.pop("height"))
+    return DepthCamera(width, height, **numbers, unit_mm=unit_mm)
+
+
+def read_depth(data: bytes, camera: DepthCamera) -> DepthMap | Failure:
+    """The depth map. Failures: depth_unreadable, depth_mismatch, depth_empty."""
+    if not data.startswith(MAGIC):
+        return _unreadable("it is neither a PNG nor a TIFF file")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    if pixels is None or pixels.ndim != 2 or (data.startswith(MAGIC[0]) and b"IEND" not in data[-12:]):
+        return _unreadable("it cannot be decoded as one channel")
+    if pixels.dtype not in (np.uint16, np.float32):
+        return _unreadable("a PNG needs 16 bits, a TIFF 32 bit floating point numbers in mm")
+    height, width = pixels.shape
+    if (width, height) != (camera.width, camera.height) or not MIN_SIDE_PX <= min(width, height) <= MAX_SIDE_PX:
+        return Failure(
+            "depth_mismatch",
+            f"The depth map has {width} x {height} px, its camera {camera.width} x {camera.height}.",
+            "Send the intrinsics of the depth map as it is.",
+        )
+    unit_mm = camera.unit_mm if pixels.dtype == np.uint16 else 1.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        depth_mm = pixels.astype(np.float32) * np.float32(unit_mm)
+        is_measured = (depth_mm > DEPTH_MM[0]) & (depth_mm < DEPTH_MM[1])
+    if np.mean(is_measured) < MIN_MEASURED_SHARE:
+        return Failure(
+            "depth_empty",
+            f"Only {np.mean(is_measured):.0%} of the depth map lie between {DEPTH_MM[0]:g} and {DEPTH_MM[1]:g} mm.",
+            "Check the unit; 0 stands for no measurement.",
+        )
+    depth_mm = np.where(is_measured, depth_mm, np.float32(np.nan)).astype(np.float32)
+    sd_share, area_px = _noise(depth_mm)
+    return DepthMap(depth_mm, camera.fx, camera.fy, camera.cx, camera.cy, sd_share, area_px)
+
+
+def _noise(depth_mm: Float32Array) -> tuple[float, float]:
+    """Noise per depth, and the area over which its errors are one, px of the map; from blocks that are nearly planes.
+
+    Residuals of a plane in inverse depth, in which a plane is one; the median over blocks leaves out edges.
+    """
+    height, width = depth_mm.shape
+    y, x = np.mgrid[0:BLOCK_PX, 0:BLOCK_PX].reshape(2, -1).astype(np.float64) / BLOCK_PX
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    project = np.eye(len(x)) - design @ np.linalg.pinv(design)
+    shares, areas = [], []
+    for top in range(0, height - BLOCK_PX + 1, BLOCK_PX):
+        for left in range(0, width - BLOCK_PX + 1, BLOCK_PX):
+            block = depth_mm[top : top + BLOCK_PX, left : left + BLOCK_PX].astype(np.float64)
+            if not np.isfinite(block).all():
+                continue
+            off = (project @ (1.0 / block.ravel())).reshape(block.shape) * np.median(block)
+            variance = float(np.mean(off**2))
+            shares.append(np.sqrt(variance))
+            near = [float(np.mean(off[:, :-1] * off[:, 1:])), float(np.mean(off[:-1] * off[1:]))]
+            areas.append(np.mean(near) / max(variance, 1e-12))
+    if not shares:
+        return 0.02, AREA_LIMITS_PX[1]
+    calm = np.array(shares) <= np.median(shares)
+    correlation = float(np.clip(np.median(np.array(areas)[calm]), 0.0, 0.95))
+    # Of noise under a Gaussian: neighbours' correlation is exp(-1 / (4 s^2)), the sum of all 4 pi s^2.
+    area = 1.0 if correlation <= 0.05 else 4 * np.pi / (-4 * np.log(correlation))
+    return float(np.median(np.array(shares)[calm])), float(np.clip(area, *AREA_LIMITS_PX))
+
+
+def _unreadable(reason: str) -> Failure:
+    return Failure(
+        "depth_unreadable",
+        f"The depth map cannot be read: {reason}.",
+        "Send a 16 bit PNG (0: not measured) or a TIFF of float32 in mm.",
+    )
