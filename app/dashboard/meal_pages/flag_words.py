@@ -13,6 +13,7 @@ FLAGS: Mapping[str, str] = {
     "missing, never as 0.",
     "hint_missed": "The phone pointed at a food where nothing could be measured. Draw it, set the amount, or reject "
     "it.",
+    "scale_from_depth": "No marker was named: the depth map gave the scale, and its lowest large plane is the table.",
     "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
     "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "

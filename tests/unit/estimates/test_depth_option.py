@@ -1,0 +1,60 @@
+"""`tada estimate` with one photograph and a depth map: files by name, and what is refused."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from app.core.errors import InvalidInputError
+from app.estimates.estimate_files import estimate_files, read_options
+from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+
+
+@pytest.fixture
+def files(tmp_path):
+    photo = tmp_path / "v1.png"
+    cv2.imwrite(str(photo), rendered_views(Ball((115.0, 15.0), 33.0))[0].photo.pixels_bgr)
+    camera = {"width": 64, "height": 48, "fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5}
+    (tmp_path / "depth.json").write_text(json.dumps(camera))
+    cv2.imwrite(str(tmp_path / "depth.png"), np.zeros((48, 64), np.uint16))
+    return tmp_path
+
+
+def estimated(files, depths, camera="depth.json"):
+    options = read_options(marker=str(SPEC), camera=None, method="shape", hints=[], has_depth=bool(depths))
+    depth_camera = files / camera if camera else None
+    return estimate_files(
+        [files / "v1.png"],
+        options,
+        max_pixels=10**8,
+        debug=None,
+        on_stage=None,
+        depths=depths,
+        depth_camera=depth_camera,
+    )
+
+
+def test_one_photograph_is_measured(files):
+    answer = estimated(files, [])
+    assert answer["camera"]["width"] == CAMERA.width
+    assert answer["camera_right"] is None
+    assert answer["failure"] is None or answer["failure"]["code"] == "no_food_found"
+
+
+@pytest.mark.parametrize("view", ["v1", "left"])
+def test_bad_depth_map_fails_with_its_code(files, view):
+    assert estimated(files, [f"{view}={files / 'depth.png'}"])["failure"]["code"] == "depth_empty"
+
+
+@pytest.mark.parametrize(
+    ("depths", "camera"), [(["right=depth.png"], "depth.json"), (["v1"], "depth.json"), (["v1=depth.png"], None)]
+)
+def test_depth_of_no_photograph_or_without_a_camera_is_refused(files, depths, camera):
+    with pytest.raises(InvalidInputError):
+        estimated(files, depths, camera)
+
+
+def test_depth_leaves_the_marker_out_unless_one_is_named():
+    assert read_options(marker=None, camera=None, method="shape", hints=[], has_depth=True).marker is None
+    assert read_options(marker=None, camera=None, method="shape", hints=[]).marker is not None
