@@ -121,10 +121,11 @@ class MealMetadataIn(BaseModel):
     )
     views: int = Field(
         default=DEFAULT_VIEWS,
-        ge=DEFAULT_VIEWS,
+        ge=1,
         le=len(VIEW_SLOTS),
         strict=True,
-        description="How many photographs show the meal: left, right, and view3 up to this number.",
+        description="How many photographs show the meal: 1, the left one alone; 2, left and right; more, also view3 up "
+        "to this number.",
     )
     location: LocationIn | None = Field(
         default=None, description="Where the meal was eaten; kept only if the study keeps locations."

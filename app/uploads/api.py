@@ -52,7 +52,7 @@ MULTIPART_BODY = {
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
-                    "required": ["metadata", "left", "right"],
+                    "required": ["metadata", "left"],
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/NewMealMetadataIn"},
                         **{
@@ -93,7 +93,7 @@ PHOTO_BODY = {
 async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Response:
     """Send a meal whole: parts `metadata` (JSON, with the id that the phone made), `left` and `right`.
 
-    With `views` in the metadata, also `view3` up to that number.
+    With `views` in the metadata, `left` alone (1), or also `view3` up to that number.
 
     The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
     """

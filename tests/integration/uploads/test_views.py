@@ -1,4 +1,4 @@
-"""Meals of three photographs and more: announced by `views`, complete with the last, estimated from all of them."""
+"""Meals of one photograph or of more than two: announced by `views`, complete with the last, estimated from all."""
 
 import json
 import pathlib
@@ -37,6 +37,22 @@ def test_meal_of_three_photographs_in_one_request_is_queued(phone):
     assert (sent.status_code, sent.json()["status"]) == (202, "queued")
     assert (list(sent.json()["images"]), sent.json()["missing"]) == (["left", "right", "view3"], [])
     assert sent.json() == phone.get(f"/v1/meals/{sent.json()['id']}").json()
+
+
+def test_meal_of_one_photograph_is_queued(phone):
+    sent = phone.post({"left": photograph()}, views=1)
+    assert (sent.status_code, sent.json()["status"]) == (202, "queued")
+    assert (list(sent.json()["images"]), sent.json()["missing"]) == (["left"], [])
+
+
+def test_right_photograph_of_a_meal_announced_with_one_is_refused(phone):
+    sent = phone.post(pair(), views=1)
+    assert (sent.status_code, sent.json()["code"], sent.json()["slots"]) == (422, "view_not_announced", ["right"])
+
+
+def test_one_photograph_that_was_not_announced_as_such_waits_for_its_pair(phone):
+    sent = phone.post({"left": photograph()})
+    assert (sent.status_code, sent.json()["code"], sent.json()["parts"]) == (400, "part_missing", ["right"])
 
 
 def test_estimate_reads_every_view_in_order(phone, state, settings):
@@ -108,24 +124,28 @@ class ChildrenInProcess:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite"])
-def test_rendered_meal_of_three_photographs_is_measured_by_all(phone, state, settings, shared_data):
+@pytest.mark.parametrize(("views", "tolerance"), [(1, 1.0), (3, 0.2)])
+def test_rendered_meal_is_measured_by_all_of_its_photographs(phone, state, settings, shared_data, views, tolerance):
     folder = shared_data / "scenes" / "dev" / "views" / "views-01"
     truth = json.loads((folder / "truth.json").read_text())
     whole = truth["camera"]
     camera = {"fx": whole["f"] / 2, "fy": whole["f"] / 2, "distortion": whole["distortion"]}
     camera |= {"width": 1024, "height": 768, "cx": whole["cx"] / 2, "cy": whole["cy"] / 2}
-    photos = {slot: half_size(folder / f"v{number}.jpg") for number, slot in enumerate(three(), start=1)}
-    phone.post(photos, views=3, camera=camera)
+    slots = list(three())[:views]
+    photos = {slot: half_size(folder / f"v{number}.jpg") for number, slot in enumerate(slots, start=1)}
+    client_id = phone.post(photos, views=views, camera=camera).json()["id"]
     with state.database.read() as session:
         job = session.query(Job).one()
     use_case = EstimateMeal(state.database, state.blobs, ChildrenInProcess(), settings)
-    result = use_case.load(use_case.compute(job.id)).answer
-    assert result.failure is None
-    assert result.parameters["views"] == 3
-    (item,) = result.items
-    assert item.volume_ml == pytest.approx(
-        truth["items"][0]["volume_ml"], rel=0.2
-    )  # a doughnut at a quarter of the pixels
+    result = use_case.load(use_case.compute(job.id))
+    assert result.answer.failure is None
+    with state.database.write() as session:
+        use_case.save(session, job.id, result)
+    meal = phone.get(f"/v1/meals/{client_id}").json()
+    assert meal["run"]["parameters"]["views"] == views
+    (item,) = meal["items"]
+    assert item["volume_ml"] == pytest.approx(truth["items"][0]["volume_ml"], rel=tolerance)
+    assert ("single_view" in item["flags"]) == (views == 1)
 
 
 def half_size(path):
