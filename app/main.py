@@ -75,6 +75,7 @@ from app.records.review import queue_api as review_queue
 from app.records.review.meal_events import MealEvents
 from app.releases import api as releases
 from app.releases.queries import take_back_places as take_back_releases
+from app.remeasurements import api as remeasurements
 from app.storage.opening import open_blob_store
 from app.uploads import after_meal_api as after_meal
 from app.uploads import api as meals
@@ -194,6 +195,7 @@ def create_app(settings: Settings) -> FastAPI:
         changes,
         exports,
         releases,
+        remeasurements,
         fhir,
         review,
         review_queue,

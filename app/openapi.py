@@ -74,10 +74,10 @@ LOCATED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "post_declared_meal", "post_export", "post_release",
         "post_study", "post_participant", "post_study_density", "post_study_vessel", "post_webhook", "post_food",
-        "post_density", "post_retry",
+        "post_density", "post_retry", "post_remeasurement",
     }
 )  # fmt: skip
-LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export"})  # in the 200 of a repeat too
+LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export", "post_remeasurement"})  # in the 200 of a repeat too
 COMPARE_CLOCKS = frozenset(
     {"post_meal", "put_meal", "put_after", "post_declared_meal"}
 )  # their 409 may be `clock_differs`

@@ -11,6 +11,7 @@ import app.meals.identification_models
 import app.meals.job_models
 import app.meals.models
 import app.meals.record_models
+import app.meals.remeasurement_models
 import app.outbox.models
 import app.people.calibration_models
 import app.people.models

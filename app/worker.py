@@ -18,6 +18,7 @@ from app.db.session import Database, open_database
 from app.estimates.estimate_meal import EstimateMeal
 from app.identification.food_index import open_index
 from app.jobs.chores import Chore
+from app.jobs.queue import JobQueue
 from app.jobs.worker_process import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
@@ -26,6 +27,7 @@ from app.operations.chores import worker_chores
 from app.operations.explain_errors import explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
+from app.remeasurements.feed_workers import FeedWorkers
 from app.storage.opening import open_blob_store
 
 log = structlog.get_logger()
@@ -59,8 +61,18 @@ def run_worker(settings: Settings) -> int:
     def make_chores(database: Database) -> list[Chore]:
         return worker_chores(database, blobs, box, settings)
 
+    def make_backlog(database: Database) -> FeedWorkers:
+        return FeedWorkers(database, JobQueue())
+
     try:
-        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores, at_start=explained_errors)
+        return run_jobs(
+            settings,
+            make_use_cases,
+            tasks=TASKS,
+            make_chores=make_chores,
+            make_backlog=make_backlog,
+            at_start=explained_errors,
+        )
     finally:
         if metrics is not None:
             metrics.stop()

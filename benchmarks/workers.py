@@ -118,11 +118,12 @@ def print_rows(kind: str, workers: Sequence[int], rounds: Sequence[dict[int, tup
 
 @dataclass(frozen=True)
 class Place:
-    """A server without a worker, and a phone that is enrolled in it."""
+    """A server without a worker, and a phone that is enrolled in it (client)."""
 
     settings: Settings
     database: Database
     client: httpx2.Client
+    admin: httpx2.Client
 
 
 @contextlib.contextmanager
@@ -150,7 +151,7 @@ def deployment(kind: str) -> Iterator[Place]:
             with client_of(address_of(process), create_admin(database, "benchmark")) as admin:
                 checked(admin.post("/v1/studies", json={"code": "workers", "name": "Workers", "marker": MARKER}))
                 with enrol(admin, "workers", {"code": "P001"}) as phone:
-                    yield Place(settings, database, phone)
+                    yield Place(settings, database, phone, admin)
         finally:
             database.dispose()
             end(process)

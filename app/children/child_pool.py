@@ -67,7 +67,7 @@ FAILURES: Mapping[Outcome, Failure] = {  # {limit}: the limit that was exceeded
 class ChildRequest:
     """task: a name in the registry. arguments: JSON; photographs and results are passed as paths of files.
 
-    is_costly: it takes long and runs at a low priority.
+    is_costly: it takes long, or nobody waits for it; it runs at a low priority.
     """
 
     task: str

@@ -20,6 +20,7 @@ from app.cli.index import index_cli
 from app.cli.jobs import jobs_cli
 from app.cli.people import admin_cli, staff_cli
 from app.cli.releases import releases_cli
+from app.cli.remeasure import remeasure
 from app.cli.vessels import vessels_cli
 from app.core.errors import Failure, InvalidInputError, TadaError
 from app.core.private_files import keep_files_private
@@ -50,6 +51,7 @@ for name, group in (
     cli.add_typer(group, name=name)
 cli.command()(backup)
 cli.command()(restore)
+cli.command()(remeasure)
 
 MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
 MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal

@@ -35,7 +35,7 @@ from app.estimates.save_estimate import save_estimate
 from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
-from app.meals.job_models import Job
+from app.meals.job_models import RERUN_OF, Job
 from app.meals.models import HintDetails, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
@@ -102,7 +102,7 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
-            slots = AFTER_SLOTS if job.purpose == "after" else meal.view_slots
+            slots = AFTER_SLOTS if _is_of_after(job) else meal.view_slots
             images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in slots}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
@@ -126,7 +126,7 @@ class EstimateMeal:
             library.note_in(answer.parameters)
             if regions is not None:  # the item of each hint: the meal may have changed when it is saved
                 answer.regions = list(regions.items)
-            if job.purpose != "after":  # leftovers are of the foods that were served
+            if not _is_of_after(job):  # leftovers are of the foods that were served
                 self._identify.add_candidates(meal, answer)
                 self._classify.add_candidates(study.code, answer, paths["left"])
             for artefact in answer.artefacts:
@@ -206,6 +206,7 @@ class EstimateMeal:
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,
             },
+            is_costly=job.is_background,
         )
         try:
             done = self._children.run(
@@ -239,15 +240,20 @@ class EstimateMeal:
             log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
 
 
+def _is_of_after(job: Job) -> bool:
+    """Whether the job's photographs are the after-meal pair."""
+    return RERUN_OF.get(job.purpose, job.purpose) == "after"
+
+
 def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
     """Return the hints of the job's pair, and whether they are complete."""
-    details = meal.after_details if job.purpose == "after" else meal.details
+    details = meal.after_details if _is_of_after(job) else meal.details
     return (details["hints"], details.get("complete", False)) if details is not None else ((), False)
 
 
 def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
     """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
-    own = meal.after_details["camera"] if job.purpose == "after" and meal.after_details is not None else None
+    own = meal.after_details["camera"] if _is_of_after(job) and meal.after_details is not None else None
     return own if own is not None else meal.details["camera"]
 
 

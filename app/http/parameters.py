@@ -13,6 +13,7 @@ ParticipantCode = Annotated[str, Path(max_length=64, description="The participan
 StaffName = Annotated[str, Path(max_length=200, description="The staff member's name, with which they sign in.")]
 ReleaseName = Annotated[str, Path(max_length=64, description="The release's name in the study.")]
 ExportId = Annotated[uuid.UUID, Path(description="The export's id, from the answer that began it.")]
+RemeasurementId = Annotated[uuid.UUID, Path(description="The remeasurement's id.")]
 VesselId = Annotated[uuid.UUID, Path(description="The vessel's id, not its name.")]
 WebhookId = Annotated[uuid.UUID, Path(description="The webhook's id.")]
 Slot = Annotated[

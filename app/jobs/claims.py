@@ -2,10 +2,14 @@
 
 A claim is one short transaction (jobs/queries.py, claim_jobs) under the worker's lease. Each claimed job runs in its
 own thread.
+
+Background jobs must not delay a meal that a phone waits for. They are queued (backlog) and claimed only while nothing
+else waits, on all cores but one; if a meal waits and every core is busy, one of them is ended and handed back.
 """
 
 import random
 import threading
+import time
 import uuid
 from collections.abc import Callable
 
@@ -19,11 +23,24 @@ from app.jobs.leases import Lease
 log = structlog.get_logger()
 
 POLL_SECONDS = 0.25  # the longest that a meal waits for an idle worker
+BACKLOG_SECONDS = 1.0  # between two looks for background work, if the last one found none
 STOP_SECONDS = 5.0  # for a claim in progress to end
 
 
+Backlog = Callable[[int], int]
+
+
+def no_backlog(room: int) -> int:
+    """Queue no background jobs."""
+    del room
+    return 0
+
+
 class Claims:
-    """One per worker process. run: performs a job. protocol: this program's; jobs of a higher one are not claimed."""
+    """One per worker process. run: performs a job. protocol: this program's; jobs of a higher one are not claimed.
+
+    backlog: queues up to so many background jobs and returns their number. abandon: ends the estimate of a job.
+    """
 
     def __init__(
         self,
@@ -33,13 +50,20 @@ class Claims:
         *,
         concurrency: int,
         protocol: int,
+        backlog: Backlog = no_backlog,
+        abandon: Callable[[uuid.UUID], object] = lambda _: None,
     ) -> None:
         self._database = database
         self._lease = lease
         self._run = run
         self._concurrency = concurrency
         self._protocol = protocol
+        self._backlog = backlog
+        self._abandon = abandon
+        self._next_backlog = 0.0
         self._claimed: set[uuid.UUID] = set()
+        self._background: set[uuid.UUID] = set()  # those of them that are background jobs
+        self._handed_back: set[uuid.UUID] = set()  # those of them that must make room
         self._computed: set[uuid.UUID] = set()  # those of them that only wait to be sealed and saved
         self._lock = threading.Lock()
         self._ending = threading.Event()
@@ -86,18 +110,63 @@ class Claims:
         room = (
             self._concurrency - claimed + min(computed, self._concurrency)
         )  # so that results do not pile up before a slow store
-        if room <= 0:
+        with self._lock:
+            background, handed_back = len(self._background), set(self._handed_back)
+        if room <= 0 and not background:
             return
         with self._database.read() as session:  # a read, so that an idle worker blocks no writer
-            if not jobs.is_any_waiting(session, self._protocol):
-                return
+            kind = jobs.waiting_kind(session, self._protocol)
+        is_background = kind != "ordinary"
+        if is_background:
+            room = min(room, max(1, self._concurrency - 1) - background)
+        elif room <= 0:
+            self._make_room(handed_back)
+            return
+        if room <= 0 or (kind is None and not self._queue_backlog(room)):
+            return
         with self._database.write() as session:
             self._lease.guard(session)
-            job_ids = jobs.claim_jobs(session, self._lease.executor_id, protocol=self._protocol, room=room)
+            job_ids = jobs.claim_jobs(
+                session,
+                self._lease.executor_id,
+                protocol=self._protocol,
+                room=room,
+                is_background=is_background,
+                but=handed_back,
+            )
         with self._lock:
             self._claimed.update(job_ids)
+            if is_background:
+                self._background.update(job_ids)
         for job_id in job_ids:
             threading.Thread(target=self._perform, args=(job_id,), name=f"job-{job_id}", daemon=True).start()
+
+    def _queue_backlog(self, room: int) -> int:
+        """Queue background jobs, if there are any. Returns their number."""
+        if time.monotonic() < self._next_backlog:
+            return 0
+        queued = self._backlog(room)
+        if not queued:
+            self._next_backlog = time.monotonic() + BACKLOG_SECONDS
+        return queued
+
+    def _make_room(self, handed_back: set[uuid.UUID]) -> None:
+        """Hand one background job back, and end its estimate; one that is still ending makes room by itself."""
+        if not handed_back:
+            with self._lock:
+                chosen = sorted(self._background - self._computed)[:1]
+            if not chosen:
+                return
+            with self._database.write() as session:
+                self._lease.guard(session)
+                if not jobs.release_claims(session, self._lease.executor_id, chosen, is_takeover=False):
+                    return  # it is just being saved
+            with self._lock:
+                handed_back = self._claimed.intersection(chosen)
+                self._handed_back |= handed_back
+            log.info("background_job_handed_back", job_id=str(chosen[0]))
+        for job_id in handed_back:
+            self._abandon(job_id)
 
     def _perform(self, job_id: uuid.UUID) -> None:
         try:
@@ -108,6 +177,6 @@ class Claims:
             log.exception("job_broken_off", job_id=str(job_id))
         finally:
             with self._lock:
-                self._claimed.discard(job_id)
-                self._computed.discard(job_id)
+                for job_ids in (self._claimed, self._computed, self._background, self._handed_back):
+                    job_ids.discard(job_id)
             self._look.set()  # there is room again

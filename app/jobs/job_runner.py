@@ -154,7 +154,7 @@ class JobRunner(Generic[ResultT]):
         bind_log_context(meal_id=str(names.meal_id), purpose=names.purpose)
         if names.request_id is not None:
             bind_log_context(request_id=names.request_id)
-        if not names.attempts:
+        if not names.attempts and not names.is_background:
             instruments.JOB_WAIT.observe(max(waited, 0.0))
         log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
 
@@ -167,7 +167,7 @@ class JobRunner(Generic[ResultT]):
     def _compute(self, job_id: uuid.UUID) -> Computed | None:
         """Return the sealed result or a failure; None: the job has ended, or another worker has it."""
         result_key: str | None = None
-        failed, waits, broken_off = 0, 0, 0
+        failed, waits, broken_off, is_background = 0, 0, 0, False
         while True:
             self._raise_if_leaving()
             try:
@@ -177,7 +177,7 @@ class JobRunner(Generic[ResultT]):
                         job = jobs.start_attempt(session, job_id, self._lease.executor_id, datetime.now(UTC))
                         if job is None:
                             return None
-                        result_key = job.result_key
+                        result_key, is_background = job.result_key, job.is_background
                     if result_key is not None:
                         return Computed(result_key)
                     result_key = self._use_cases.compute(job_id, is_alone=broken_off > 0)
@@ -189,7 +189,7 @@ class JobRunner(Generic[ResultT]):
                 return Computed(None, error.failure)
             except BrokenOff as error:
                 self._raise_if_leaving()  # this worker killed it, because it stops
-                if broken_off >= TRIES_ALONE:
+                if is_background or broken_off >= TRIES_ALONE:  # tried alone, it would make meals wait
                     return Computed(None, _after_tries(error.failure, 1 + broken_off))
                 self._use_cases.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)

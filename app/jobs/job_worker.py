@@ -13,7 +13,7 @@ import structlog
 
 from app.db.session import Database
 from app.jobs import queries as jobs
-from app.jobs.claims import Claims
+from app.jobs.claims import Backlog, Claims, no_backlog
 from app.jobs.job_runner import EstimateUseCases, JobRunner, ResultT
 from app.jobs.leases import open_lease
 from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue
@@ -39,6 +39,7 @@ class JobWorker(Generic[ResultT]):
         concurrency: int,
         times: WorkerTimes | None = None,
         protocol: int | None = None,
+        backlog: Backlog = no_backlog,
     ) -> None:
         self._database = database
         self._times = times or WorkerTimes()
@@ -50,6 +51,8 @@ class JobWorker(Generic[ResultT]):
             self._runner.run,
             concurrency=concurrency,
             protocol=JOB_PROTOCOL_VERSION if protocol is None else protocol,
+            backlog=backlog,
+            abandon=use_cases.abandon,
         )
         self._queue = JobQueue(protocol=protocol)
         self._use_cases = use_cases

@@ -11,9 +11,10 @@ from sqlalchemy.orm import Session, object_session
 
 from app.core.errors import Failure
 from app.meals.announce import announce_meal
-from app.meals.job_models import LIVE_STATES, Job, PairPurpose, WorkerLease
+from app.meals.job_models import LIVE_STATES, RERUN_OF, Job, PairPurpose, WorkerLease
 from app.meals.models import Meal
 from app.meals.queries import WAITING
+from app.meals.remeasurement_models import RemeasuredPair
 
 # How often a job is taken over from dead workers before its meal fails. Generous: a photograph can kill its child but
 # not the worker, so a worker's death says something about the machine, not about its jobs.
@@ -52,11 +53,14 @@ class JobNames:
     request_id: str | None
     enqueued_at: datetime
     attempts: int
+    is_background: bool
 
 
 def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
     """Return the names of a job; None if it no longer exists."""
-    query = sa.select(Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts).where(Job.id == job_id)
+    query = sa.select(Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts, Job.is_background).where(
+        Job.id == job_id
+    )
     names = session.execute(query).one_or_none()
     return JobNames(*names) if names is not None else None
 
@@ -64,18 +68,35 @@ def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
 _IS_LIVE = Job.finished_at.is_(None)  # the indexes' condition; finish_job and fail_job set finished_at with the state
 
 
+_CLAIM_ORDER = (Job.is_background, Job.turn, Job.enqueued_at, Job.id)  # the order of the index of waiting jobs
+
+
 def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
     return sa.and_(_IS_LIVE, Job.executor_id.is_(None), Job.protocol <= protocol, Job.takeovers <= MAX_TAKEOVERS)
 
 
-def is_any_waiting(session: Session, protocol: int) -> bool:
-    """Whether a worker of this protocol may claim a job."""
-    return session.scalar(sa.select(Job.id).where(_is_waiting(protocol)).limit(1)) is not None
+def waiting_kind(session: Session, protocol: int) -> Literal["ordinary", "background"] | None:
+    """Return the kind of job that a worker of this protocol would claim next; None: no job waits."""
+    query = sa.select(Job.is_background).where(_is_waiting(protocol)).order_by(*_CLAIM_ORDER).limit(1)
+    is_background = session.scalar(query)
+    return None if is_background is None else "background" if is_background else "ordinary"
 
 
-def claim_jobs(session: Session, executor_id: str, *, protocol: int, room: int) -> list[uuid.UUID]:
-    """Give waiting jobs of the lowest turns to a worker; skips jobs that another worker is just claiming."""
-    query = sa.select(Job).where(_is_waiting(protocol)).order_by(Job.turn, Job.enqueued_at, Job.id).limit(room)
+def claim_jobs(
+    session: Session,
+    executor_id: str,
+    *,
+    protocol: int,
+    room: int,
+    is_background: bool = False,
+    but: Collection[uuid.UUID] = (),
+) -> list[uuid.UUID]:
+    """Give waiting jobs of the lowest turns to a worker; skips jobs that another worker is just claiming.
+
+    is_background: claim background jobs instead of ordinary ones. but: jobs that this worker must not claim.
+    """
+    query = sa.select(Job).where(_is_waiting(protocol), Job.is_background == is_background, Job.id.not_in(list(but)))
+    query = query.order_by(*_CLAIM_ORDER).limit(room)
     claimed = session.scalars(query.with_for_update(skip_locked=True)).all()
     for job in claimed:
         job.executor_id = executor_id
@@ -173,11 +194,26 @@ def finish_job(job: Job, now: datetime) -> None:
 def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
     """End a job without a result. Its pair fails, unless the pair's status has changed meanwhile.
 
+    A pair that was measured again keeps its old run, and the remeasurement says why.
     The caller updates the records of a meal whose after-meal pair or redrawn region it was (EstimateUseCases.settle).
     """
     job.state, job.finished_at, job.result_key = "failed", now, None
-    if pair_status(meal, job.purpose) in WAITING:
+    if job.purpose in RERUN_OF:
+        _keep_pair(job, failure.code, now)
+    elif pair_status(meal, job.purpose) in WAITING:
         fail_pair(meal, job.purpose, failure)
+
+
+def drop_job(job: Job, now: datetime) -> None:
+    """End a background job without a result and without a failure: what it was for is done by another job."""
+    job.state, job.finished_at, job.result_key = "failed", now, None
+
+
+def _keep_pair(job: Job, reason: str, now: datetime) -> None:
+    session = object_session(job)
+    if session is not None:
+        query = sa.update(RemeasuredPair).where(RemeasuredPair.job_id == job.id)
+        session.execute(query.values(state="kept", reason=reason, ended_at=now))
 
 
 def pair_status(meal: Meal, purpose: str) -> str | None:

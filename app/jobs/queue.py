@@ -4,17 +4,21 @@ Start-time fair queueing (Goyal, Vin, Cheng: SIGCOMM 1996) with jobs of equal we
 of its study's previous job, and at least the turn that workers have reached. Workers claim the lowest turn first, and
 the oldest job among equal turns. So a study without a backlog is next, a study that sends without end gets every other
 turn beside another such study, and no study starves. Within a study, jobs run in the order of their arrival.
+
+Background jobs (remeasurements) are outside of this: they have no turn, and workers claim one only while nothing else
+waits (claims.py).
 """
 
 import threading
 import uuid
 from datetime import UTC, datetime
+from typing import cast
 
 import structlog
 from sqlalchemy.orm import Session
 
 from app.jobs import queries as jobs
-from app.meals.job_models import Job, PairPurpose
+from app.meals.job_models import RERUN_OF, Job, JobPurpose, PairPurpose
 from app.meals.models import Meal
 
 # The meaning of a job's row. A job carries the version of the program that queued it, and only workers of that version
@@ -47,12 +51,29 @@ class JobQueue:
         self.enqueue(session, job)
         return job
 
+    def enqueue_rerun(self, session: Session, meal_id: uuid.UUID, pair: PairPurpose) -> Job:
+        """Queue a pair's estimate by a remeasurement, in the background."""
+        purpose = cast("JobPurpose", next(purpose for purpose, of_pair in RERUN_OF.items() if of_pair == pair))
+        job = Job(
+            id=uuid.uuid4(),
+            meal_id=meal_id,
+            purpose=purpose,
+            is_background=True,
+            state="queued",
+            attempts=0,
+            turn=0,
+            enqueued_at=datetime.now(UTC),
+        )
+        self.enqueue(session, job)
+        return job
+
     def enqueue(self, session: Session, job: Job) -> None:
         """Add the job to the session; it runs, at its turn, once the transaction is committed.
 
-        A job that has a turn keeps it. The job also gets the current request's id, which its worker logs.
+        A job that has a turn keeps it; a background job has none. The job also gets the current request's id, which its
+        worker logs.
         """
-        if not job.turn:
+        if not job.turn and not job.is_background:
             job.study_id = session.get_one(Meal, job.meal_id).study_id
             job.turn = self._next_turn(session, job.study_id)
         job.protocol = self._protocol

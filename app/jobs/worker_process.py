@@ -19,6 +19,7 @@ from app.children.cores import worker_concurrency
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.jobs.chores import Chore, ChoreThread
+from app.jobs.claims import Backlog, no_backlog
 from app.jobs.job_runner import EstimateUseCases, ResultT
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
@@ -37,13 +38,15 @@ def run_jobs(
     *,
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
+    make_backlog: Callable[[Database], Backlog] = lambda _: no_backlog,
     at_start: Callable[[], AbstractContextManager[None]] = nullcontext,
     times: WorkerTimes | None = None,
     protocol: int | None = None,
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). at_start: a context around the start. times, protocol: set by tests.
+    make_backlog: background jobs for idle cores (claims.py). tasks: the children's registry (child.py). at_start: a
+    context around the start. times, protocol: set by tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -53,7 +56,14 @@ def run_jobs(
         concurrency = worker_concurrency(settings)
         pool = ChildPool(settings, tasks, children=concurrency)
         use_cases = make_use_cases(database, pool)
-        worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
+        worker = JobWorker(
+            database,
+            use_cases,
+            concurrency=concurrency,
+            times=times,
+            protocol=protocol,
+            backlog=make_backlog(database),
+        )
         pool.on_begin = worker.claims.note_computing
         pool.on_done = worker.claims.note_computed
         worker.start()

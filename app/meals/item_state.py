@@ -174,6 +174,13 @@ def live_events(events: Sequence[MealEvent]) -> list[StatedEvent]:
     return live[::-1]
 
 
+def pipeline_measure(parts: MealParts, item: Item) -> Item | ItemMeasure:
+    """Return the item's newest measurement by the pipeline: that of a remeasurement, else the item's own."""
+    place = {run_id: number for number, run_id in enumerate(parts.runs)}
+    rows = [row for row in parts.measures.get(item.id, ()) if row.event_id is None and row.run_id in place]
+    return max(rows, key=lambda row: place[row.run_id]) if rows else item
+
+
 def read_event(event: MealEvent) -> StatedEvent:
     """Parse the event's value."""
     return StatedEvent(event, value_of(event))
@@ -273,7 +280,9 @@ class _History:
     def _stands(self, item_id: uuid.UUID) -> bool:
         """Whether the item exists after the events so far."""
         item = self._items.get(item_id)
-        return item is not None and self._counts(item.event_id) and item_id not in self._replaced_by
+        if item is None or REPLACED in pipeline_measure(self._parts, item).flags:
+            return False
+        return self._counts(item.event_id) and item_id not in self._replaced_by
 
     def _successor(self, item_id: uuid.UUID) -> uuid.UUID | None:
         while item_id in self._replaced_by:
@@ -297,8 +306,8 @@ class _History:
         measured = _measured(self._parts, item, made_by, statements, food_key)
         is_confirmed = any(each.event.kind in ("confirm", "confirm_meal") for each in deciding)
         decision, flags = _decision(deciding), measured.flags
-        if item.id in self._replaced_by:
-            decision, flags = "rejected", (*flags, REPLACED)
+        if item.id in self._replaced_by or REPLACED in pipeline_measure(self._parts, item).flags:
+            decision, flags = "rejected", (*(flag for flag in flags if flag != REPLACED), REPLACED)
         if not self._counts(item.event_id):
             decision, flags = "rejected", (*flags, UNDONE)
         return ItemState(
@@ -352,7 +361,7 @@ class _Measured:
     run_id: uuid.UUID | None
 
 
-FIRST_MEASUREMENT = (-1, 0)  # precedence of the pipeline's first measurement: below every statement
+PIPELINE_MEASUREMENT = (-1, 0)  # precedence of what the pipeline measured by itself: below every statement
 
 
 def _measured(
@@ -367,12 +376,13 @@ def _measured(
         [*([made_by] if made_by is not None else []), *statements], key=lambda stated: stated.precedence, reverse=True
     )
     drawn = [stated for stated in about if drawn_region(stated, item) is not None]
-    rows = {row.event_id: row for row in parts.measures.get(item.id, ())}
+    rows = {row.event_id: row for row in parts.measures.get(item.id, ()) if row.event_id is not None}
+    own = pipeline_measure(parts, item)
     settled = rows.keys() | parts.failed_remeasures
     done = next((stated for stated in drawn if stated.event.id in settled), None)
-    measured_at, measured = FIRST_MEASUREMENT, _measured_amount(item)
-    rings: Sequence[Ring] = item.rings
-    flags, run_id = list(item.flags), item.run_id
+    measured_at, measured = PIPELINE_MEASUREMENT, _measured_amount(own)
+    rings: Sequence[Ring] = own.rings
+    flags, run_id = list(own.flags), own.run_id
     if done is not None:
         row = rows.get(done.event.id)
         measured_at = done.precedence

@@ -15,6 +15,7 @@ from app.meals.identification_models import ItemIdentification
 from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
+from app.meals.remeasurement_models import PAIRS
 
 FROM_HINT, FROM_INDEX, FROM_MODEL = "hint", "index", "model"  # sources of candidates
 
@@ -37,6 +38,8 @@ class Identified:
 class MealParts:
     """The parts of one meal. items: of its newest run, of its newest after-meal run, and those that people made.
 
+    runs: those whose items and measurements count, in their order: the newest of each pair, and if that is of a
+    remeasurement, the earlier ones that it measured again.
     foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: by id of all rows in foods; a
     key is the same in all versions of a food. failed_remeasures: events whose regions no run will measure.
     waits_for_run: the meal's pair will be measured, for the first time or again.
@@ -45,6 +48,7 @@ class MealParts:
     meal: Meal
     run: Run | None = None
     after_run: Run | None = None
+    runs: list[uuid.UUID] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
     events: list[MealEvent] = field(default_factory=list)
     foods: dict[uuid.UUID, list[ItemFood]] = field(default_factory=dict)
@@ -61,11 +65,16 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
     """Return the parts of each meal, in the order of `meals`."""
     parts = {meal.id: MealParts(meal) for meal in meals}
     ids = list(parts)
+    runs: dict[tuple[uuid.UUID, str], list[Run]] = {}
     for run in session.scalars(sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)):
-        if run.purpose == "meal":
-            parts[run.meal_id].run = run
-        elif run.purpose == "after":
-            parts[run.meal_id].after_run = run
+        if run.purpose in PAIRS:
+            runs.setdefault((run.meal_id, run.purpose), []).append(run)
+    for (meal_id, purpose), runs_of_pair in runs.items():
+        if purpose == "meal":
+            parts[meal_id].run = runs_of_pair[-1]
+        else:
+            parts[meal_id].after_run = runs_of_pair[-1]
+        parts[meal_id].runs += [run.id for run in _counting(runs_of_pair)]
     _add_job_states(session, parts)
     by_item = _add_items(session, parts)
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
@@ -117,6 +126,12 @@ def meals_after(
     return list(session.scalars(query))
 
 
+def _counting(runs: Sequence[Run]) -> Sequence[Run]:
+    """Return a pair's last run of its own job, and the remeasurements after it. runs: of one pair, oldest first."""
+    first = max((place for place, run in enumerate(runs) if run.remeasurement_id is None), default=0)
+    return runs[first:]
+
+
 def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
     has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
     has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not yet done
@@ -129,13 +144,12 @@ def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> N
 
 
 def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:
-    """Add items to each meal, except those of older runs. Returns item -> its meal's parts."""
+    """Add items to each meal, except those of runs that do not count. Returns item -> its meal's parts."""
     by_item = {}
     query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
     for item in session.scalars(query):
         meal_parts = parts[item.meal_id]
-        runs = {run.id for run in (meal_parts.run, meal_parts.after_run) if run is not None}
-        if item.run_id is None or item.run_id in runs:
+        if item.run_id is None or item.run_id in meal_parts.runs:
             meal_parts.items.append(item)
             by_item[item.id] = meal_parts
     return by_item

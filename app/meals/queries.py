@@ -84,8 +84,9 @@ def after_windows_over(session: Session, now: datetime, limit: int) -> list[uuid
 
 
 def oldest_waiting(session: Session) -> datetime | None:
-    """Return when the longest waiting job was queued, or queued again."""
-    return session.execute(sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued")).scalar_one()
+    """Return when the longest waiting job was queued, or queued again; for background jobs nobody waits."""
+    query = sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued", ~Job.is_background)
+    return session.execute(query).scalar_one()
 
 
 def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:

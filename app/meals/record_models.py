@@ -81,9 +81,10 @@ class RecordDetails(TypedDict):
 
 
 class Run(Base):
-    """One execution of the pipeline on a meal, never updated. id, purpose: the job's.
+    """One execution of the pipeline on a meal, never updated. id: the job's; purpose: the job's, with one exception.
 
-    Only a run with the purpose "meal" creates the meal's items.
+    Only a run with the purpose "meal" creates the meal's items; the newest one counts. A run of a remeasurement becomes
+    "meal" or "after" if the meal's records rest on it; otherwise it keeps the purpose "rerun" or "rerun_after".
     """
 
     __tablename__ = "run"
@@ -105,6 +106,7 @@ class Run(Base):
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the complete answer, in the blob store
+    remeasurement_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("remeasurement.id"), index=True)
     created_at: Mapped[datetime]
 
     __table_args__ = (one_of("purpose", JOB_PURPOSES),)
@@ -164,23 +166,26 @@ class Item(Base):
 
 
 class ItemMeasure(Base):
-    """An item's region measured again as a person drew it. Append-only: that of the newest effective event counts.
+    """An item measured again: in a region that a person drew (event_id), or by a remeasurement (event_id NULL).
 
-    If the run could not measure it, the volume is NULL and flags say why.
+    Append-only. That of the newest effective event counts, else that of the newest remeasurement, else the item's own.
+    If the run could not measure it, the volume is NULL and flags say why; "replaced": the new run has other items.
     """
 
     __tablename__ = "item_measure"
     personal = Personal(("item_id",), "measured_again")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True, index=True)
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     rings: Mapped[list[Ring]] = mapped_column(JsonValue)
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
     volume_high_ml: Mapped[float | None]
     relative_sd: Mapped[dict[str, float]]
     flags: Mapped[list[str]]
+
+    __table_args__ = (sa.UniqueConstraint("item_id", "event_id"),)
 
 
 class Leftover(Base):

@@ -37,7 +37,7 @@ class Figures:
 
     now: datetime
     meals: Mapping[str, int]  # by status, OPEN_STATUSES only
-    jobs: Mapping[str, int]  # queued, processing
+    jobs: Mapping[str, int]  # queued, processing; without background jobs
     oldest_queued_at: datetime | None
     studies_waiting: int
     deliveries_waiting: int
@@ -54,13 +54,15 @@ def figures(session: Session) -> Figures:
     """Return all figures, in one snapshot."""
     now = database_now(session)
     meals = {status: _count(session, Meal.status == status) for status in OPEN_STATUSES}
-    jobs = {state: _count(session, Job.state == state) for state in ("queued", "processing")}
+    jobs = {state: _count(session, Job.state == state, ~Job.is_background) for state in ("queued", "processing")}
     waiting = sa.select(Meal.study_id).where(Meal.status == "queued").limit(COUNTED_AT_MOST).subquery()
     return Figures(
         now=now,
         meals=meals,
         jobs=jobs,
-        oldest_queued_at=session.scalar(sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued")),
+        oldest_queued_at=session.scalar(
+            sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued", ~Job.is_background)
+        ),
         studies_waiting=session.scalar(sa.select(sa.func.count(sa.distinct(waiting.c.study_id)))) or 0,
         deliveries_waiting=_count(session, WebhookDelivery.state == "waiting"),
         oldest_delivery_at=_oldest(

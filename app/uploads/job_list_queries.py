@@ -49,7 +49,7 @@ def list_live_jobs(session: Session, study_code: str | None, limit: int) -> list
         .join(Study, Study.id == Meal.study_id)
         .join(Participant, Participant.id == Meal.participant_id)
         .where(Job.state.in_(LIVE_STATES))
-        .order_by(Job.state == "queued", Job.turn, Job.enqueued_at, Job.id)
+        .order_by(Job.state == "queued", Job.is_background, Job.turn, Job.enqueued_at, Job.id)
         .limit(limit)
     )
     if study_code is not None:

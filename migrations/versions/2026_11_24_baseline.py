@@ -82,6 +82,7 @@ TABLES = (  # in the order of their references
     "meal_image",
     "webhook_delivery",
     "job",
+    "remeasurement",
     "run",
     "item",
     "run_artefact",
@@ -92,6 +93,8 @@ TABLES = (  # in the order of their references
     "item_identification",
     "item_measure",
     "leftover",
+    "remeasured_pair",
+    "remeasured_item",
 )
 
 
@@ -1052,6 +1055,7 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("attempts", sa.Integer(), nullable=False),
         sa.Column("turn", sa.BigInteger(), nullable=False),
         sa.Column("study_id", sa.Uuid(), nullable=True),
+        sa.Column("is_background", sa.Boolean(), nullable=False),
         sa.Column("protocol", sa.Integer(), nullable=False),
         sa.Column("executor_id", sa.String(length=64), nullable=True),
         sa.Column("takeovers", sa.Integer(), nullable=False),
@@ -1061,7 +1065,7 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
         sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name=op.f("ck_job_finished")),
-        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure')", name=op.f("ck_job_purpose")),
+        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_job_purpose")),
         sa.CheckConstraint("state IN ('queued', 'processing', 'done', 'failed')", name=op.f("ck_job_state")),
         sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_job_event_id_meal_event")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_job_meal_id_meal")),
@@ -1098,10 +1102,39 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     op.create_index(
         "ix_job_waiting",
         "job",
-        ["turn", "enqueued_at", "id"],
+        ["is_background", "turn", "enqueued_at", "id"],
         unique=False,
         sqlite_where=sa.text("executor_id IS NULL AND finished_at IS NULL"),
         postgresql_where=sa.text("executor_id IS NULL AND finished_at IS NULL"),
+    )
+    op.create_table(
+        "remeasurement",
+        sa.Column("id", sa.Uuid(), nullable=False),
+        sa.Column("study_id", sa.Uuid(), nullable=False),
+        sa.Column("author", sa.String(length=200), nullable=False),
+        sa.Column("selection", sa.String(length=64), nullable=False),
+        sa.Column("state", sa.String(length=16), nullable=False),
+        sa.Column("pipeline_version", sa.String(length=32), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("ended_at", sa.DateTime(timezone=True), nullable=True),
+        sa.CheckConstraint("(state = 'running') = (ended_at IS NULL)", name=op.f("ck_remeasurement_ended")),
+        sa.CheckConstraint("state IN ('running', 'stopped', 'done')", name=op.f("ck_remeasurement_state")),
+        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_remeasurement_study_id_study")),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_remeasurement")),
+    )
+    op.create_index(
+        op.f("ix_remeasurement_study_id_created_at_id"),
+        "remeasurement",
+        ["study_id", "created_at", "id"],
+        unique=False,
+    )
+    op.create_index(
+        "uq_remeasurement_running_of_study",
+        "remeasurement",
+        ["study_id"],
+        unique=True,
+        sqlite_where=sa.text("state = 'running'"),
+        postgresql_where=sa.text("state = 'running'"),
     )
     op.create_table(
         "run",
@@ -1120,14 +1153,19 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("failure_code", sa.String(length=64), nullable=True),
         sa.Column("failure_message", sa.Text(), nullable=True),
         sa.Column("result_key", sa.String(length=300), nullable=False),
+        sa.Column("remeasurement_id", sa.Uuid(), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure')", name=op.f("ck_run_purpose")),
+        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_run_purpose")),
         sa.ForeignKeyConstraint(["id"], ["job.id"], name=op.f("fk_run_id_job")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_run_meal_id_meal")),
+        sa.ForeignKeyConstraint(
+            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_run_remeasurement_id_remeasurement")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_run")),
         sa.UniqueConstraint("result_key", name=op.f("uq_run_result_key")),
     )
     op.create_index(op.f("ix_run_meal_id"), "run", ["meal_id"], unique=False)
+    op.create_index(op.f("ix_run_remeasurement_id"), "run", ["remeasurement_id"], unique=False)
     op.create_table(
         "item",
         sa.Column("id", sa.Uuid(), nullable=False),
@@ -1408,8 +1446,8 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     op.create_table(
         "item_measure",
         sa.Column("item_id", sa.Uuid(), nullable=False),
-        sa.Column("event_id", sa.Uuid(), nullable=False),
         sa.Column("run_id", sa.Uuid(), nullable=False),
+        sa.Column("event_id", sa.Uuid(), nullable=True),
         sa.Column("rings", JSON, nullable=False),
         sa.Column("volume_ml", sa.Double(), nullable=True),
         sa.Column("volume_low_ml", sa.Double(), nullable=True),
@@ -1419,7 +1457,8 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_item_measure_event_id_meal_event")),
         sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_item_measure_item_id_item")),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_measure_run_id_run")),
-        sa.PrimaryKeyConstraint("item_id", "event_id", name=op.f("pk_item_measure")),
+        sa.PrimaryKeyConstraint("item_id", "run_id", name=op.f("pk_item_measure")),
+        sa.UniqueConstraint("item_id", "event_id", name=op.f("uq_item_measure_item_id_event_id")),
     )
     op.create_index(op.f("ix_item_measure_event_id"), "item_measure", ["event_id"], unique=False)
     op.create_index(op.f("ix_item_measure_run_id"), "item_measure", ["run_id"], unique=False)
@@ -1447,6 +1486,69 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     )
     op.create_index(op.f("ix_leftover_item_id"), "leftover", ["item_id"], unique=False)
     op.create_index(op.f("ix_leftover_event_id"), "leftover", ["event_id"], unique=False)
+    op.create_table(
+        "remeasured_pair",
+        sa.Column("remeasurement_id", sa.Uuid(), nullable=False),
+        sa.Column("meal_id", sa.Uuid(), nullable=False),
+        sa.Column("pair", sa.String(length=16), nullable=False),
+        sa.Column("position", sa.Integer(), nullable=False),
+        sa.Column("state", sa.String(length=16), nullable=False),
+        sa.Column("reason", sa.String(length=64), nullable=True),
+        sa.Column("job_id", sa.Uuid(), nullable=True),
+        sa.Column("ended_at", sa.DateTime(timezone=True), nullable=True),
+        sa.CheckConstraint(
+            "(ended_at IS NULL) = (state IN ('pending', 'queued'))", name=op.f("ck_remeasured_pair_ended")
+        ),
+        sa.CheckConstraint(
+            "(reason IS NULL) = (state NOT IN ('kept', 'skipped'))", name=op.f("ck_remeasured_pair_reason")
+        ),
+        sa.CheckConstraint("pair IN ('meal', 'after')", name=op.f("ck_remeasured_pair_pair")),
+        sa.CheckConstraint(
+            "state IN ('pending', 'queued', 'measured', 'kept', 'skipped')", name=op.f("ck_remeasured_pair_state")
+        ),
+        sa.ForeignKeyConstraint(["job_id"], ["job.id"], name=op.f("fk_remeasured_pair_job_id_job")),
+        sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_remeasured_pair_meal_id_meal")),
+        sa.ForeignKeyConstraint(
+            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_remeasured_pair_remeasurement_id_remeasurement")
+        ),
+        sa.PrimaryKeyConstraint("remeasurement_id", "meal_id", "pair", name=op.f("pk_remeasured_pair")),
+        sa.UniqueConstraint("job_id", name=op.f("uq_remeasured_pair_job_id")),
+    )
+    op.create_index(op.f("ix_remeasured_pair_meal_id"), "remeasured_pair", ["meal_id"], unique=False)
+    op.create_index(
+        op.f("ix_remeasured_pair_remeasurement_id_position_pair"),
+        "remeasured_pair",
+        ["remeasurement_id", "position", "pair"],
+        unique=False,
+    )
+    op.create_index(
+        "ix_remeasured_pair_open",
+        "remeasured_pair",
+        ["remeasurement_id", "state", "position"],
+        unique=False,
+        sqlite_where=sa.text("state IN ('pending', 'queued')"),
+        postgresql_where=sa.text("state IN ('pending', 'queued')"),
+    )
+    op.create_table(
+        "remeasured_item",
+        sa.Column("remeasurement_id", sa.Uuid(), nullable=False),
+        sa.Column("item_id", sa.Uuid(), nullable=False),
+        sa.Column("old_volume_ml", sa.Double(), nullable=True),
+        sa.Column("old_low_ml", sa.Double(), nullable=True),
+        sa.Column("old_high_ml", sa.Double(), nullable=True),
+        sa.Column("new_volume_ml", sa.Double(), nullable=True),
+        sa.Column("new_low_ml", sa.Double(), nullable=True),
+        sa.Column("new_high_ml", sa.Double(), nullable=True),
+        sa.Column("old_mass_g", sa.Double(), nullable=True),
+        sa.Column("new_mass_g", sa.Double(), nullable=True),
+        sa.Column("is_changed", sa.Boolean(), nullable=False),
+        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_remeasured_item_item_id_item")),
+        sa.ForeignKeyConstraint(
+            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_remeasured_item_remeasurement_id_remeasurement")
+        ),
+        sa.PrimaryKeyConstraint("remeasurement_id", "item_id", name=op.f("pk_remeasured_item")),
+    )
+    op.create_index(op.f("ix_remeasured_item_item_id"), "remeasured_item", ["item_id"], unique=False)
     if op.get_bind().dialect.name == "postgresql":
         for name in RUNS:  # doubles do not get smaller, and reading them would take their unpacking
             op.execute(f"ALTER TABLE study_day_sum ALTER COLUMN {name} SET STORAGE EXTERNAL")

@@ -19,7 +19,7 @@ from app.meals.event_models import LAYERS, MealEvent
 from app.meals.item_state import fold_meal
 from app.meals.meal_parts import parts_of
 from app.meals.models import Meal
-from app.meals.record_models import Item, ItemFood, Run
+from app.meals.record_models import EffectiveRecord, ItemFood, Run
 
 # After one of these events a row may no longer count, or an item may be part of another (meals/item_state.py).
 FOLDED_KINDS = ("undo", "redraw", "add", "split", "merge")
@@ -71,7 +71,7 @@ class Provenance:
         return {item_id: row[2:] for item_id, row in newest.items()}
 
     def _runs_of_items(self, keys: Keys) -> tuple[dict[str, Values], dict[str, Values]]:
-        """Return meal -> its run, and item -> the run that found it, for meals with several runs."""
+        """Return meal -> its run, and item -> the run that saw its region, for meals with several runs."""
         ran: dict[str, Values] = {}
         several: set[str] = set()
         for meal_id, run_id, method, version in _runs_of_meals(self._session, set(keys.meal_ids)):
@@ -123,9 +123,9 @@ def _runs_of_meals(session: Session, meal_ids: Collection[str]) -> Rows:
 
 
 def _runs_of_items(session: Session, item_ids: Collection[str]) -> dict[str, str | None]:
-    """Return item -> the run that found it."""
-    query = sa.select(stored_id(Item.id), stored_id(Item.run_id))
-    return {row[0]: row[1] for row in _rows(session, query, Item.id, item_ids)}
+    """Return item -> the run that saw its current region."""
+    query = sa.select(stored_id(EffectiveRecord.item_id), stored_id(EffectiveRecord.run_id))
+    return {row[0]: row[1] for row in _rows(session, query, EffectiveRecord.item_id, item_ids)}
 
 
 def _meals_to_fold(session: Session, meal_ids: Collection[str]) -> list[Meal]:

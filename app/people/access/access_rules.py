@@ -184,6 +184,14 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/studies/{study}/releases/{name}": VIEWER,
     "GET /v1/studies/{study}/releases/{name}/check": VIEWER,
     "GET /v1/studies/{study}/releases/{name}/files/{file}": VIEWER,
+    # measuring again
+    "GET /v1/studies/{study}/remeasurement-plan": OWNER,
+    "GET /v1/studies/{study}/remeasurements": VIEWER,
+    "POST /v1/studies/{study}/remeasurements": OWNER,
+    "GET /v1/studies/{study}/remeasurements/{remeasurement}": VIEWER,
+    "GET /v1/studies/{study}/remeasurements/{remeasurement}/items": VIEWER,
+    "POST /v1/studies/{study}/remeasurements/{remeasurement}/stop": OWNER,
+    "POST /v1/studies/{study}/remeasurements/{remeasurement}/continue": OWNER,
     # privacy
     "DELETE /v1/meals/{meal_id}": OWNER_OR_DEVICE,
     "POST /v1/me/withdrawal": DEVICE,

@@ -21,6 +21,7 @@ from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run, RunArtefact
+from app.meals.remeasurement_models import RemeasuredItem, RemeasuredPair, Remeasurement
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.caller import sha256_hex
 from app.people.access.secret_box import SecretBox
@@ -38,7 +39,7 @@ from tests.photographs import pair
 OWNERS = {"participant", "device", "meal", "item", "run", "job", "meal_event"}
 OWNED_BY = {f"{owner}_id" for owner in OWNERS} | {"event_id", "after_item_id", "parent_id"}
 FILE_TABLES = {"export", "release", "release_file"}  # no column of theirs leads to a person, but their files do
-OF_EVERYBODY = {"study", "staff", "food", "webhook", "recompute"}
+OF_EVERYBODY = {"study", "staff", "food", "webhook", "recompute", "remeasurement"}
 NOT_OF_THEM = {"audit_event", "webhook", *FILE_TABLES}  # whose ids and hashes may stay
 SHA256_LENGTH = 64
 
@@ -170,6 +171,18 @@ class Person:
             )
             session.add(after)
             session.flush()
+            again = Remeasurement(
+                id=uuid.uuid4(),
+                study_id=meal.study_id,
+                author="admin",
+                selection="all meals",
+                state="done",
+                pipeline_version="test",
+                created_at=now,
+                ended_at=now,
+            )
+            session.add(again)
+            session.flush()
             hook = session.scalars(sa.select(Webhook)).first()
             if hook is None:
                 hook = Webhook(
@@ -222,6 +235,16 @@ class Person:
                         created_at=now,
                     ),
                     ItemMeasure(item_id=item.id, event_id=event.id, run_id=remeasured.id, **shape),
+                    RemeasuredPair(
+                        remeasurement_id=again.id,
+                        meal_id=meal.id,
+                        pair="meal",
+                        position=0,
+                        state="kept",
+                        reason="other_items",
+                        ended_at=now,
+                    ),
+                    RemeasuredItem(remeasurement_id=again.id, item_id=item.id, is_changed=False),
                     Leftover(
                         after_item_id=after.id,
                         version=1,
@@ -308,7 +331,7 @@ class Person:
         found = {self.mark, self.token_sha256}
         shared = set()
         with self.state.database.read() as session:
-            for model in (Study, Webhook):
+            for model in (Study, Webhook, Remeasurement):
                 shared.update(map(str, session.scalars(sa.select(model.id))))
             for mapper in Base.registry.mappers:
                 table = mapper.local_table

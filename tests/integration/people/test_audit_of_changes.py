@@ -28,6 +28,7 @@ STUDY = {"study": "pilot"}
 PARTICIPANTS = "/v1/studies/{study}/participants"
 HOOKS = "/v1/studies/{study}/webhooks"
 VESSELS = "/v1/studies/{study}/vessels"
+AGAIN = "/v1/studies/{study}/remeasurements"
 ANY_VERSION = {"If-Match": "*"}
 
 
@@ -71,6 +72,7 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_webhooks(walk, admin)
     call_of_foods(walk, admin)
     call_of_vessels(walk, admin)
+    call_of_remeasurements(walk, admin)
     export = walk(admin, "POST", "/v1/studies/{study}/exports", {"rows": "days"}, **STUDY).json()
     walk(admin, "DELETE", "/v1/studies/{study}/exports/{export_id}", export_id=export["id"], **STUDY)
     walk(admin, "POST", "/v1/studies/{study}/releases", {"name": "baseline"}, **STUDY)
@@ -140,6 +142,12 @@ def call_of_webhooks(walk, admin):
     delivery = walk(admin, "POST", HOOKS + "/{webhook}/test", **one).json()["id"]
     walk(admin, "POST", HOOKS + "/{webhook}/deliveries/{delivery}/replay", delivery=delivery, **one)
     walk(admin, "DELETE", HOOKS + "/{webhook}", **one)
+
+
+def call_of_remeasurements(walk, admin):
+    one = {"remeasurement": walk(admin, "POST", AGAIN, {}, **STUDY).json()["id"]} | STUDY
+    for deed in ("stop", "continue"):
+        walk(admin, "POST", AGAIN + "/{remeasurement}/" + deed, **one)
 
 
 def call_of_vessels(walk, admin):

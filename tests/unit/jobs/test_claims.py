@@ -8,14 +8,15 @@ import pytest
 
 from app.children.faults import JobLeft
 from app.jobs import claims
-from app.jobs.claims import Claims
+from app.jobs.claims import Claims, no_backlog
 
 
 class FakeDatabase:
-    """Jobs that wait, as (protocol, id), and which were claimed."""
+    """Jobs that wait, as (protocol, id). background: those of them that are background jobs."""
 
-    def __init__(self, waiting=()):
+    def __init__(self, waiting=(), background=()):
         self.waiting = list(waiting)
+        self.background = set(background)
         self.looked = threading.Semaphore(0)
 
     @contextlib.contextmanager
@@ -40,6 +41,7 @@ class Runs:
 
     def __init__(self):
         self.begun = []
+        self.abandoned = []
         self.has_begun = threading.Semaphore(0)
         self._ends = {}
 
@@ -65,21 +67,38 @@ class Runs:
 def start(monkeypatch):
     """Starts claims that look only when something ends, after their first look."""
     monkeypatch.setattr(claims, "POLL_SECONDS", 60.0)
-    monkeypatch.setattr(
-        claims.jobs, "is_any_waiting", lambda found, protocol: any(least <= protocol for least, _ in found.waiting)
-    )
 
-    def claim(database, executor_id, *, protocol, room):
-        taken = [job for job in database.waiting if job[0] <= protocol][:room]
+    def kind(database, protocol):
+        kinds = {job_id in database.background for least, job_id in database.waiting if least <= protocol}
+        return None if not kinds else "ordinary" if False in kinds else "background"
+
+    def claim(database, executor_id, *, protocol, room, is_background, but):
+        fits = [job for job in database.waiting if job[0] <= protocol and job[1] not in but]
+        taken = [job for job in fits if (job[1] in database.background) == is_background][:room]
         database.waiting = [job for job in database.waiting if job not in taken]
         return [job_id for _, job_id in taken]
 
+    def release(database, executor_id, job_ids, *, is_takeover):
+        assert not is_takeover
+        database.waiting += [(1, job_id) for job_id in job_ids]
+        return len(job_ids)
+
+    monkeypatch.setattr(claims.jobs, "waiting_kind", kind)
     monkeypatch.setattr(claims.jobs, "claim_jobs", claim)
+    monkeypatch.setattr(claims.jobs, "release_claims", release)
     started = []
 
-    def start(database, *, concurrency=2, protocol=1, lease=None):
+    def start(database, *, concurrency=2, protocol=1, lease=None, backlog=no_backlog):
         runs = Runs()
-        claiming = Claims(database, lease or FakeLease(), runs, concurrency=concurrency, protocol=protocol)
+        claiming = Claims(
+            database,
+            lease or FakeLease(),
+            runs,
+            concurrency=concurrency,
+            protocol=protocol,
+            backlog=backlog,
+            abandon=runs.abandoned.append,
+        )
         claiming.start()
         started.append((claiming, runs))
         return claiming, runs
@@ -168,3 +187,75 @@ def test_database_that_does_not_answer_is_asked_again(start, monkeypatch):
     database.read = away
     start(database)
     wait_for(calls, 3)
+
+
+def backlog_of(database, job_ids):
+    """A backlog that queues these background jobs, in their order, as there is room for them."""
+    left = list(job_ids)
+
+    def queue(room):
+        queued, left[:] = left[:room], left[room:]
+        database.background.update(queued)
+        database.waiting += [(1, job_id) for job_id in queued]
+        return len(queued)
+
+    return queue
+
+
+def test_background_jobs_are_queued_and_run_while_nothing_else_waits_on_all_cores_but_one(start):
+    database = FakeDatabase()
+    _, runs = start(database, concurrency=3, backlog=backlog_of(database, ids(4)))
+    wait_for(runs.has_begun, 2)
+    assert sorted(runs.begun) == ids(2)
+    runs.end(ids(1)[0])
+    wait_for(runs.has_begun)
+    assert sorted(runs.begun) == ids(3)
+
+
+def test_waiting_meal_is_claimed_before_any_background_job(start):
+    meal, rerun = ids(2)
+    database = FakeDatabase([(1, rerun), (1, meal)], background=[rerun])
+    _, runs = start(database, concurrency=1)
+    wait_for(runs.has_begun)
+    assert runs.begun == [meal]
+
+
+def test_meal_takes_the_core_that_background_jobs_leave_free(start):
+    rerun, meal = ids(2)
+    database = FakeDatabase()
+    claiming, runs = start(database, concurrency=2, backlog=backlog_of(database, [rerun]))
+    wait_for(runs.has_begun)
+    database.waiting.append((1, meal))
+    claiming._claim_up_to_capacity()
+    wait_for(runs.has_begun)
+    assert (runs.begun, runs.abandoned) == ([rerun, meal], [])
+
+
+def test_meal_that_finds_every_core_busy_ends_a_background_job_which_goes_back_and_runs_again(start):
+    rerun, meal = ids(2)
+    database = FakeDatabase()
+    claiming, runs = start(database, concurrency=1, backlog=backlog_of(database, [rerun]))
+    wait_for(runs.has_begun)
+    database.waiting.append((1, meal))
+    claiming._claim_up_to_capacity()
+    assert (runs.abandoned, database.waiting) == ([rerun], [(1, meal), (1, rerun)])
+    claiming._claim_up_to_capacity()  # it is still ending: it is told again, and nothing else is handed back
+    assert (runs.abandoned, runs.begun) == ([rerun, rerun], [rerun])
+    runs.end(rerun)
+    wait_for(runs.has_begun)
+    assert runs.begun == [rerun, meal]
+    runs.end(meal)
+    wait_for(runs.has_begun)
+    assert runs.begun == [rerun, meal, rerun]
+
+
+def test_background_job_whose_result_is_being_saved_is_not_ended(start):
+    rerun, meal = ids(2)
+    database = FakeDatabase()
+    claiming, runs = start(database, concurrency=1, backlog=backlog_of(database, [rerun]))
+    wait_for(runs.has_begun)
+    claiming.note_computed(str(rerun))
+    database.waiting.append((1, meal))
+    claiming._claim_up_to_capacity()
+    wait_for(runs.has_begun)
+    assert (runs.begun, runs.abandoned) == ([rerun, meal], [])
