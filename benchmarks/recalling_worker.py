@@ -31,8 +31,8 @@ ANSWER = "recalled-answer.json"  # beside the pictures of its steps
 def recall_estimate(arguments: Mapping[str, Any], on_stage: StageListener) -> Mapping[str, Any]:
     """Return the answer for the same photographs and options; the first child that is asked computes it."""
     digest = hashlib.sha256(json.dumps(arguments["options"], sort_keys=True).encode())
-    for side in ("left", "right"):
-        digest.update(Path(arguments[side]).read_bytes())
+    for photograph in arguments["photographs"].values():
+        digest.update(Path(photograph).read_bytes())
     output, kept = Path(arguments["output_dir"]), Path(tempfile.gettempdir(), "answers", digest.hexdigest())
     if not kept.is_dir():
         answer = estimate_task(dict(arguments), on_stage)
