@@ -1065,7 +1065,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
         sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name=op.f("ck_job_finished")),
-        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_job_purpose")),
+        sa.CheckConstraint(
+            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_job_purpose")
+        ),
         sa.CheckConstraint("state IN ('queued', 'processing', 'done', 'failed')", name=op.f("ck_job_state")),
         sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_job_event_id_meal_event")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_job_meal_id_meal")),
@@ -1155,7 +1157,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("result_key", sa.String(length=300), nullable=False),
         sa.Column("remeasurement_id", sa.Uuid(), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_run_purpose")),
+        sa.CheckConstraint(
+            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_run_purpose")
+        ),
         sa.ForeignKeyConstraint(["id"], ["job.id"], name=op.f("fk_run_id_job")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_run_meal_id_meal")),
         sa.ForeignKeyConstraint(
