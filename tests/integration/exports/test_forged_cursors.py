@@ -10,6 +10,7 @@ import sqlalchemy as sa
 
 from app.http import paging
 from app.http.paging import encode_cursor
+from app.meals.remeasurement_models import Remeasurement
 from app.outbox.models import Webhook
 from app.people.models import Study
 from tests.photographs import pair
@@ -92,7 +93,7 @@ def ask(client, state, enrol, admin):
     """Ask for a page of a list: ask(path, **query)."""
     phone = enrol()
     meal = phone.post(pair()).json()["id"]
-    hook = uuid.uuid4()
+    hook, remeasurement = uuid.uuid4(), uuid.uuid4()
     with state.database.write() as session:
         pilot = session.scalars(sa.select(Study)).one()
         session.add(
@@ -106,7 +107,19 @@ def ask(client, state, enrol, admin):
                 created_at=pilot.created_at,
             )
         )
-    places = {"study": "pilot", "meal_id": meal, "webhook": hook}
+        session.add(
+            Remeasurement(
+                id=remeasurement,
+                study_id=pilot.id,
+                author="admin",
+                selection="x",
+                state="done",
+                pipeline_version="x",
+                ended_at=pilot.created_at,
+                created_at=pilot.created_at,
+            )
+        )
+    places = {"study": "pilot", "meal_id": meal, "webhook": hook, "remeasurement": remeasurement}
 
     def ask(path, **query):
         query |= {"participant": "P001"} if "{meal_id}" in path else {}
