@@ -92,10 +92,10 @@ from app.vessels import api as study_vessels
 from app.webhooks import api as webhooks
 
 DESCRIPTION = """
-Image-based dietary assessment. A phone sends a meal as two photographs, from the left and from the right, with a
-printed checkerboard beside the plate; the server measures each food's volume, turns it into grams and nutrients, and
-serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457 problem documents with a
-stable `code`.
+Image-based dietary assessment. A phone sends a meal as two photographs, from the left and from the right (or as one
+to eight), with a printed checkerboard beside the plate; the server measures each food's volume, turns it into grams
+and nutrients, and serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457
+problem documents with a stable `code`.
 """
 
 

@@ -84,7 +84,11 @@ def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
 
 def describe_labelled(photo: LabelledPhoto, max_pixels: int) -> Vectors:
     """(d,) VCM of the food in a photograph. Raises InvalidInputError if it cannot be read or lacks the box."""
-    read = read_photo(photo.path.read_bytes(), max_pixels=max_pixels, least_short_side_px=SIDE_PX)
+    try:
+        content = photo.path.read_bytes()
+    except OSError as error:
+        raise _invalid(f"{photo.path} cannot be read: {error.strerror}.") from None
+    read = read_photo(content, max_pixels=max_pixels, least_short_side_px=SIDE_PX)
     if isinstance(read, Failure):
         raise _invalid(f"{photo.path}: {read.message}")
     height, width = read.pixels_bgr.shape[:2]
@@ -101,8 +105,10 @@ def _foods(folder: Path, labels: Sequence[str]) -> list[KnownFood]:
     path = folder / "foods.csv"
     try:
         named = {food.label: food for food in read_labels(path.read_text("utf-8"))} if path.exists() else {}
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise _invalid(f"{path} needs the columns label, name and food_key, each food once: {error}.") from None
+    if unused := sorted(named.keys() - set(labels)):
+        raise _invalid(f"{path} names labels that the folder does not have: {', '.join(unused[:5])}.")
     foods = [named.get(label) or KnownFood(label, label, label) for label in labels]
     keys = [food.food_key for food in foods]
     twice = sorted({key for key in keys if keys.count(key) > 1})

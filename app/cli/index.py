@@ -1,6 +1,7 @@
 """The commands `tada index ...`: the index of how foods look."""
 
 import json
+import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -33,6 +34,9 @@ def index_build(
         raise InvalidInputError(f"{output} does not end in .npz.")
     if not output.parent.is_dir():
         raise InvalidInputError(f"{output.parent} is not a folder.")
+    for path in (output, labels_path(output)):
+        if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):  # before minutes of work
+            raise InvalidInputError(f"{path} cannot be written.")
     built = build_from_folder(
         folder, name or folder.resolve().name, max_pixels=Settings().max_photo_pixels, on_photo=_show_progress
     )

@@ -176,7 +176,8 @@ def run_estimate(
 
 def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefact]:
     """Both photographs small, also of a pair that could not be measured."""
-    colours = estimate.colours or (None, None)
+    left, second = estimate.colours or (None, None)
+    colours = left, second if estimate.second_place == 1 else None
     return [
         Artefact(thumbnail_name(side), "image/jpeg", _jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
         for side, photo, colour in zip(SIDES, photos, colours, strict=False)  # there may be one photograph only

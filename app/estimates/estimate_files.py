@@ -64,15 +64,12 @@ def estimate_files(
     depth_camera: Path | None = None,
 ) -> dict[str, Any]:
     """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
-    if len(photographs) > MAX_VIEWS:
-        raise InvalidInputError(f"{len(photographs)} photographs were given; of one meal {MAX_VIEWS} are the most.")
-    if len(photographs) < PAIR and (options.rig is not None or options.method != "shape"):
-        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: give both.")
-    if len(photographs) > PAIR and (options.rig is not None or options.method != "shape"):
-        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
+    _require_number(len(photographs), options)
     names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
     names = names[: len(photographs)]
     depth_files = _read_depths(depths, depth_camera, dict(zip(names, photographs, strict=True)))
+    if depth_files:
+        _require_scale(depth_files, options)
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
@@ -100,6 +97,25 @@ def estimate_files(
         food = table[hint.food] if hint is not None and hint.food else None
         item.update(amounts_of(item, food, hint.lies_as if hint is not None else None))
     return answer
+
+
+def _require_number(count: int, options: EstimateOptions) -> None:
+    if count > MAX_VIEWS:
+        raise InvalidInputError(f"{count} photographs were given; of one meal {MAX_VIEWS} are the most.")
+    if count < PAIR and (options.rig is not None or options.method != "shape"):
+        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: give both.")
+    if count > PAIR and (options.rig is not None or options.method != "shape"):
+        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
+
+
+def _require_scale(depths: Mapping[str, object], options: EstimateOptions) -> None:
+    """Raise InvalidInputError if neither a marker, a rig nor the first photograph's depth map gives the scale."""
+    has_scale = options.marker is not None or options.rig is not None
+    if not has_scale and ("left" not in depths or options.method != "shape"):
+        raise InvalidInputError(
+            "Without --marker the depth map of the first photograph gives the scale, by the method shape: give "
+            "--depth left=FILE, or the marker."
+        )
 
 
 def _read_depths(

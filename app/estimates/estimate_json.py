@@ -14,6 +14,7 @@ from app.estimates.camera_json import camera_to_json, rig_to_json
 from app.meals.outline_json import rings_of
 from app.meals.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
+from app.photos.slots import VIEW_SLOTS
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import (
@@ -95,13 +96,15 @@ def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> Json:
 def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
     """A MealEstimate without its artefacts."""
     views, colours = estimate.views, estimate.colours
+    second = VIEW_SLOTS[estimate.second_place]
     return RunAnswer(
         items=[_item(item) for item in estimate.items],
         failure=estimate.failure,
         marker=str(options.marker) if options.marker is not None else None,
         camera=camera_to_json(views[0].camera) if views is not None else None,
         camera_right=camera_to_json(views[1].camera) if views is not None and views[1] is not None else None,
-        colour={"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,
+        colour={"left": colour_to_json(colours[0]), second: colour_to_json(colours[1])} if colours else None,
+        second=second,
         stages={name: round(seconds, 4) for name, seconds in estimate.stages.items()},
         seconds=round(sum(estimate.stages.values()), 4),
         method=estimate.method,

@@ -43,7 +43,7 @@ from app.metrics import instruments
 from app.people import privacy_queries as privacy
 from app.people.calibration_models import CameraDetails
 from app.people.models import Study
-from app.photos.slots import AFTER_SLOTS, VIEW_SLOTS
+from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
@@ -111,7 +111,9 @@ class EstimateMeal:
                 meal_camera=_meal_camera(job, meal),
                 device_id=meal.device_id,
                 study=study,
-                sizes=[(image.width_px, image.height_px) for image in images.values()],
+                sizes=[  # of further views, those that the camera does not fit are left out
+                    (images[slot].width_px, images[slot].height_px) for slot in slots[: len(PAIR_SLOTS)]
+                ],
             )
             library = vessels_of_meal(session, study.id, hints)
             options = self._options(session, meal, study, library.in_hints(hints))

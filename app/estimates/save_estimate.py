@@ -39,7 +39,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result
             method=answer.method,
             pipeline_version=answer.pipeline_version,
             marker=answer.marker,
-            camera={"left": answer.camera, "right": answer.camera_right} if answer.camera else None,
+            camera={"left": answer.camera, answer.second: answer.camera_right} if answer.camera else None,
             parameters=answer.parameters,
             colour=answer.colour,
             stages=answer.stages,

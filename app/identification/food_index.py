@@ -91,7 +91,7 @@ def open_index(path: Path | None) -> FoodIndex:
     try:
         foods = read_labels(labels_path(path).read_text(encoding="utf-8"))
         return read_index(io.BytesIO(path.read_bytes()), foods)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, csv.Error) as error:
         raise InvalidInputError(f"The index {path} cannot be read: {error}.", code="food_index_unreadable") from error
 
 
@@ -106,8 +106,10 @@ def shipped_foods() -> tuple[KnownFood, ...]:
 
 
 def read_labels(text: str) -> tuple[KnownFood, ...]:
-    """Lines of label, name, food_key. Raises ValueError for a label or a food that stands twice."""
+    """Lines of label, name, food_key. Raises ValueError for an empty cell, or a label or a food that stands twice."""
     foods = tuple(KnownFood(row["label"], row["name"], row["food_key"]) for row in csv.DictReader(io.StringIO(text)))
+    if not all(food.label and food.name and food.food_key for food in foods):
+        raise ValueError("a label, a name or a food_key is missing")
     for column in ({food.label for food in foods}, {food.food_key for food in foods}):
         if len(column) != len(foods):
             raise ValueError("a label or a food stands twice")

@@ -74,13 +74,17 @@ class ArtefactAnswer(_Answer):
 
 
 class RunAnswer(_Answer):
-    """marker: None for a rig. regions: for a run on regions that people drew, the item of each hint."""
+    """marker: None for a rig. second: slot of the photograph that camera_right is of, and `colour` beside the left one.
+
+    regions: for a run on regions that people drew, the item of each hint.
+    """
 
     items: list[ItemAnswer]
     failure: Failure | None
     marker: str | None
     camera: Json | None
     camera_right: Json | None
+    second: str = "right"
     colour: Json | None = None
     stages: dict[str, float]
     seconds: float

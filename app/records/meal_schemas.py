@@ -323,7 +323,7 @@ class MealOut(BaseModel):
     ignored: list[str] = Field(
         description="Fields of the metadata that this server does not know: kept with the meal, and heard by nobody."
     )
-    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right.")
+    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right, view3 ...")
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
     after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")

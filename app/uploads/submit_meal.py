@@ -1,4 +1,4 @@
-"""Receive a phone's meal, whole or part by part, and queue its estimate once both photographs are here.
+"""Receive a phone's meal, whole or part by part, and queue its estimate once all of its photographs are here.
 
 Photographs are sealed in the blob store first; then meal, photographs and job are written in one transaction. What is
 acknowledged is on disk; what is sent again is recognised by its SHA-256. A request that fails after sealing leaves its

@@ -43,7 +43,7 @@ def depth_camera_from_mapping(value: Mapping[str, Any]) -> DepthCamera:
     try:
         numbers = {key: float(value[key]) for key in CAMERA_KEYS}
         unit_mm = float(value.get("unit_mm", DEFAULT_UNIT_MM))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise InvalidInputError(
             f"The depth camera needs {', '.join(CAMERA_KEYS)}, and may have unit_mm.", code="depth_camera_invalid"
         ) from None

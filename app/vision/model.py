@@ -238,7 +238,8 @@ class MealEstimate:
     views: (left, right), or None if it failed before; right is None where one photograph was measured. stages: seconds
     by step, in order.
     parameters: what the run depended on beside its inputs and the version (for the record).
-    colours: the corrections of the (left, right) photograph, or None if a marker was not found.
+    colours: the corrections of the (left, right) photograph, or None if a marker was not found. second_place: which
+    photograph views, colours and artefacts have as the right one, counted from the left one's 0; 1: the right one.
     """
 
     method: Method
@@ -250,3 +251,4 @@ class MealEstimate:
     parameters: Mapping[str, object] = field(default_factory=dict)
     artefacts: Sequence[Artefact] = ()
     colours: tuple[ColourCorrection, ColourCorrection] | None = None
+    second_place: int = 1

@@ -32,7 +32,7 @@ from app.vision.rig import StereoRig
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.shape.depth_slices import measure_as_printed
-from app.vision.shape.measure import MeasuredItem, measure_items
+from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
@@ -73,8 +73,7 @@ def estimate_meal(
     What the photographs do not allow is told in MealEstimate.failure; views and artefacts show how far the run came.
     """
     stages: dict[str, float] = {}
-    trace = Trace()
-    outcome = _run(pair, options, _Stages(stages, on_stage), trace)
+    chosen, trace, outcome = _run_with_partner(pair, options, _Stages(stages, on_stage))
     items = () if isinstance(outcome, Failure) else outcome
     return MealEstimate(
         method=options.method,
@@ -84,17 +83,32 @@ def estimate_meal(
         failure=outcome if isinstance(outcome, Failure) else None,
         views=trace.views,
         parameters={"seed": options.seed, **trace.parameters(), "tuning": asdict(TUNING)},
-        artefacts=draw_artefacts(trace, pair, items) if want_artefacts else (),
+        artefacts=draw_artefacts(trace, chosen, items) if want_artefacts else (),
         colours=trace.colours,
+        second_place=trace.second_place,
     )
+
+
+def _run_with_partner(
+    pair: PhotoPair, options: EstimateOptions, stage: "_Stages"
+) -> tuple[PhotoPair, Trace, tuple[ItemEstimate, ...] | Failure]:
+    """Run with the best partner of the left photograph; if that fails, with the right one, as the phone paired them."""
+    chosen = pair
+    if pair.others and options.marker is not None:
+        with stage("marker"):
+            chosen = choose_partner(pair, options.marker)
+    places = [place for place, photo in enumerate((pair.right, *pair.others), start=1) if photo is chosen.right]
+    trace = Trace(second_place=places[0])
+    outcome = _run(chosen, options, stage, trace)
+    if isinstance(outcome, Failure) and chosen.right is not pair.right:
+        chosen, trace = pair, Trace()
+        outcome = _run(chosen, options, stage, trace)
+    return chosen, trace, outcome
 
 
 def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
-    if pair.others and options.marker is not None:
-        with stage("marker"):
-            pair = choose_partner(pair, options.marker)
     refined = _find_views(pair, options, stage, trace)
     if isinstance(refined, Failure):
         return refined
@@ -276,8 +290,11 @@ def _measure(
         measured = measure_shapes(foods, pair, disparity, points, pose_sd=pose_sd, hints=options.hints)
         if isinstance(measured, Failure):
             return measured
-        flags = ("single_view",) if refined.first.marker is not None else ("single_view", "scale_from_depth")
-        return [replace(item, flags=(*item.flags, *flags)) for item in measured]
+        hints = [None if item.region.hint is None else options.hints[item.region.hint] for item in measured]
+        measured = [of_single_view(item, hint) for item, hint in zip(measured, hints, strict=True)]
+        if refined.first.marker is not None:
+            return measured
+        return [replace(item, flags=(*item.flags, "scale_from_depth")) for item in measured]
     doubt = volume_doubt(refined, points[foods.mask], trace.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()

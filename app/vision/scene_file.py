@@ -69,14 +69,14 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
             for place, (name, photo, marker) in enumerate(
                 zip(("left", "right"), (pair.left, pair.right), trace.markers, strict=True)
             )
-            if photo is not None
+            if photo is not None and (name == "left" or trace.second_place == 1)
         },
         "board": _board(observation),
     }
     scene = trace.scene
     if scene is None or trace.views is None:
         return _encoded(content)
-    right = trace.views[1]
+    right = trace.views[1] if trace.second_place == 1 else None  # else outlines would be of another photograph
     topologies: list[IntArray] = []
     foods = [
         _item(index, item, estimate, topologies)

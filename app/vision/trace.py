@@ -46,7 +46,7 @@ class Trace:
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
-    photograph.
+    photograph. second_place: which photograph stands for the right one, see MealEstimate.
     """
 
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
@@ -63,6 +63,7 @@ class Trace:
     items: list[MeasuredItem] = field(default_factory=list)
     others: list[View] = field(default_factory=list)
     printed: PrintedStereo | None = None
+    second_place: int = 1
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
@@ -84,7 +85,8 @@ class Trace:
 
     def parameters(self) -> dict[str, float | int | str]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
-        out: dict[str, float | int | str] = {}
+        # the number in its slot's name; 2: the right one
+        out: dict[str, float | int | str] = {} if self.second_place == 1 else {"second_view": self.second_place + 1}
         if self.single is not None:
             marker = self.single.first.marker
             out |= _of_view("first", self.single.first) | {"views": 1}

@@ -179,7 +179,7 @@ def _unusable(reason: str) -> Failure:
     return Failure(
         "draw_unusable",
         f"The fundamental matrix of one random draw of {DRAWN_MATCHES} matches cannot be used: {reason}.",
-        "This is a weakness of the method paper-strict: measure by the default method, or draw with another seed.",
+        "This is a weakness of the method paper-strict: measure by the default method.",
     )
 
 

@@ -18,6 +18,9 @@ from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.photographs import pair
 
 HTMX = {"HX-Request": "true"}
+NO_COLOUR = {"kind": "none", "matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "delta_e_mean": None, "flags": []}
+NO_COLOUR |= {"delta_e_worst": None}
+CAMERA = {"width": 1200, "height": 900, "fx": 900.0, "fy": 900.0, "cx": 600.0, "cy": 450.0, "distortion": [0.0] * 5}
 DOCS = Path(app.dashboard.__file__).parents[2] / "docs"
 
 
@@ -74,6 +77,34 @@ def test_every_figure_of_the_api_is_on_the_page_unrounded(show):
     assert missing == []
     assert set(meal["run"]["stages"].values()) <= figures
     assert "1 of the items have an unknown mass" in text_of(seen.html())
+
+
+def test_meal_of_one_photograph_has_a_page(show):
+    parameters = {"views": 1, "camera_height_first_mm": 301.5}
+    colour = {"left": NO_COLOUR, "right": NO_COLOUR}
+    shown = show(
+        "viewer",
+        found_item(flags=["single_view"]),
+        parameters=parameters,
+        camera=CAMERA,
+        colour=colour,
+        stages={"read": 0.1, "marker": 0.1, "camera": 0.1},
+    )
+    text = text_of(shown.html())
+    assert "Found in the left photograph" in text
+    assert "Camera above the table 302 mm" in text
+
+
+def test_second_photograph_of_a_run_is_named_by_its_slot(show):
+    """Of more than two photographs another one than the right one may be the left one's partner."""
+    colour = {"left": NO_COLOUR, "view3": NO_COLOUR | {"kind": "white"}}
+    shown = show(
+        "viewer", found_item(), colour=colour, camera=CAMERA, camera_right=CAMERA | {"fx": 901.0}, second="view3"
+    )
+    text = text_of(shown.html())
+    assert "Colours, view3 white balance" in text
+    assert "Camera, view3 focal length 901 px" in text
+    assert set(shown.meal()["run"]["camera"]) == {"left", "view3"}
 
 
 def test_json_of_the_page_is_the_apis(show):

@@ -157,8 +157,8 @@ def test_turns_are_looked_up_in_indexes(jobs):
             "SELECT max(turn) FROM job WHERE study_id = (SELECT id FROM study LIMIT 1)",
             "SELECT max(turn) FROM job WHERE started_at IS NOT NULL",
             (
-                "SELECT id FROM job WHERE executor_id IS NULL AND finished_at IS NULL "
-                "ORDER BY turn, enqueued_at, id LIMIT 2"
+                "SELECT id FROM job WHERE executor_id IS NULL AND finished_at IS NULL AND is_background = false "
+                "ORDER BY is_background, turn, enqueued_at, id LIMIT 2"
             ),
             "SELECT DISTINCT executor_id FROM job WHERE finished_at IS NULL AND executor_id IS NOT NULL",
         ):

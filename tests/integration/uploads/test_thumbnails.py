@@ -64,7 +64,8 @@ def test_run_leaves_both_photographs_small_upright_and_without_metadata_though_n
     for seed, side in enumerate(("left", "right")):
         paths[side] = tmp_path / side
         paths[side].write_bytes(photograph(seed, exif=exif))
-    request = {name: str(path) for name, path in paths.items()} | {
+    request = {
+        "photographs": {name: str(path) for name, path in paths.items()},
         "options": OPTIONS,
         "output_dir": str(tmp_path),
         "max_pixels": 10**7,

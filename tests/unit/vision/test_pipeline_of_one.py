@@ -1,6 +1,7 @@
 """One photograph: the same ball with a wider interval; and a pair that is measured by its left photograph alone."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,10 +11,13 @@ from app.vision.board.marker import find_marker
 from app.vision.board.print_layout import sheet_half_mm
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
+from app.vision.scene.segmentation import Region
+from app.vision.shape.measure import MeasuredItem, of_single_view
 from app.vision.stereo.single_view import place_alone, single_volume_sd
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 from tests.unit.vision.synthetic import paint_over
 
+REGION = Region(np.zeros((1, 1), np.bool_), None)
 BALL = Ball((115.0, 15.0), 33.0)
 OPTIONS = EstimateOptions(SPEC, CAMERA)
 TOLERANCE = 0.25  # one outline, and a height that only priors tell; meals of one photograph err by 14 to 22 %
@@ -91,6 +95,26 @@ def test_form_that_a_person_names_decides_where_the_outline_does_not(pair):
         return next(item.volume_ml for item in items if item.hint == 0)
 
     assert volume_ml("heap") < volume_ml("whole")
+
+
+@pytest.mark.parametrize(("fact", "value"), [("form", "liquid"), ("usual_form", "in_vessel"), ("vessel", "mug")])
+def test_what_a_vessel_holds_has_no_volume_in_one_photograph(pair, estimate, fact, value):
+    [ring] = estimate.items[0].rings
+    x, y = ring.mean(axis=0)
+    hint = Hint(point=(float(x), float(y)), **{fact: value})
+    items = estimate_meal(PhotoPair(on_plain_table(pair.left)), replace(OPTIONS, hints=(hint,))).items
+    item = next(item for item in items if item.hint == 0)
+    assert item.volume_ml is None
+    assert {"single_view", "not_measurable"} <= set(item.flags)
+
+
+def test_volume_whose_interval_spans_more_than_half_to_double_is_not_given():
+    def item(sd):
+        return MeasuredItem(REGION, np.empty((0, 3)), 0.0, SimpleNamespace(relative_sd={"pair": 0.1, "item": sd}), ())
+
+    assert of_single_view(item(0.3), None).volume is not None
+    assert of_single_view(item(0.45), None).volume is None
+    assert of_single_view(item(0.45), None).flags == ("single_view", "not_measurable")
 
 
 def test_pose_of_one_view_doubts_a_volume_far_from_the_marker_more(pair):

@@ -1,5 +1,7 @@
 """More than two photographs of one scene: the best partner is chosen; others join in any order, or add nothing."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,24 @@ def test_four_photographs_measure_the_ball_with_less_doubt(pair, four):
 def test_nearest_partner_is_chosen_wherever_it_stands(photographs):
     left, near, far, other = photographs
     assert choose_partner(PhotoPair(left, far, (other, near)), SPEC) == PhotoPair(left, near, (far, other))
+
+
+def test_partner_that_is_not_the_right_photograph_is_named(photographs):
+    left, near, far, _ = photographs
+    third = estimate_meal(PhotoPair(left, far, (near,)), OPTIONS, want_artefacts=True)
+    assert (third.second_place, third.parameters["second_view"]) == (2, 3)
+    scene = json.loads(next(each.content for each in third.artefacts if each.name == "scene.json"))
+    assert list(scene["photographs"]) == ["left"]  # the right photograph's corners were not looked for
+    assert not any("right_rings_px" in item for item in scene["items"])
+
+
+def test_partner_that_fails_leaves_the_pair_as_it_was_sent(photographs, pair):
+    cropped = Photo(np.ascontiguousarray(photographs[1].pixels_bgr[:, 40:]))  # no camera of this size
+    third = measured([photographs[0], photographs[2], cropped])
+    whole = measured([photographs[0], photographs[2]])
+    assert third.failure is None
+    assert third.second_place == 1
+    assert third.items[0].volume_ml == whole.items[0].volume_ml
 
 
 def test_order_of_the_others_does_not_change_the_volume(photographs, four):
