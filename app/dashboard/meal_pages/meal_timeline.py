@@ -40,6 +40,8 @@ PURPOSES: Mapping[str, str] = {
     "meal": "Estimate of the meal",
     "after": "Estimate of what was left",
     "remeasure": "Measurement of a drawn region",
+    "rerun": "Repeated estimate of the meal",
+    "rerun_after": "Repeated estimate of what was left",
 }
 PHOTOGRAPHS: Mapping[str, str] = {
     "left": "Left photograph",
