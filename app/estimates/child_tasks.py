@@ -29,7 +29,8 @@ from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
-from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
+from app.vision.pipeline import estimate_meal
+from app.vision.version import PIPELINE_VERSION
 
 StageListener = Callable[[str], None]
 Arguments = Mapping[str, object]  # JSON, checked by each task

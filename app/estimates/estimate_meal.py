@@ -49,7 +49,7 @@ from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import vessels_of_meal
 from app.vision.model import EstimateOptions, MealEstimate
-from app.vision.pipeline import PIPELINE_VERSION
+from app.vision.version import PIPELINE_VERSION
 
 log = structlog.get_logger()
 

@@ -22,7 +22,7 @@ from app.people.studies import enter_study, load_study
 from app.remeasurements import queries as remeasurements
 from app.remeasurements.choose_pairs import PlannedPair, Selection, plan
 from app.remeasurements.queries import ComparedRow, Progress
-from app.vision.pipeline import PIPELINE_VERSION
+from app.vision.version import PIPELINE_VERSION
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,11 +54,11 @@ from app.vision.stereo.single_view import SingleView, place_alone, single_volume
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
 from app.vision.trace import Reconstruction, Trace
 from app.vision.traits import traits_of
+from app.vision.version import PIPELINE_VERSION
 
 # Why the right photograph may be left out: the marker is not seen in it. Another board is seen, or the whole
 # photograph is poor, and who photographs should hear of it.
 MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
-PIPELINE_VERSION = "6"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(

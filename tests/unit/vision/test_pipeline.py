@@ -10,8 +10,9 @@ import pytest
 from app.vision.board.colour_correction import apply_colour
 from app.vision.board.colour_space import encode_srgb, linear_rgb
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
-from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
+from app.vision.pipeline import estimate_meal
 from app.vision.shape.tuning import TUNING
+from app.vision.version import PIPELINE_VERSION
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 BALL = Ball((115.0, 15.0), 33.0)
