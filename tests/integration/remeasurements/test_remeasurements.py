@@ -294,10 +294,15 @@ def test_command_starts_and_follows_until_it_is_done(again, meals, tada, monkeyp
     ended = tada("remeasure", "pilot", "--no-wait", "--json")  # the first one is done: another
     (document,) = json.loads(ended.stdout)
     assert (document["pairs"], document["waiting"]) == (3, 3)
-    worker = threading.Thread(target=again.measure, args=(answers_of(meals),))
-    worker.start()
-    ended = tada("remeasure", "pilot")
-    worker.join()
+    with monkeypatch.context() as patch:
+
+        def measure(_):
+            """A worker, while the command waits for the first time; all is done when it looks again."""
+            patch.undo()
+            again.measure(answers_of(meals))
+
+        patch.setattr("app.cli.remeasure.time.sleep", measure)
+        ended = tada("remeasure", "pilot")
     assert ended.returncode == 0, ended.stderr
     assert "continued, " in ended.stderr
     assert "3 of 3 pairs (3 measured, 0 kept, 0 skipped)" in ended.stdout
