@@ -16,7 +16,7 @@ STAGES = ("read", "marker", "match", "depth", "volume")
 
 
 def estimate(request, on_stage):
-    left, right = (pathlib.Path(request[side]).read_bytes() for side in ("left", "right"))
+    left, right = (pathlib.Path(path).read_bytes() for path in request["photographs"].values())
     with named_after(left):
         return _estimate(request, on_stage, left, right)
 
