@@ -131,9 +131,10 @@ async def received_parts(
     try:
         async for chunk in request.stream():
             received += len(chunk)
-            if received > most:  # photographs have their own limits; this is what stands between and after them
-                raise _body_too_large(most)
             reader.feed(chunk)
+            allowed = min(most, reader.files_begun * limits.photo_bytes + limits.metadata_bytes + FRAME_BYTES)
+            if received > allowed:  # photographs have their own limits; this is what stands between and after them
+                raise _body_too_large(allowed)
             for file in reader.writable():
                 await anyio.to_thread.run_sync(file.write, limiter=limiter)
         yield await anyio.to_thread.run_sync(reader.finish, limiter=limiter)
@@ -256,6 +257,11 @@ class _MultipartReader:
             raise MalformedRequestError("The multipart body ends before its closing boundary.", code="body_incomplete")
         metadata = bytes(self._metadata) if self._metadata is not None else None
         return ReceivedParts(metadata, {slot: file.finish() for slot, file in self._files.items()})
+
+    @property
+    def files_begun(self) -> int:
+        """The number of photographs whose parts have begun."""
+        return len(self._files)
 
     def discard(self) -> None:
         """Remove all files that are still in the staging folder."""
