@@ -17,7 +17,8 @@ from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
-from app.meals.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
+from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.photos.slots import PAIR_SLOTS
 from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
@@ -181,7 +182,7 @@ def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefac
     colours = left, second if estimate.second_place == 1 else None
     return [
         Artefact(thumbnail_name(side), "image/jpeg", _jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
-        for side, photo, colour in zip(SIDES, photos, colours, strict=False)  # there may be one photograph only
+        for side, photo, colour in zip(PAIR_SLOTS, photos, colours, strict=False)  # there may be one photograph only
     ]
 
 

@@ -11,11 +11,12 @@ from app.estimates.child_tasks import run_estimate
 from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
+from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
 from app.vision.depth_map import DepthCamera, depth_camera_from_mapping
 from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
 
-PAIR, MAX_VIEWS = 2, 8
+PAIR, MAX_VIEWS = len(PAIR_SLOTS), len(VIEW_SLOTS)
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
@@ -65,8 +66,7 @@ def estimate_files(
 ) -> dict[str, Any]:
     """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
     _require_number(len(photographs), options)
-    names = ["left", "right", *(f"view{number}" for number in range(3, len(photographs) + 1))]
-    names = names[: len(photographs)]
+    names = VIEW_SLOTS[: len(photographs)]
     depth_files = _read_depths(depths, depth_camera, dict(zip(names, photographs, strict=True)))
     if depth_files:
         _require_scale(depth_files, options)

@@ -22,13 +22,13 @@ from app.meals.item_state import REPLACED, pipeline_measure
 from app.meals.job_models import RERUN_OF, Job, JobPurpose
 from app.meals.meal_parts import MealParts, parts_of, records_of
 from app.meals.models import Meal
-from app.meals.outline_json import rings_of
 from app.meals.queries import WAITING
 from app.meals.record_models import Item, ItemMeasure
 from app.meals.remeasurement_models import RemeasuredItem, RemeasuredPair
-from app.meals.run_answer import ItemAnswer, RunAnswer
+from app.meals.run_answer import RunAnswer
 from app.records.match_rerun import MatchedItems, match_rerun
 from app.records.project_records import project_meal
+from app.records.review.remeasure import measure_of
 
 NOTHING_THERE = "no_food_found"  # the after-meal pair then shows an empty plate: no failure
 WAITS = "waits_for_estimate"  # reason to keep: another run of the pair is to come
@@ -77,7 +77,7 @@ def save_rerun(session: Session, rerun: Rerun, meal: Meal, run_id: uuid.UUID, an
         return
     before = _figures(session, rerun.parts)
     matched = [(item, answer.items[place]) for item, place in rerun.items.matched]
-    session.add_all(_measure(item, run_id, item_answer) for item, item_answer in matched)
+    session.add_all(measure_of(item, run_id, item_answer) for item, item_answer in matched)
     session.add_all(_replaced(item, run_id) for item in rerun.items.replaced)
     added = [(place, answer.items[place]) for place in rerun.items.added]
     if rerun.row.pair == "meal":
@@ -111,7 +111,7 @@ def settle_after(meal: Meal) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Figures:
-    """What a remeasurement compares of an item. volume: ml, with its interval; mass_g: of the record, as served."""
+    """The compared figures of an item. volume: ml, with its interval; mass_g: of the record, as served."""
 
     volume: tuple[float | None, float | None, float | None] = (None, None, None)
     mass_g: float | None = None
@@ -151,20 +151,6 @@ def _compared(remeasurement_id: uuid.UUID, item_id: uuid.UUID, old: _Figures, ne
         old_mass_g=old.mass_g,
         new_mass_g=new.mass_g,
         is_changed=old != new,
-    )
-
-
-def _measure(item: Item, run_id: uuid.UUID, answer: ItemAnswer) -> ItemMeasure:
-    low_ml, high_ml = answer.interval_ml
-    return ItemMeasure(
-        item_id=item.id,
-        run_id=run_id,
-        rings=rings_of(answer.polygon),
-        volume_ml=answer.volume_ml,
-        volume_low_ml=low_ml,
-        volume_high_ml=high_ml,
-        relative_sd=answer.relative_sd,
-        flags=answer.flags,
     )
 
 

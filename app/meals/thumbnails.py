@@ -5,7 +5,6 @@ width. Like other artefacts they are served with an entry in the audit log, eras
 """
 
 THUMBNAIL_PX = 320  # width
-SIDES = ("left", "right")
 
 
 def thumbnail_name(slot: str) -> str:

@@ -43,7 +43,7 @@ def get_remeasurement_plan(
     meal: Annotated[list[uuid.UUID] | None, Query(max_length=MOST_MEALS, description=MEALS)] = None,
     limit: Annotated[int | None, Query(ge=1, le=2**31 - 1, description=LIMIT)] = None,
 ) -> RemeasurementPlanOut:
-    """What a remeasurement would measure and skip now. Nothing is changed."""
+    """Return which pairs a remeasurement would measure and which it would skip. Nothing is changed."""
     selection = Selection(frozenset(meal or ()), limit)
     return render_plan(remeasurements.plan_remeasurement(state.database, _requester(caller), study, selection))
 

@@ -28,7 +28,7 @@ NOTHING_LEFT = "nothing_left"
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is to be measured again in a study. meals: ids made by phones; none: all. limit: only the first meals."""
+    """The meals of a study to measure again. meals: ids made by phones; none: all. limit: only the first meals."""
 
     meals: frozenset[uuid.UUID] = frozenset()
     limit: int | None = None
@@ -60,15 +60,15 @@ def chosen_meals(session: Session, study_id: uuid.UUID, selection: Selection) ->
     query = query.where(Meal.study_id == study_id).order_by(*eaten).limit(selection.limit)
     if selection.meals:
         named = Meal.client_id.in_(selection.meals)
-        known = set(session.scalars(sa.select(Meal.client_id).where(Meal.study_id == study_id, named)))
-        for missing in sorted(selection.meals - known):
+        present = set(session.scalars(sa.select(Meal.client_id).where(Meal.study_id == study_id, named)))
+        for missing in sorted(selection.meals - present):
             raise NotFoundError(f"The study has no meal {missing}.", meal=str(missing))
         query = query.where(named)
     return query.subquery("chosen")
 
 
 def has_after_pair() -> sa.ColumnElement[bool]:
-    """Whether photographs of what was left have arrived for a meal."""
+    """Whether photographs of a meal's after-meal pair have arrived."""
     return sa.exists().where(MealImage.meal_id == Meal.id, MealImage.slot.in_(AFTER_SLOTS))
 
 

@@ -17,7 +17,7 @@ INTERVAL = "90 % interval, ml; null: not measured."
 
 
 class RemeasurementIn(BaseModel):
-    """What is to be measured again; an empty object: the whole study."""
+    """The meals to measure again; an empty object selects the whole study."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"limit": 50}})
 
@@ -56,7 +56,7 @@ class RemeasurementList(BaseModel):
 
 
 class RemeasurementPlanOut(BaseModel):
-    """What a remeasurement would do now."""
+    """The pairs that a remeasurement would measure and skip."""
 
     pairs: int = Field(description="Number of pairs of photographs.")
     would_measure: int = Field(description="Pairs that would be measured.")

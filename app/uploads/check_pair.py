@@ -19,10 +19,10 @@ from app.people.access.caller import DeviceCaller
 from app.people.calibration_models import CameraDetails
 from app.people.models import Locale, Study
 from app.photos.inspect import PhotoFacts, inspect_photo
+from app.photos.slots import PAIR_SLOTS
 from app.vision.marker_spec import parse_marker
 
 SECONDS = 10.0  # limit of one check: many times the need of a slow machine
-SIDES = ("left", "right")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ def _problem(code: str, severity: str, side: Literal["left", "right"] | None, lo
 def _sizes(files: Mapping[str, ReceivedFile]) -> list[Size]:
     """Return the upright sizes of the photographs whose structure is readable; the child reports the others."""
     sizes = []
-    for side in SIDES:
+    for side in PAIR_SLOTS:
         facts = inspect_photo(files[side].path) if files[side].bytes else None
         if isinstance(facts, PhotoFacts):
             sideways = facts.orientation in SIDEWAYS

@@ -124,10 +124,15 @@ def _measure(
             relative_sd={},
             flags=[FAILED if has_failed else NOT_MEASURABLE],
         )
+    return measure_of(item, run_id, answer, event_id=stated.event.id)
+
+
+def measure_of(item: Item, run_id: uuid.UUID, answer: ItemAnswer, *, event_id: uuid.UUID | None = None) -> ItemMeasure:
+    """Return the row of a run's measurement of an item. event_id: of the event that drew the region; None: of none."""
     low_ml, high_ml = answer.interval_ml
     return ItemMeasure(
         item_id=item.id,
-        event_id=stated.event.id,
+        event_id=event_id,
         run_id=run_id,
         rings=rings_of(answer.polygon),
         volume_ml=answer.volume_ml,

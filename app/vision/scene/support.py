@@ -104,7 +104,7 @@ def measured_support(usual: Support, scene: Scene, trend: TableTrend, mask: Mask
 
 
 def _typical_support(dish: Dish | None, table_mm: float) -> Support:
-    """What dishes are like, where no height is measured."""
+    """Typical heights of dishes, for views without measured heights."""
     if dish is None:
         return Support(table_mm, TYPICAL_TABLE_SD_MM, "table")
     if dish.floor_mm > 0:

@@ -64,7 +64,7 @@ class _Food:
 
     @property
     def is_single(self) -> bool:
-        """Whether one view alone shows it, without depth."""
+        """Whether a single view without a depth map shows it."""
         return self.grey is None and len(self.points) == 0
 
 
