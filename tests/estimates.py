@@ -72,6 +72,20 @@ def answer(*items, **changes):
     return body | changes
 
 
+def scene_artefact(state, content=b"{}"):
+    """A sealed scene.json, as the answer lists it."""
+    key = f"pictures/{uuid.uuid4().hex}/scene.json"
+    state.blobs.put_bytes(key, content)
+    sha256 = hashlib.sha256(content).hexdigest()
+    return {
+        "name": "scene.json",
+        "media_type": "application/json",
+        "bytes": len(content),
+        "sha256": sha256,
+        "blob_key": key,
+    }
+
+
 def seen_item(x, y, lab, volume_ml=185.0, hint=None, **changes):
     """An item whose place (mm, table frame) and colour (CIELAB) are known."""
     traits = {"centre_mm": [x, y], "radius_mm": 30.0, "lab": list(lab)}

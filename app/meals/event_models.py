@@ -18,7 +18,7 @@ Layer = Literal["automatic", "participant", "reviewer"]  # in the order of their
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 EventKind = Literal[
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",
-    "merge", "redraw", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo"
+    "merge", "redraw", "reshape", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo"
 ]  # fmt: skip
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 

@@ -35,9 +35,9 @@ class AmountValue(_Value):
 
 
 class SetAmount(AmountValue):
-    """Another amount of an item."""
+    """Another amount of an item. That of a form shaped by hand is its volume, which was computed with the event."""
 
-    kind: Literal["set_volume", "set_mass"]
+    kind: Literal["set_volume", "set_mass", "reshape"]
 
 
 class SetShare(_Value):

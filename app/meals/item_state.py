@@ -32,8 +32,9 @@ from app.meals.outline_json import Ring, rings_of
 from app.meals.record_models import Item, ItemFood, ItemMeasure, Leftover, RecordStatus
 from app.nutrition.doubt import Doubt, estimate
 
-CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
-ITEM_DECISIONS = frozenset({"confirm", "reject", "set_food", "set_volume", "set_mass", "redraw"})  # about one item
+CORRECTED_ITEM = frozenset({"set_food", "set_volume", "set_mass", "reshape", "redraw"})
+CORRECTIONS = CORRECTED_ITEM | {"split", "merge"}
+ITEM_DECISIONS = CORRECTED_ITEM | {"confirm", "reject"}  # about one item
 MAKES_ITEMS = (Add, Declare, Split, Merge)
 REMEASURING = "remeasuring"
 REMEASURE_FAILED = "remeasure_failed"

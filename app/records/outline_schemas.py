@@ -6,12 +6,12 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from app.http.text_schemas import JsonNumber
 
-MOST_RINGS = 100
-MOST_CORNERS = 2000  # of all rings together
+MOST_RINGS = 500
+MOST_CORNERS = 10_000  # of all rings together: the rings of many merged items too
+MIN_CORNERS = 3  # of a ring that encloses something
 
 Pixel = Annotated[JsonNumber, Field(ge=-1e6, le=1e6)]
-Ring = Annotated[list[tuple[Pixel, Pixel]], Field(min_length=3, max_length=MOST_CORNERS)]
-Rings = Annotated[list[Ring], Field(min_length=1, max_length=MOST_RINGS)]
+Corners = Annotated[list[tuple[Pixel, Pixel]], Field(min_length=1)]
 
 
 def _depth(value: Any) -> str:
@@ -28,6 +28,15 @@ def _few_corners(value: Any) -> Any:
     return value
 
 
+def _some_area(rings: list[Corners]) -> list[Corners]:
+    """Refuse rings that all enclose nothing. Some may: an item's outline is accepted as the server gives it."""
+    if all(len(ring) < MIN_CORNERS for ring in rings):
+        raise ValueError(f"must have a ring of {MIN_CORNERS} corners or more")
+    return rings
+
+
+Ring = Annotated[list[tuple[Pixel, Pixel]], Field(min_length=MIN_CORNERS, max_length=MOST_CORNERS)]
+Rings = Annotated[list[Corners], Field(min_length=1, max_length=MOST_RINGS), AfterValidator(_some_area)]
 Polygon = Annotated[
     Annotated[Ring, Tag("ring")] | Annotated[Rings, Tag("rings")],
     Discriminator(_depth),

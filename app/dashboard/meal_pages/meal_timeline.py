@@ -24,6 +24,7 @@ TITLES: Mapping[str, str] = {
     "set_mass": "Mass",
     "set_share": "Share",
     "redraw": "Outline redrawn",
+    "reshape": "Form by hand",
     "declare": "Declared",
     "add": "Added",
     "split": "Split",

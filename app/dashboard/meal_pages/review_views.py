@@ -25,6 +25,7 @@ ACTIONS = {
     "set_mass": "set the amount",
     "set_share": "set the share",
     "redraw": "redrew it",
+    "reshape": "shaped it by hand",
     "declare": "answered a probe",
     "add": "added a food",
     "split": "split it",

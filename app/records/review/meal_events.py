@@ -44,6 +44,7 @@ from app.records.review.schemas import (
     QuestionIn,
     RedrawIn,
     RejectIn,
+    ReshapeIn,
     SetFoodIn,
     SetLeftoverIn,
     SetMassIn,
@@ -58,7 +59,11 @@ from app.records.review.stated_amounts import STATED_SD
 MAX_EVENTS = 1000  # of a meal; each event reads them all
 MAX_ITEMS = 200  # of a meal, including those that were split, merged and undone
 BEFORE_ESTIMATE = frozenset({"nothing_left", "undo", "comment", "question", "answer"})  # need no estimated meal
-ONLY_LAYER = {"question": "reviewer", "answer": "participant"}  # kinds that only one layer may send
+ONLY_LAYER = {
+    "question": "reviewer",
+    "reshape": "reviewer",
+    "answer": "participant",
+}  # kinds that only one layer may send
 
 
 def apply_event(context: ReviewContext, event: AnyEventIn) -> Change:  # noqa: C901, PLR0912  # one case per kind
@@ -78,6 +83,8 @@ def apply_event(context: ReviewContext, event: AnyEventIn) -> Change:  # noqa: C
             return review_item.set_share(context, event)
         case RedrawIn():
             return review_item.redraw(context, event)
+        case ReshapeIn():
+            return review_item.reshape(context, event)
         case DeclareIn():
             return review_item.declare(context, event)
         case AddIn():

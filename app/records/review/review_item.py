@@ -8,6 +8,7 @@ creates no item, but may name the food that it is then (the same in syrup, or dr
 from app.core.errors import ConflictError, InvalidInputError
 from app.foods.models import Food
 from app.meals.item_state import ItemState
+from app.records.queries import artefacts_of, last_runs
 from app.records.review.review_context import (
     Change,
     ReviewContext,
@@ -19,17 +20,22 @@ from app.records.review.review_context import (
     require_complete,
 )
 from app.records.review.schemas import (
+    MOST_ML,
+    AmountIn,
     ConfirmIn,
     DeclareIn,
     RedrawIn,
     RejectIn,
+    ReshapeIn,
     SetFoodIn,
     SetMassIn,
     SetShareIn,
     SetVolumeIn,
 )
 from app.records.review.stated_amounts import DECLARED_SD, STATED_SD, stated_amount
+from app.vision.hand_form import hand_form_ml
 
+SCENE = "scene.json"  # written by vision/scene_file.py, which an API process does not import
 ABOUT_THE_FOOD = frozenset({"drained"})  # probes whose answer says what the food is, not what came with it
 
 
@@ -85,6 +91,36 @@ def redraw(context: ReviewContext, event: RedrawIn) -> Change:
         old={"polygon": [list(ring) for ring in state.rings]},
         new=event.model_dump(mode="json", include={"polygon"}),
         rows=[remeasure_job(context)],
+    )
+
+
+def reshape(context: ReviewContext, event: ReshapeIn) -> Change:
+    """Set the item's volume to that of a form in the table's frame of the meal's run.
+
+    Raises ConflictError (`scene_missing`: no run has such a frame), InvalidInputError (`form_too_large`).
+    """
+    state, run = context.item(event.item), last_runs(context.session, context.meal.id).get("meal")
+    names = {artefact.name for artefact in artefacts_of(context.session, run.id)} if run is not None else set()
+    if run is None or run.failure_code is not None or SCENE not in names:
+        raise ConflictError(
+            "The meal has no measured scene in which a form could stand: set the amount instead.", code="scene_missing"
+        )
+    form = event.form
+    volume_ml = hand_form_ml(form.section, form.length_mm, form.width_mm, form.height_mm)
+    if volume_ml > MOST_ML:
+        raise InvalidInputError(
+            f"The form holds more than {MOST_ML} ml: check its sizes, which are in mm.",
+            code="form_too_large",
+            limit_ml=MOST_ML,
+        )
+    amount = AmountIn(volume_ml=volume_ml, relative_sd=event.relative_sd)
+    return Change(
+        old=_current_amount(state),
+        new={
+            "form": form.model_dump(mode="json"),
+            "run": str(run.id),
+            **stated_amount(context.session, amount, None, STATED_SD),
+        },
     )
 
 

@@ -11,17 +11,21 @@ from app.http.text_schemas import Number, Text
 from app.meals.event_models import EventKind, Layer
 from app.nutrition.foods import FoodForm
 from app.records.outline_schemas import Pixel, Polygon
+from app.vision.hand_form import HandSection
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333
 
 FoodKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food's key (GET /v1/foods).")]
 LiesAs = Annotated[FoodForm | None, Field(description="How it lies there, where that is not as it usually does.")]
+MOST_ML = 20_000  # of any volume that an event states
 Grams = Annotated[Number, Field(ge=0.001, le=20_000)]
-Millilitres = Annotated[Number, Field(ge=0.001, le=20_000)]
+Millilitres = Annotated[Number, Field(ge=0.001, le=MOST_ML)]
 RelativeSd = Annotated[
     Number | None, Field(ge=0, le=2, description="How far off it may be, relative standard deviation; null: as usual.")
 ]
 Words = Annotated[Text, Field(min_length=1, max_length=2000)]
+Place = Annotated[Number, Field(ge=-5000, le=5000)]
+Side = Annotated[Number, Field(ge=2, le=1000)]
 Share = Annotated[Number, Field(ge=0.001, le=1)]
 
 
@@ -160,6 +164,35 @@ class RedrawIn(_OfItem):
         description="Corners [x, y] of its outline in the left photograph's upright pixels, or a list of such rings "
         "with holes by the even-odd rule."
     )
+
+
+class HandFormIn(BaseModel):
+    """A form in the table's frame of the meal's run (`scene.json`): mm, z up; angles in degrees."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    section: HandSection = Field(
+        description="`slab`: upright sides over a rectangle; `prism`: upright sides over an ellipse; `ellipsoid`."
+    )
+    centre_mm: tuple[Place, Place] = Field(description="x, y of the middle of its foot.")
+    length_mm: Side = Field(description="Its extent in the direction of yaw_deg.")
+    width_mm: Side = Field(description="Its extent across.")
+    height_mm: Side = Field(description="Its extent upwards, also of a form that leans.")
+    yaw_deg: Annotated[Number, Field(ge=-360, le=360)] = Field(description="From x to the length, counterclockwise.")
+    lean_deg: Annotated[Number, Field(ge=-60, le=60)] = Field(
+        default=0.0,
+        description="How far its axis leans from upright towards its length: each level is moved sideways, so that the "
+        "volume stays.",
+    )
+    base_mm: Annotated[Number, Field(ge=-100, le=500)] = Field(default=0.0, description="z of its foot.")
+
+
+class ReshapeIn(_OfItem):
+    """Reviewers: the item fills this form; its volume follows from it."""
+
+    kind: Literal["reshape"] = Field(description=EVENT_KIND)
+    form: HandFormIn = Field(description="Where it stands, and its sizes; the server computes its volume.")
+    relative_sd: RelativeSd = None
 
 
 class DeclareIn(_OfItem):
@@ -326,6 +359,7 @@ AnyEventIn = (
     | SetMassIn
     | SetShareIn
     | RedrawIn
+    | ReshapeIn
     | DeclareIn
     | AddIn
     | SplitIn

@@ -21,12 +21,13 @@ from app.records.rebuild_records import rebuild_records
 from app.records.review.meal_events import MealEvents
 from app.records.review.schemas import EventIn
 from tests import estimates
-from tests.estimates import identified_item, unmeasured_item, vcm
+from tests.estimates import identified_item, scene_artefact, unmeasured_item, vcm
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}, {"point": [90, 20]}]
 RING = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+HAND_FORM = {"section": "slab", "centre_mm": [9.5, 0.0], "length_mm": 60.0, "width_mm": 40.0, "yaw_deg": 30.0}
 FOODS = ("banana", "potatoes-boiled", "butter", "no-such-food")
 NO_FOOD = {"food": None, "lies_as": None}
 EVENT = TypeAdapter(EventIn)
@@ -57,7 +58,7 @@ class Table:
         apple = identified_item({"apple": 0.9, "pear": 0.05}, hint=0)
         banana = identified_item({"banana": 0.85, "pear": 0.1}, volume_ml=90.0, hint=2)
         milk = unmeasured_item(hint=1) | {"vcm": vcm(1.0, 0.0)}
-        estimates.save(self.state, body["id"], apple, milk, banana)
+        estimates.save(self.state, body["id"], apple, milk, banana, artefacts=[scene_artefact(self.state)])
         self.client_id = uuid.UUID(body["id"])
 
     def send(self, caller, kind, expected=None, **fields):
@@ -101,7 +102,7 @@ def table(state, phone):
 NUMBERS = st.integers(0, 99)
 KINDS = (
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "confirm_meal", "split", "merge", "redraw",
-    "add", "declare", "undo", "measure",
+    "reshape", "add", "declare", "undo", "measure",
 )  # fmt: skip
 STEPS = st.lists(st.tuples(st.sampled_from(KINDS), st.booleans(), NUMBERS, NUMBERS), min_size=8, max_size=20)
 
@@ -121,6 +122,7 @@ def event_fields(kind, one, other, items, events):
         "split": {"parts": parts},
         "merge": {"items": [str(item), str(second)], "food": FOODS[other % 3], "lies_as": None},
         "redraw": {"polygon": RING},
+        "reshape": {"form": HAND_FORM | {"height_mm": 10.0 + other}},
         "add": {"food": food, "lies_as": None, "region": region, "amount": known, "share": 1.0},
         "declare": {"probe": "fat_added", "answer": "yes", "food": "butter", "amount": amount, "share": None},
         "undo": {"event": str(events[other % len(events)].id) if events else str(uuid.uuid4())},

@@ -8,6 +8,14 @@ from app.records.review.schemas import EventIn
 
 ITEM = "41aedb34-b4e0-4fb3-82ca-8bbb927a9914"
 EVENT = "0d9ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e"
+FORM = {
+    "section": "slab",
+    "centre_mm": [1.5, -20],
+    "length_mm": 100,
+    "width_mm": 60,
+    "height_mm": 30,
+    "yaw_deg": 15,
+}
 DIGESTS = [  # as computed by the program that was first to store them
     (
         {"kind": "confirm", "item": ITEM},
@@ -32,6 +40,10 @@ DIGESTS = [  # as computed by the program that was first to store them
     (
         {"kind": "comment", "text": "Ä salad"},
         "bab59798734966d2ca8ecd1784a7d3d63acc575bc818d758d287bd70ebc5d8a6",
+    ),
+    (
+        {"kind": "reshape", "item": ITEM, "form": FORM},
+        "49a4301a22ba63dd9a55954e8d559f15d9115c5832a31427441130e77b5f6efd",
     ),
     ({"kind": "confirm_meal"}, "48f1e165eda43bde63580a3ca36039de9f788b497bab61cf1af9b774455710e7"),
     ({"kind": "undo", "event": EVENT}, "693abee5d543c6fc667d0418de82bead2e3855e99a80170842026bd6e4ff4957"),

@@ -355,7 +355,7 @@ def test_order_in_which_rows_are_read_does_not_matter(one):
 
 KINDS = (
     "confirm", "reject", "set_food", "set_volume", "set_mass", "portion", "set_share", "split", "merge", "undo",
-    "redraw",
+    "redraw", "reshape",
 )  # fmt: skip
 STEPS = st.lists(
     st.tuples(
@@ -390,6 +390,7 @@ def told(steps):
             grams = {"mass_g": 1.0 + other, "of": "edible"}
             values = {
                 "set_volume": {"volume_ml": 1.0 + other},
+                "reshape": {"volume_ml": 2.0 + other, "form": {}, "run": str(uuid.uuid4())},
                 "set_mass": grams,
                 "portion": grams | {"portion_of": f"food-{1 + other % 3}"},
             }.get(kind, {})
@@ -442,7 +443,8 @@ class SlowFold:
         return sorted(found, key=lambda event: (LAYERS.index(event.layer), event.sequence), reverse=True)
 
     def summary(self, item):
-        spoken = self.words(item, "confirm", "reject", "set_food", "set_volume", "set_mass", "redraw", "split", "merge")
+        amounts = ("set_volume", "set_mass", "reshape", "redraw")
+        spoken = self.words(item, "confirm", "reject", "set_food", *amounts, "split", "merge")
         word = None
         if spoken:
             corrects = any(event.kind not in ("confirm", "reject") for event in spoken)
@@ -471,8 +473,8 @@ class SlowFold:
         """("ml" or "g", number) by walking down from the word that counts most; None: not known."""
         measures = {row.event_id: row.volume_ml for row in self.parts.measures.get(item.id, ())}
         is_lost = False
-        for event in self.words(item, "set_volume", "set_mass", "redraw"):
-            if event.kind == "set_volume":
+        for event in self.words(item, "set_volume", "set_mass", "reshape", "redraw"):
+            if event.kind in ("set_volume", "reshape"):
                 return ("ml", event.new["volume_ml"])
             if event.kind == "set_mass" and event.new.get("portion_of") in (None, f"food-{self.food(item)}"):
                 return ("g", event.new["mass_g"])

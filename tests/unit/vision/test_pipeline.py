@@ -59,6 +59,14 @@ def test_ball_has_its_volume_and_its_outline(estimate, pair):
     assert np.count_nonzero((drawn > 0) & truth) / np.count_nonzero((drawn > 0) | truth) > 0.85
 
 
+@pytest.mark.slow
+def test_outline_that_is_sent_back_as_it_was_given_measures_the_same_volume(estimate, pair):
+    (item,) = estimate.items
+    rings = tuple(tuple(map(tuple, ring.tolist())) for ring in item.rings)
+    (again,) = estimate_meal(pair, replace(OPTIONS, hints=(Hint(polygon=rings),))).items
+    assert again.volume_ml == pytest.approx(item.volume_ml, rel=0.03)  # 1.5 px of an outline 200 px across, twice
+
+
 def test_stages_are_told_and_timed_in_order(pair):
     heard = []
     estimate = estimate_meal(pair, OPTIONS, on_stage=heard.append)
