@@ -23,7 +23,7 @@ class SeenRegion:
     run_id: uuid.UUID
     rings: list[Ring]
     colour: dict[str, ColourDetails] | None
-    marker: str
+    marker: str | None
 
 
 def meals_to_describe(

@@ -1,7 +1,7 @@
-"""Choose a meal's camera, in order: from its metadata, its phone's calibration, that of the model, the study's.
+"""Choose a meal's camera or rig, in order: from its metadata, its phone's calibration, that of the model, the study's.
 
-A calibration that does not fit the photographs (another aspect ratio) is skipped. A camera of the meal's metadata never
-is, so that a wrong one is reported. If there is no camera, EXIF gives the focal length.
+A calibration that does not fit the photographs (another aspect ratio) is skipped. A camera or rig of the meal's
+metadata never is, so that a wrong one is reported. If there is no camera, EXIF gives the focal length.
 """
 
 import uuid
@@ -13,11 +13,15 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import Failure
+from app.estimates.camera_json import rig_to_json
+from app.meals.models import Meal
 from app.meals.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
 from app.people.calibration_models import CameraCalibration, CameraDetails
 from app.people.models import Study
+from app.photos.slots import PAIR_SLOTS
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
+from app.vision.rig import StereoRig, adapt_rig, rig_from_mapping
 
 Size = tuple[int, int]  # width, height, px, upright
 ChosenFrom = Literal["meal", "device", "model", "study", "exif"]
@@ -25,15 +29,18 @@ ChosenFrom = Literal["meal", "device", "model", "study", "exif"]
 
 @dataclass(frozen=True, slots=True)
 class ChosenCamera:
-    """camera None: from EXIF. calibrations: those that the camera was computed from."""
+    """camera None: from EXIF, or the rig's. calibrations: those that the camera was computed from, or the rig is."""
 
     camera: Camera | None
     chosen_from: ChosenFrom
     calibrations: tuple[uuid.UUID, ...] = ()
+    rig: StereoRig | None = None
 
     def note_in(self, answer: RunAnswer) -> None:
         """Record the choice in a run's answer."""
         answer.parameters["camera_from"] = self.chosen_from
+        if self.rig is not None:
+            answer.parameters["rig"] = rig_to_json(self.rig)
         for camera in (answer.camera, answer.camera_right):
             if camera is not None:
                 camera |= {"chosen_from": self.chosen_from, "calibrations": [str(each) for each in self.calibrations]}
@@ -54,6 +61,39 @@ def choose_camera(
         if chosen.camera is not None and _fits(chosen.camera, sizes):
             return chosen
     return ChosenCamera(None, "exif")
+
+
+def choose_rig(session: Session, *, meal: Meal, study: Study, sizes: Sequence[Size]) -> ChosenCamera | None:
+    """Choose the rig for a meal's photographs; None: the marker is their scale.
+
+    A marker of the meal's own metadata goes before stored rigs, and these go before the study's marker. If no stored
+    rig fits and there is no marker, the first is chosen, so that the mismatch is reported.
+    """
+    own = meal.details.get("rig")
+    if own is not None:
+        return ChosenCamera(None, "meal", rig=rig_from_mapping(own))
+    if meal.details["marker"] is not None or len(meal.view_slots) != len(PAIR_SLOTS):
+        return None
+    rigs = list(stored_rigs(session, meal.device_id, study.id))
+    fitting = (each for each in rigs if each.rig is not None and not isinstance(adapt_rig(each.rig, *sizes), Failure))
+    return next(fitting, rigs[0] if rigs and study.marker is None else None)
+
+
+def stored_rigs(session: Session, device_id: uuid.UUID, study_id: uuid.UUID) -> Iterator[ChosenCamera]:
+    """Yield the rigs that a phone's meals may use: its own, its model's, the study's."""
+    own = calibrations.newest_rig_of_device(session, device_id)
+    if own is not None:
+        yield _chosen_rig(own, "device")
+    model = calibrations.model_of_device(session, device_id)
+    places: tuple[tuple[ChosenFrom, str | None], ...] = (("model", model), ("study", None))
+    for chosen_from, of_model in places if model is not None else places[1:]:
+        row = calibrations.newest_rig_of_study(session, study_id, of_model)
+        if row is not None:
+            yield _chosen_rig(row, chosen_from)
+
+
+def _chosen_rig(row: CameraCalibration, chosen_from: ChosenFrom) -> ChosenCamera:
+    return ChosenCamera(None, chosen_from, (row.id,), rig_from_mapping(row.rig))
 
 
 def median_camera(cameras: Sequence[Camera], size: Size) -> Camera | None:

@@ -82,11 +82,11 @@ class _PictureRequest(BaseModel):
 
 
 class _RegionRequest(BaseModel):
-    """rings: px. colour: what the run kept of the photograph's; None: it is measured by the marker."""
+    """rings: px. colour: what the run kept of the photograph's; None: it is measured by the marker, if there is one."""
 
     rings: list[list[tuple[float, float]]]
     colour: Json | None
-    marker: str
+    marker: str | None
 
 
 class _ClassifyRequest(BaseModel):
@@ -296,7 +296,7 @@ def describe_task(arguments: Arguments, _: StageListener) -> Json:
     photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
     if isinstance(photo, Failure):
         return {"failure": failure_to_json(photo), "vcms": []}
-    measured: dict[str, ColourCorrection | None] = {}
+    measured: dict[str | None, ColourCorrection | None] = {}
     vcms: list[JsonValue] = []
     for region in request.regions:
         if region.colour is not None:
@@ -338,8 +338,10 @@ def classify_task(arguments: Arguments, _: StageListener) -> Json:
     return {"failure": None, "probabilities": answers}
 
 
-def _colour_by_marker(photo: Photo, marker: str) -> ColourCorrection | None:
-    """As the pipeline measures it; None where the board is not found: the pixels as they are."""
+def _colour_by_marker(photo: Photo, marker: str | None) -> ColourCorrection | None:
+    """As the pipeline measures it; None where there is no board or it is not found: the pixels as they are."""
+    if marker is None:
+        return None
     found = find_marker(photo, parse_marker(marker))
     return None if isinstance(found, Failure) else measure_colour(photo, found)
 

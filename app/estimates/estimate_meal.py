@@ -24,10 +24,10 @@ from app.core.errors import Failure
 from app.core.logs import bind_log_context
 from app.core.settings import Settings
 from app.db.session import Database
-from app.estimates.camera_choice import choose_camera
+from app.estimates.camera_choice import ChosenCamera, choose_camera, choose_rig
 from app.estimates.estimate_json import (
     answer_of,
-    options_from_json,
+    hint_from_json,
     options_to_json,
     with_forms,
 )
@@ -48,6 +48,7 @@ from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import vessels_of_meal
+from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MealEstimate
 from app.vision.version import PIPELINE_VERSION
 
@@ -60,6 +61,12 @@ STAGES = frozenset(
 
 AWAITS_ROOM = "waits_for_room"  # stage of a meal between two tries of an estimate that was killed or took too long
 
+SCALE_MISSING = Failure(
+    "scale_missing",
+    "Neither the meal nor its study names a marker, and there is no stereo rig for its photographs any more.",
+    "Ask the people who run the study to name the marker in its settings, or to send the rig again, and to queue the "
+    "meal again.",
+)
 PHOTO_DAMAGED = Failure(
     "photo_damaged",
     "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
@@ -106,18 +113,15 @@ class EstimateMeal:
             images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in slots}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
-            chosen = choose_camera(
-                session,
-                meal_camera=_meal_camera(job, meal),
-                device_id=meal.device_id,
-                study=study,
-                sizes=[  # of further views, those that the camera does not fit are left out
-                    (images[slot].width_px, images[slot].height_px) for slot in slots[: len(PAIR_SLOTS)]
-                ],
+            sizes = [  # of further views, those that the camera does not fit are left out
+                (images[slot].width_px, images[slot].height_px) for slot in slots[: len(PAIR_SLOTS)]
+            ]
+            chosen = choose_rig(session, meal=meal, study=study, sizes=sizes) or choose_camera(
+                session, meal_camera=_meal_camera(job, meal), device_id=meal.device_id, study=study, sizes=sizes
             )
             library = vessels_of_meal(session, study.id, hints)
-            options = self._options(session, meal, study, library.in_hints(hints))
-            options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
+            options = self._options(session, meal, study, library.in_hints(hints), chosen)
+            options = replace(options, vessels=library.models, is_complete=is_complete)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
@@ -170,10 +174,17 @@ class EstimateMeal:
         raise JobFailure(PHOTOGRAPH_ERASED)
 
     def _options(
-        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
+        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]], chosen: ChosenCamera
     ) -> EstimateOptions:
-        details = meal.details
-        options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
+        marker = (meal.details["marker"] or study.marker) if chosen.rig is None else None
+        if marker is None and chosen.rig is None:
+            raise JobFailure(SCALE_MISSING)
+        options = EstimateOptions(
+            marker=parse_marker(marker) if marker is not None else None,
+            camera=chosen.camera,
+            rig=chosen.rig,
+            hints=tuple(hint_from_json(hint) for hint in hints),
+        )
         keys = {hint.food for hint in options.hints if hint.food}
         return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
 

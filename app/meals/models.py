@@ -9,7 +9,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.outline_json import Polygon
-from app.people.calibration_models import CameraDetails
+from app.people.calibration_models import CameraDetails, RigDetails
 from app.photos.slots import SLOTS, VIEW_SLOTS
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
@@ -81,13 +81,17 @@ class DeclaredItemDetails(TypedDict):
 
 
 class MealDetails(PairDetails):
-    """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2."""
+    """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2.
+
+    rig: if it was sent.
+    """
 
     marker: str | None
     location: dict[str, float] | None
     app_version: str | None
     declared: NotRequired[list[DeclaredItemDetails]]
     views: NotRequired[int]
+    rig: NotRequired[RigDetails]
 
 
 class Meal(Base):

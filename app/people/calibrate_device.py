@@ -1,6 +1,7 @@
-"""Measure a phone's camera from photographs of the board, for the phone's later meals; list and withdraw calibrations.
+"""Measure a phone's camera from photographs of the board, for its later meals; keep rigs; list and withdraw both.
 
-The photographs are not kept. A bad calibration would spoil every later meal, so a doubtful one is refused.
+The photographs are not kept. A bad calibration would spoil every later meal, so a doubtful one is refused. Rigs are
+calibrated elsewhere (`tada calibrate --rig`) and sent by a phone for itself, or by staff for a study's phones.
 """
 
 import uuid
@@ -19,14 +20,15 @@ from app.db.session import Database
 from app.http.upload import ReceivedFile
 from app.people import calibration_queries as calibrations
 from app.people.access import audit
-from app.people.access.caller import Caller, DeviceCaller, require_study
-from app.people.calibration_models import CameraCalibration, CameraDetails
-from app.people.calibration_schemas import CameraIn
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller, require_study
+from app.people.calibration_models import CameraCalibration, CameraDetails, RigDetails
+from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import Device, Study
 from app.people.participants import require_in_study
 from app.people.studies import load_study
 from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
 from app.vision.marker_spec import parse_marker
+from app.vision.rig import rig_from_mapping
 
 MIN_PHOTOGRAPHS, MAX_PHOTOGRAPHS = 3, 30
 SECONDS = 90.0  # thirty photographs of 12 megapixels take about twenty
@@ -137,9 +139,61 @@ def calibrate_device(
             "calibration.create",
             subject=caller.participant_alias,
             calibration=str(row.id),
-            rms_px=round(row.rms_px, 3),
+            rms_px=round(fit.rms_px, 3),
         )
     return NewCalibration(row, fit.left_out)
+
+
+def keep_own_rig(database: Database, caller: DeviceCaller, rig: RigIn) -> CameraCalibration:
+    """Keep a phone's own rig.
+
+    Raises InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError (`calibrations_too_many`), GoneError.
+    """
+    row = _rig_row(rig, AUTHOR_PHONE)
+    with database.write() as session:
+        require_in_study(session, caller.participant_id)
+        _require_room(calibrations.count_of_device(session, caller.device_id))
+        row.device_id, row.model = caller.device_id, session.get_one(Device, caller.device_id).model
+        session.add(row)
+        audit.note(
+            session, caller, "calibration.create", subject=caller.participant_alias, calibration=str(row.id), kind="rig"
+        )
+    return row
+
+
+def keep_study_rig(
+    database: Database, caller: StaffCaller, study_code: str, model: str | None, rig: RigIn
+) -> CameraCalibration:
+    """Keep a rig for a study's phones of a model, or for all of them.
+
+    Raises NotFoundError, InvalidInputError (`rig_invalid`, `camera_invalid`).
+    """
+    row = _rig_row(rig, caller.name)
+    with database.write() as session:
+        row.study_id, row.model = load_study(session, study_code).id, model
+        session.add(row)
+        audit.note(session, caller, "calibration.create", study_id=row.study_id, calibration=str(row.id), kind="rig")
+    return row
+
+
+def rig_details(rig: RigIn) -> RigDetails:
+    """Return a request's rig as stored. Raises InvalidInputError (`rig_invalid`, `camera_invalid`)."""
+    details = rig.model_dump(mode="json", include={"left", "right", "R", "t_mm"})
+    rig_from_mapping(details)
+    return cast("RigDetails", details)
+
+
+def _rig_row(rig: RigIn, author: str) -> CameraCalibration:
+    details = rig_details(rig)
+    return CameraCalibration(
+        id=uuid.uuid4(),
+        camera=details["left"],
+        rig=details,
+        rms_px=rig.rms_px,
+        photographs=rig.pairs,
+        author=author,
+        created_at=datetime.now(UTC),
+    )
 
 
 def own_calibrations(database: Database, caller: DeviceCaller) -> Sequence[CameraCalibration]:
@@ -148,8 +202,11 @@ def own_calibrations(database: Database, caller: DeviceCaller) -> Sequence[Camer
         return calibrations.of_device(session, caller.device_id, MAX_LISTED)
 
 
-def study_calibrations(database: Database, study_code: str) -> list[tuple[CameraCalibration, str]]:
-    """Return the newest MAX_LISTED (calibration, participant's code) of a study. Raises NotFoundError."""
+def study_calibrations(database: Database, study_code: str) -> list[tuple[CameraCalibration, str | None]]:
+    """Return the newest MAX_LISTED (calibration, participant's code) of a study and its phones.
+
+    Raises NotFoundError.
+    """
     with database.read() as session:
         return calibrations.of_study(session, load_study(session, study_code).id, MAX_LISTED)
 

@@ -1,4 +1,4 @@
-"""SQL of camera calibrations."""
+"""SQL of calibrations: cameras and rigs."""
 
 import uuid
 from collections.abc import Sequence
@@ -12,12 +12,30 @@ from app.people.models import Device, Participant
 MAX_DEVICES = 1000  # of one model in one study: enough for a median
 
 
+IS_CAMERA, IS_RIG = CameraCalibration.rig.is_(None), CameraCalibration.rig.is_not(None)
+NEWEST_FIRST = CameraCalibration.created_at.desc(), CameraCalibration.id.desc()
+
+
 def newest_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibration | None:
-    """Return the calibration that a phone uses."""
+    """Return the camera calibration that a phone uses."""
+    return _newest(session, IS_CAMERA, CameraCalibration.device_id == device_id)
+
+
+def newest_rig_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibration | None:
+    """Return a phone's own rig."""
+    return _newest(session, IS_RIG, CameraCalibration.device_id == device_id)
+
+
+def newest_rig_of_study(session: Session, study_id: uuid.UUID, model: str | None) -> CameraCalibration | None:
+    """Return the rig that staff sent for the study's phones of this model; None: for all of its phones."""
+    return _newest(session, IS_RIG, CameraCalibration.study_id == study_id, CameraCalibration.model == model)
+
+
+def _newest(session: Session, *conditions: sa.ColumnElement[bool]) -> CameraCalibration | None:
     return session.scalars(
         sa.select(CameraCalibration)
-        .where(CameraCalibration.device_id == device_id, CameraCalibration.withdrawn_at.is_(None))
-        .order_by(CameraCalibration.created_at.desc(), CameraCalibration.id.desc())
+        .where(CameraCalibration.withdrawn_at.is_(None), *conditions)
+        .order_by(*NEWEST_FIRST)
         .limit(1)
     ).one_or_none()
 
@@ -38,13 +56,14 @@ def newest_of_model(session: Session, study_id: uuid.UUID, model: str) -> list[C
             sa.func.row_number()
             .over(
                 partition_by=CameraCalibration.device_id,
-                order_by=(CameraCalibration.created_at.desc(), CameraCalibration.id.desc()),
+                order_by=NEWEST_FIRST,
             )
             .label("age"),
         )
         .join(Device, Device.id == CameraCalibration.device_id)
         .join(Participant, Participant.id == Device.participant_id)
         .where(
+            IS_CAMERA,
             Participant.study_id == study_id,
             sa.or_(CameraCalibration.model == model, Device.model == model),
             CameraCalibration.withdrawn_at.is_(None),
@@ -60,30 +79,32 @@ def of_device(session: Session, device_id: uuid.UUID, limit: int) -> Sequence[Ca
     return session.scalars(
         sa.select(CameraCalibration)
         .where(CameraCalibration.device_id == device_id)
-        .order_by(CameraCalibration.created_at.desc(), CameraCalibration.id.desc())
+        .order_by(*NEWEST_FIRST)
         .limit(limit)
     ).all()
 
 
-def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[CameraCalibration, str]]:
-    """Return (calibration, participant's code) of the study's phones, including withdrawn ones, the newest first."""
+def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[CameraCalibration, str | None]]:
+    """Return (calibration, participant's code) of a study and its phones, withdrawn ones too, the newest first."""
     rows = session.execute(
         sa.select(CameraCalibration, Participant.code)
-        .join(Device, Device.id == CameraCalibration.device_id)
-        .join(Participant, Participant.id == Device.participant_id)
-        .where(Participant.study_id == study_id)
-        .order_by(CameraCalibration.created_at.desc(), CameraCalibration.id.desc())
+        .outerjoin(Device, Device.id == CameraCalibration.device_id)
+        .outerjoin(Participant, Participant.id == Device.participant_id)
+        .where(sa.or_(Participant.study_id == study_id, CameraCalibration.study_id == study_id))
+        .order_by(*NEWEST_FIRST)
         .limit(limit)
     )
     return [(calibration, code) for calibration, code in rows]
 
 
-def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID] | None:
-    """Return (calibration, its study's id, its participant's alias)."""
+def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID | None] | None:
+    """Return (calibration, its study's id, its participant's alias; None: the study's own)."""
     row = session.execute(
-        sa.select(CameraCalibration, Participant.study_id, Participant.alias)
-        .join(Device, Device.id == CameraCalibration.device_id)
-        .join(Participant, Participant.id == Device.participant_id)
+        sa.select(
+            CameraCalibration, sa.func.coalesce(Participant.study_id, CameraCalibration.study_id), Participant.alias
+        )
+        .outerjoin(Device, Device.id == CameraCalibration.device_id)
+        .outerjoin(Participant, Participant.id == Device.participant_id)
         .where(CameraCalibration.id == calibration_id)
     ).one_or_none()
     return None if row is None else (row[0], row[1], row[2])

@@ -1,17 +1,18 @@
-"""/v1/calibrations: measure a phone's camera from photographs of the board, for its later meals."""
+"""/v1/calibrations, /v1/rigs: measure a phone's camera from photographs of the board, or keep a stereo rig."""
 
 import uuid
 from datetime import datetime
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, Literal, TypedDict
 
 import anyio.to_thread
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 
 from app.children.api_children import ApiChildren
 from app.http.flat_list import ListRoute
 from app.http.metadata import validated
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
+from app.http.text_schemas import Text
 from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
 from app.people import calibrate_device
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
@@ -24,6 +25,8 @@ from app.people.calibration_schemas import (
     CameraIn,
     LeftOutPhotographOut,
     NewCalibrationOut,
+    RigIn,
+    RigOut,
     StudyCalibrationList,
     StudyCalibrationOut,
 )
@@ -96,7 +99,7 @@ def get_own_calibrations(state: State, caller: CurrentDevice) -> CalibrationList
 
 @router.get("/v1/studies/{study}/calibrations", responses=problem_responses(401, 403, 404, 422))
 def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> StudyCalibrationList:
-    """The newest 1,000 calibrations of the study's phones, including withdrawn ones, the newest first."""
+    """The newest 1,000 calibrations of the study and its phones, including withdrawn ones, the newest first."""
     rows = calibrate_device.study_calibrations(state.database, study)
     return StudyCalibrationList(
         items=[
@@ -104,6 +107,27 @@ def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> S
             for row, participant in rows
         ]
     )
+
+
+@router.post("/v1/rigs", status_code=201, responses=problem_responses(401, 403, 409, 410, 413, 422))
+def post_own_rig(body: RigIn, state: State, caller: CurrentDevice) -> CalibrationOut:
+    """Keep this phone's stereo rig, as `tada calibrate --rig --json` prints it: its meals then need no marker."""
+    return CalibrationOut(**_fields(calibrate_device.keep_own_rig(state.database, caller, body)))
+
+
+@router.post("/v1/studies/{study}/rigs", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
+def post_study_rig(
+    study: StudyCode,
+    body: RigIn,
+    state: State,
+    owner: CurrentStaff,
+    model: Annotated[
+        Text | None,
+        Query(min_length=1, max_length=200, description="Only for the study's phones of this model; default: for all."),
+    ] = None,
+) -> CalibrationOut:
+    """Keep a stereo rig for the study's phones that have none of their own."""
+    return CalibrationOut(**_fields(calibrate_device.keep_study_rig(state.database, owner, study, model, body)))
 
 
 @router.post("/v1/calibrations/{calibration_id}/withdrawal", responses=problem_responses(401, 403, 404, 410, 422))
@@ -116,11 +140,13 @@ def post_calibration_withdrawal(
 
 class _CalibrationFields(TypedDict):
     id: uuid.UUID
+    kind: Literal["camera", "rig"]
     model: str | None
-    marker: str
+    marker: str | None
     camera: CameraIn
-    rms_px: float
-    photographs: int
+    rig: RigOut | None
+    rms_px: float | None
+    photographs: int | None
     created_at: datetime
     withdrawn_at: datetime | None
 
@@ -128,10 +154,12 @@ class _CalibrationFields(TypedDict):
 def _fields(row: CameraCalibration) -> _CalibrationFields:
     return {
         "id": row.id,
+        "kind": "camera" if row.rig is None else "rig",
         "model": row.model,
         "marker": row.marker,
         "camera": CameraIn.model_validate(row.camera),
-        "rms_px": round(row.rms_px, 4),
+        "rig": RigOut.model_validate(row.rig) if row.rig is not None else None,
+        "rms_px": round(row.rms_px, 4) if row.rms_px is not None else None,
         "photographs": row.photographs,
         "created_at": row.created_at,
         "withdrawn_at": row.withdrawn_at,

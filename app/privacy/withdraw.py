@@ -36,7 +36,7 @@ from app.records import queries as records
 from app.records.project_records import project_meal
 
 WITHDRAWN = "withdrawn"  # replaces names
-KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
+KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera", "rig")
 NO_DETAILS: dict[str, object] = {"hints": [], "location": None, "app_version": None}
 FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/review_meal.py)
 

@@ -24,9 +24,9 @@ from app.meals.models import DEFAULT_VIEWS, AfterStatus, MealStatus
 from app.meals.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
 from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
-from app.people.calibration_schemas import CameraIn
+from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import LOCALES
-from app.photos.slots import VIEW_SLOTS
+from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
 from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
 
@@ -111,6 +111,11 @@ class MealMetadataIn(BaseModel):
         description="Intrinsics of the phone's camera; null: the phone's calibration, else its model's, else the "
         "study's, else from EXIF.",
     )
+    rig: RigIn | None = Field(
+        default=None,
+        description="The stereo rig that took left and right, in place of marker and camera; null: the phone's, else "
+        "its model's, else the study's, if there is one and no marker is named here.",
+    )
     hints: list[HintIn] = Field(
         default_factory=list,
         max_length=MAX_HINTS,
@@ -131,6 +136,14 @@ class MealMetadataIn(BaseModel):
         default=None, description="Where the meal was eaten; kept only if the study keeps locations."
     )
     app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")
+
+    @model_validator(mode="after")
+    def _rig_alone(self) -> "MealMetadataIn":
+        if self.rig is not None and (self.marker is not None or self.camera is not None):
+            raise ValueError("a rig has its own cameras and scale: leave marker and camera out")
+        if self.rig is not None and self.views != len(PAIR_SLOTS):
+            raise ValueError("a rig takes two photographs, left and right: leave views out")
+        return self
 
 
 class NewMealMetadataIn(MealMetadataIn):
@@ -191,7 +204,9 @@ class RunOut(BaseModel):
     id: uuid.UUID = Field(description="The run's id.")
     method: str = Field(description="The method of measuring volumes: shape, paper or paper-strict (docs/volume.md).")
     pipeline_version: str = Field(description="The version of the pipeline.")
-    marker: str = Field(description="The board that the run looked for, such as plain:9x7:11.")
+    marker: str | None = Field(
+        description="The board that the run looked for, such as plain:9x7:11; null: none, a rig gave the scale."
+    )
     camera: dict[str, Any] | None = Field(
         description="Intrinsics that the run used, of the left and the right photograph; null: it failed before it "
         "had any."

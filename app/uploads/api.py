@@ -24,6 +24,7 @@ from app.meals.models import HintDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
+from app.people.calibrate_device import rig_details
 from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
 from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS
@@ -211,7 +212,7 @@ def _part_missing(parts: list[str]) -> MalformedRequestError:
 
 
 def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]) -> MealMetadata:
-    """Raises InvalidInputError (time, zone, marker)."""
+    """Raises InvalidInputError (time, zone, marker, rig)."""
     if checked.marker is not None:
         parse_marker(checked.marker)
     return MealMetadata(
@@ -219,6 +220,7 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
         time=meal_time(checked.captured_at, checked.time_zone, datetime.now(UTC)),
         marker=checked.marker,
         camera=camera_details(checked.camera),
+        rig=rig_details(checked.rig) if checked.rig is not None else None,
         hints=hint_details(checked.hints),
         complete=checked.complete,
         views=checked.views,

@@ -27,6 +27,7 @@ FEATURES = (  # docs/apps.md describes each
     "hints_are_additions",
     "parts",
     "questions",
+    "rigs",
     "unknown_fields",
     "vessels",
 )

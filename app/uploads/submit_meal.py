@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.core.logs import bind_log_context
 from app.db.session import Database
+from app.estimates.camera_choice import stored_rigs
 from app.estimates.check_hints import require_valid_hints
 from app.http.upload import ReceivedFile
 from app.jobs.queue import JobQueue
@@ -30,7 +31,7 @@ from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
-from app.people.calibration_models import CameraDetails
+from app.people.calibration_models import CameraDetails, RigDetails
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
@@ -45,6 +46,7 @@ COMPARED = (  # equal in a repetition
     "time_zone",
     "marker",
     "camera",
+    "rig",
     "hints",
     "complete",
     "views",
@@ -63,6 +65,7 @@ class MealMetadata:
     time: MealTime
     marker: str | None = None
     camera: CameraDetails | None = None
+    rig: RigDetails | None = None
     hints: tuple[HintDetails, ...] = ()
     complete: bool = False
     location: Mapping[str, float] | None = None
@@ -116,12 +119,12 @@ class SubmitMeal:
         bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:
             study = session.get_one(Study, caller.study_id)
-        if metadata is not None and metadata.marker is None and study.marker is None:
-            raise InvalidInputError(
-                "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
-                "such as plain:9x7:11.",
-                code="marker_missing",
-            )
+            if metadata is not None and not _has_scale(session, caller, study, metadata):
+                raise InvalidInputError(
+                    "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
+                    "such as plain:9x7:11, or the stereo rig that took the photographs.",
+                    code="marker_missing",
+                )
         policy = policy_of(study)
         photos = self._photo_intake.prepare(files, policy)
         location = policy.apply(
@@ -215,6 +218,13 @@ class SubmitMeal:
         return Submitted(is_new, MealView(meal, participant.code, upload.study.code, arrived))
 
 
+def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata) -> bool:
+    """Whether a marker is named, or a rig is given or stored."""
+    if metadata.marker is not None or metadata.rig is not None or study.marker is not None:
+        return True
+    return metadata.views == DEFAULT_VIEWS and any(stored_rigs(session, caller.device_id, study.id))
+
+
 def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealDetails:
     """Return the metadata as stored. location: as the study's policy allows."""
     details: MealDetails = {
@@ -231,6 +241,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
         details["complete"] = True
     if metadata.views != DEFAULT_VIEWS:
         details["views"] = metadata.views
+    if metadata.rig is not None:
+        details["rig"] = metadata.rig
     return details
 
 

@@ -308,9 +308,11 @@ def _measure(
         trace.table = foods.table
         others = [undistorted_view(view, pair.focal_px) for view in trace.others]
         measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints, others=others)
-    if isinstance(measured, Failure) or doubt.focal_sd <= FLAG_SD:
+    if isinstance(measured, Failure) or (options.rig is None and doubt.focal_sd <= FLAG_SD):
         return measured
-    return [replace(item, flags=(*item.flags, "focal_unknown")) for item in measured]
+    return [
+        replace(item, flags=(*item.flags, "scale_from_rig" if options.rig else "focal_unknown")) for item in measured
+    ]
 
 
 def _measure_as_printed(

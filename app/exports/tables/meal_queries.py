@@ -59,7 +59,7 @@ class MealRun(NamedTuple):
     id: uuid.UUID
     method: str
     pipeline_version: str
-    marker: str
+    marker: str | None
     food_releases: list[str]
 
 

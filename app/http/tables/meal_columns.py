@@ -90,7 +90,12 @@ MEAL_RUN = Part(
         Column("run_id", "id", meaning="The newest run of the pipeline on the meal's own pair.", empty=NO_RUN),
         Column("method", "word", meaning="The run's method of measuring volumes.", empty=NO_RUN),
         Column("pipeline_version", "word", meaning="The run's version of the pipeline.", empty=NO_RUN),
-        Column("marker", "word", meaning="The board that the run looked for.", empty=NO_RUN),
+        Column(
+            "marker",
+            "word",
+            meaning="The board that the run looked for.",
+            empty=f"{NO_RUN} Or a stereo rig gave the scale.",
+        ),
         Column(
             "food_tables",
             "word",

@@ -150,6 +150,8 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/calibrations": DEVICE,
     "POST /v1/calibrations/{calibration_id}/withdrawal": OWNER_OR_DEVICE,
     "GET /v1/studies/{study}/calibrations": VIEWER,
+    "POST /v1/rigs": DEVICE,
+    "POST /v1/studies/{study}/rigs": OWNER,
     # the study's vessels
     "GET /v1/me/vessels": DEVICE,
     "GET /v1/studies/{study}/vessels": VIEWER,

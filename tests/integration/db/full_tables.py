@@ -14,6 +14,8 @@ ALSO = {
     "access_token": {"staff_id": ONE},  # somebody's
     "item": VOLUME | {"run_id": ONE},  # found by a run
     "effective_record": VOLUME,
+    "camera_calibration": {"marker": "plain:9x7:11", "rms_px": 0.2, "photographs": 9},  # no rig
+    "run": {"marker": "plain:9x7:11"},  # not by a rig
     "leftover": {"item_id": ONE},  # matched
 }
 VALUES = {

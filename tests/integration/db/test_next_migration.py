@@ -5,6 +5,7 @@ import sqlite3
 import pytest
 import sqlalchemy as sa
 
+from app.core.errors import ConflictError
 from app.db.base import Base
 from app.db.migrate import downgrade, upgrade
 from app.db.schema_state import current_revision, head_revision, is_current
@@ -78,6 +79,14 @@ def test_schema_goes_down_to_nothing_and_up_again(full):
         assert sa.inspect(session.connection()).get_table_names() in ([], ["alembic_version"])
     upgrade(full)
     assert is_current(full)
+
+
+def test_way_back_behind_rigs_is_refused_while_a_run_has_no_marker(full):
+    execute(full, "UPDATE run SET marker = NULL")
+    before = rows_of(full)
+    with pytest.raises(ConflictError, match="no place for runs without a marker"):
+        downgrade(full, "20261124_baseline")
+    assert rows_of(full) == before
 
 
 @pytest.mark.parametrize(

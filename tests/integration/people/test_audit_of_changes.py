@@ -15,6 +15,7 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import QUARK
 from tests.integration.people.people import PASSWORD, make_staff
 from tests.photographs import pair
+from tests.unit.vision.test_rig import FILE as RIG_FILE
 
 UNNOTED = {
     ("POST", "/v1/checks"): "judges a pair and keeps nothing",
@@ -72,6 +73,8 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_webhooks(walk, admin)
     call_of_foods(walk, admin)
     call_of_vessels(walk, admin)
+    walk(phone, "POST", "/v1/rigs", RIG_FILE)
+    walk(admin, "POST", "/v1/studies/{study}/rigs", RIG_FILE, **STUDY)
     call_of_remeasurements(walk, admin)
     export = walk(admin, "POST", "/v1/studies/{study}/exports", {"rows": "days"}, **STUDY).json()
     walk(admin, "DELETE", "/v1/studies/{study}/exports/{export_id}", export_id=export["id"], **STUDY)

@@ -1,0 +1,257 @@
+"""Stereo rigs over HTTP: kept per phone, model and study; a meal by one needs no marker and its run names the rig."""
+
+import csv
+import io
+import json
+import uuid
+
+import cv2
+import pytest
+
+from app.children.child_pool import ChildResult
+from app.children.faults import JobFailure
+from app.estimates.camera_json import rig_to_json
+from app.estimates.child_tasks import estimate_task
+from app.estimates.estimate_meal import EstimateMeal
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.access.secret_box import SecretBox
+from app.people.models import Device
+from app.releases.file_runner import FileRunner
+from tests import estimates
+from tests.estimates import answer, found_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+from tests.unit.vision.rigs import rig_of
+from tests.unit.vision.stereo_scene import Ball, rendered_views
+
+BALL = Ball((115.0, 15.0), 33.0)
+TOLERANCE = 0.06  # the bar of rendered meals by a rig of 60 mm
+DISTORTION = [0.05, -0.1, 0.0, 0.0, 0.0]
+
+
+def rig(focal=512.0, width=640, height=480, baseline=60.0, **changes):
+    """A rig file as `tada calibrate --rig --json` prints it."""
+    camera = {"width": width, "height": height, "fx": focal, "fy": focal, "cx": width / 2, "cy": height / 2}
+    camera |= {"distortion": DISTORTION, "source": "given"}
+    pose = {"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "t_mm": [-baseline, 0.0, 0.0]}
+    return {"left": camera, "right": camera} | pose | {"baseline_mm": baseline, "rms_px": 0.21, "pairs": 9} | changes
+
+
+def send(phone, **body):
+    return phone.client.post("/v1/rigs", headers=phone.headers, json=body)
+
+
+def code(answer):
+    return answer.status_code, answer.json().get("code")
+
+
+class RigChildren:
+    """Answers as a child does, and keeps the options."""
+
+    def __init__(self, run=None):
+        self.options = []
+        self._run = run
+
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
+        options = request.arguments["options"]
+        self.options.append(options)
+        if self._run is not None:
+            return ChildResult("ok", self._run(json.loads(json.dumps(request.arguments)), on_stage))
+        sides = {"camera": options["rig"]["left"], "camera_right": options["rig"]["right"]} if options["rig"] else {}
+        return ChildResult("ok", answer(found_item(hint=None), marker=options["marker"], **sides))
+
+
+def estimate(state, settings, meal_id, run=None):
+    """Estimate a meal as a worker does; returns what the child was asked."""
+    children = RigChildren(run)
+    use_case = EstimateMeal(state.database, state.blobs, children, settings)
+    with state.database.read() as session:
+        job = session.query(Job).join(Meal, Meal.id == Job.meal_id).filter(Meal.client_id == uuid.UUID(meal_id)).one()
+    result = use_case.load(use_case.compute(job.id))
+    with state.database.write() as session:
+        use_case.save(session, job.id, result)
+    return children.options[0]
+
+
+@pytest.fixture
+def no_marker(enrol):
+    """A phone of a study that gives out no marker."""
+    return enrol(marker=None)
+
+
+def set_model(state, model):
+    with state.database.write() as session:
+        session.query(Device).update({"model": model})
+
+
+def test_meal_by_the_phones_rig_needs_no_marker_and_its_run_names_the_rig(no_marker, state, settings, client, admin):
+    assert code(no_marker.post(pair(), metadata=meal_metadata())) == (422, "marker_missing")
+    kept = send(no_marker, **rig()).json()
+    assert (kept["kind"], kept["marker"], kept["rms_px"], kept["photographs"]) == ("rig", None, 0.21, 9)
+    assert kept["rig"]["t_mm"] == [-60.0, 0.0, 0.0]
+    assert no_marker.get("/v1/calibrations").json()["items"] == [kept]
+    body = meal_metadata()
+    assert no_marker.post(pair(), metadata=body).status_code == 202
+    options = estimate(state, settings, body["id"])
+    assert (options["marker"], options["camera"]) == (None, None)
+    assert options["rig"]["left"]["fx"] == 512.0
+    run = no_marker.get(f"/v1/meals/{body['id']}").json()["run"]
+    assert run["marker"] is None
+    assert (run["parameters"]["camera_from"], run["parameters"]["rig"]["t_mm"]) == ("device", [-60.0, 0.0, 0.0])
+    assert run["camera"]["right"]["calibrations"] == [kept["id"]]
+    rows = client.get("/v1/meals?study=pilot&format=ndjson", headers=admin)
+    assert [json.loads(line)["marker"] for line in rows.text.splitlines()] == [None]
+
+
+def test_rig_is_chosen_from_meal_phone_model_and_study_in_this_order(no_marker, state, settings, client, admin):
+    set_model(state, "Twin 3")
+
+    def chosen(**metadata):
+        body = meal_metadata(**metadata)
+        assert no_marker.post(pair(), metadata=body).status_code == 202
+        return estimate(state, settings, body["id"])["rig"]["left"]["fx"]
+
+    def of_study(focal, **model):
+        path = "/v1/studies/pilot/rigs"
+        return client.post(path, headers=admin, json=rig(focal), params=model)
+
+    assert of_study(501.0).status_code == 201
+    assert of_study(502.0, model="Twin 4").status_code == 201
+    assert chosen() == 501.0
+    of_model = of_study(503.0, model="Twin 3").json()
+    assert chosen() == 503.0
+    own = send(no_marker, **rig(504.0)).json()
+    assert chosen() == 504.0
+    assert chosen(rig=rig(505.0)) == 505.0
+    for kept in (own, of_model):
+        path = f"/v1/calibrations/{kept['id']}/withdrawal"
+        assert client.post(path, headers=admin).json()["withdrawn_at"] is not None
+    assert chosen() == 501.0
+    listed = client.get("/v1/studies/pilot/calibrations", headers=admin).json()["items"]
+    assert [(each["participant"], each["model"], each["rig"]["left"]["fx"]) for each in listed] == [
+        ("P001", "Twin 3", 504.0),
+        (None, "Twin 3", 503.0),
+        (None, "Twin 4", 502.0),
+        (None, None, 501.0),
+    ]
+
+
+def test_marker_of_the_meal_or_another_picture_size_leaves_a_stored_rig_aside(phone, state, settings):
+    send(phone, **rig())
+    for metadata, size in (({"marker": "plain:9x7:11"}, (640, 480)), ({}, (480, 640)), ({"views": 1}, (640, 480))):
+        body = meal_metadata(**metadata)
+        photos = {"left": pair(size=size)["left"]} if "views" in metadata else pair(size=size)
+        assert phone.post(photos, metadata=body).status_code == 202
+        options = estimate(state, settings, body["id"])
+        assert (options["rig"], options["marker"]) == (None, "plain:9x7:11")
+
+
+def test_photographs_of_another_size_fail_as_a_mismatch_where_no_marker_could_do(no_marker, state, settings):
+    send(no_marker, **rig())
+    body = meal_metadata()
+    assert no_marker.post(pair(size=(480, 640)), metadata=body).status_code == 202
+    estimate(state, settings, body["id"], run=estimate_task)
+    assert no_marker.get(f"/v1/meals/{body['id']}").json()["failure"]["code"] == "camera_mismatch"
+
+
+def test_rig_that_is_withdrawn_before_the_estimate_fails_the_meal_with_its_reason(no_marker, state, settings):
+    kept = send(no_marker, **rig()).json()
+    body = meal_metadata()
+    no_marker.post(pair(), metadata=body)
+    no_marker.client.post(f"/v1/calibrations/{kept['id']}/withdrawal", headers=no_marker.headers)
+    with pytest.raises(JobFailure) as raised:
+        estimate(state, settings, body["id"])
+    assert raised.value.failure.code == "scale_missing"
+
+
+def test_camera_of_a_phone_is_never_taken_from_its_rig(phone, state, settings):
+    send(phone, **rig(focal=700.0))
+    body = meal_metadata(marker="plain:9x7:11")
+    phone.post(pair(), metadata=body)
+    assert estimate(state, settings, body["id"])["camera"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]}, "rig_invalid"),  # a mirror
+        ({"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}, "invalid"),
+        ({"t_mm": [-0.06, 0.0, 0.0]}, "rig_invalid"),  # metres
+        ({"t_mm": [-60.0, 0.0, "0"]}, "invalid"),
+        ({"t_mm": [-60.0, 0.0, 1e300]}, "invalid"),
+        ({"left": {"width": 640, "height": 480, "fx": 1.0, "fy": 1.0, "cx": 320.0, "cy": 240.0}}, "camera_invalid"),
+        ({"left": 5}, "invalid"),
+        ({"left": None}, "invalid"),
+    ],
+)
+def test_rig_that_cannot_be_is_refused_everywhere(phone, client, admin, changes, expected):
+    body = rig(**changes)
+    sent = [
+        send(phone, **body),
+        client.post("/v1/studies/pilot/rigs", headers=admin, json=body),
+        phone.post(pair(), metadata=meal_metadata(rig=body)),
+    ]
+    assert [each.status_code for each in sent] == [422] * 3
+    if expected != "invalid":
+        assert {each.json()["code"] for each in sent} == {expected}
+    assert phone.get("/v1/calibrations").json()["items"] == []
+
+
+def test_rig_beside_a_marker_or_of_more_views_is_refused(phone):
+    for changes in ({"marker": "plain:9x7:11"}, {"views": 3}, {"camera": {"fx": 1.0}}):
+        refused = phone.post(pair(), metadata=meal_metadata(rig=rig(), **changes))
+        assert refused.status_code == 422
+
+
+def test_common_size_beside_the_cameras_is_that_of_both(phone):
+    camera = {"fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0, "distortion": DISTORTION}
+    kept = send(phone, **(rig() | {"left": camera, "right": camera, "width": 640, "height": 480})).json()
+    assert [kept["rig"][side]["width"] for side in ("left", "right")] == [640, 640]
+
+
+def test_same_meal_with_another_rig_is_another_meal(phone):
+    body = meal_metadata(rig=rig())
+    assert phone.post(pair(), metadata=body).status_code == 202
+    assert phone.post(pair(), metadata=body).status_code == 200
+    assert code(phone.post(pair(), metadata=body | {"rig": rig(baseline=61.0)})) == (409, "meal_id_reused")
+
+
+def test_rigs_are_the_phones_or_the_owners_to_send(phone, client, enrol, admin):
+    other = enrol("P002")
+    assert client.post("/v1/rigs", headers=admin, json=rig()).status_code == 403
+    assert client.post("/v1/studies/pilot/rigs", headers=phone.headers, json=rig()).status_code == 403
+    kept = client.post("/v1/studies/pilot/rigs", headers=admin, json=rig()).json()
+    path = f"/v1/calibrations/{kept['id']}/withdrawal"
+    assert client.post(path, headers=other.headers).status_code == 404
+    assert client.post("/v1/studies/unknown/rigs", headers=admin, json=rig()).status_code == 404
+
+
+def test_release_holds_a_run_without_a_marker(no_marker, state, client, admin):
+    body = meal_metadata(rig=rig())
+    no_marker.post(pair(), metadata=body)
+    estimates.save(state, body["id"], found_item(hint=None), marker=None)
+    releases = "/v1/studies/pilot/releases"
+    assert client.post(releases, headers=admin, json={"name": "first"}).status_code == 202
+    runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
+    assert runner.run_one().outcome == "done"
+    table = client.get(f"{releases}/first/files/meals.csv", headers=admin).text
+    assert [row["marker"] for row in csv.DictReader(io.StringIO(table))] == [""]
+
+
+@pytest.mark.slow
+def test_rendered_meal_by_a_rig_has_its_volume_over_http(no_marker, state, settings):
+    views = rendered_views(BALL)
+    photos = {
+        side: cv2.imencode(".jpg", view.photo.pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        for side, view in zip(("left", "right"), views, strict=True)
+    }
+    document = json.loads(json.dumps(rig_to_json(rig_of(*views))))
+    assert send(no_marker, **document).status_code == 201
+    body = meal_metadata()
+    assert no_marker.post(photos, metadata=body).status_code == 202
+    estimate(state, settings, body["id"], run=estimate_task)
+    meal = no_marker.get(f"/v1/meals/{body['id']}").json()
+    ball = max(meal["items"], key=lambda item: item["volume_ml"])
+    assert abs(ball["volume_ml"] / BALL.volume_ml - 1) < TOLERANCE
+    assert "scale_from_rig" in ball["flags"]
