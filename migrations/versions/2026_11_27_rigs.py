@@ -4,7 +4,7 @@ A rig is a calibration with `rig`; those that staff upload have a study and no p
 older schema has no place for either: the way back is refused while there are any.
 
 Revision ID: 20261127_rigs
-Revises: 20261124_baseline
+Revises: 20261127_reshape
 Create Date: 2026-11-27 01:10:00
 """
 
@@ -17,7 +17,7 @@ from app.core.errors import ConflictError
 from app.operations.triggers import create_triggers
 
 revision = "20261127_rigs"
-down_revision = "20261124_baseline"
+down_revision = "20261127_reshape"
 branch_labels = None
 depends_on = None
 

@@ -85,7 +85,7 @@ def test_way_back_behind_rigs_is_refused_while_a_run_has_no_marker(full):
     execute(full, "UPDATE run SET marker = NULL")
     before = rows_of(full)
     with pytest.raises(ConflictError, match="no place for runs without a marker"):
-        downgrade(full, "20261124_baseline")
+        downgrade(full, "20261127_reshape")
     assert rows_of(full) == before
 
 
