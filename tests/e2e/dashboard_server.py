@@ -4,10 +4,12 @@ import json
 import pathlib
 import uuid
 from dataclasses import dataclass
+from functools import cached_property
 
 import httpx2
 
 from app.db.session import Database
+from app.storage.local import LocalBlobStore
 from tests import estimates
 from tests.e2e.processes import Server
 from tests.photographs import pair
@@ -26,6 +28,11 @@ class DashboardServer:
     @property
     def address(self) -> str:
         return self.server.address
+
+    @cached_property
+    def blobs(self) -> LocalBlobStore:
+        """The store beside it, likewise."""
+        return LocalBlobStore(self.server.data_dir / "blobs")
 
     def make_study(self, code="pilot", name="Pilot study", **fields):
         body = {"code": code, "name": name, "marker": "plain:9x7:11"} | fields

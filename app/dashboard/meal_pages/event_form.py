@@ -13,6 +13,17 @@ from app.dashboard.refusals import sentence
 from app.records.review.schemas import AnyEventIn, EventIn
 
 EVENTS: TypeAdapter[AnyEventIn] = TypeAdapter(EventIn)
+HAND_LABELS: Mapping[str, str] = {  # the numbers of a form by hand
+    "section": "Form",
+    "length_mm": "Length",
+    "width_mm": "Width",
+    "height_mm": "Height",
+    "yaw_deg": "Turned by",
+    "lean_deg": "Leans by",
+    "base_mm": "Foot above the table",
+    "x_mm": "Place, x",
+    "y_mm": "Place, y",
+}
 LABELS: Mapping[str, str] = {
     "mass_g": "Grams",
     "volume_ml": "Millilitres",
@@ -23,6 +34,8 @@ LABELS: Mapping[str, str] = {
     "share": "Share",
     "portion": "Household measure",
     "count": "How many",
+    **HAND_LABELS,
+    "centre_mm": "Place",
 }
 LEFTOVER_FIELDS = {"leftover_of": "of", "leftover_class": "class"}
 AMOUNT_FIELDS = ("mass_g", "volume_ml", "portion", "count", "of", "relative_sd")
@@ -60,7 +73,16 @@ class EventForm(BaseModel):
     event: Short = ""
     leftover_of: Short = ""
     leftover_class: Short = ""
-    polygon: Annotated[str, Field(max_length=100_000)] = ""
+    polygon: Annotated[str, Field(max_length=200_000)] = ""
+    section: Short = ""
+    length_mm: Short = ""
+    width_mm: Short = ""
+    height_mm: Short = ""
+    yaw_deg: Short = ""
+    lean_deg: Short = ""
+    base_mm: Short = ""
+    x_mm: Short = ""
+    y_mm: Short = ""
 
     def filled_fields(self) -> dict[str, str]:
         """Return the fields that are not empty, for a form that sends the event again."""
@@ -77,13 +99,12 @@ def event_of(form: EventForm) -> AnyEventIn:
         raise _refusal(error) from None
 
 
-def read_polygon(text: str) -> list[tuple[float, float]]:
-    """Read corners as JSON, [[x, y], ...], or one per line: `812, 560`. Raises InvalidInputError."""
+def read_polygon(text: str) -> object:
+    """Read corners one per line, `812, 560`, or JSON as the API takes it: a ring or rings. Raises InvalidInputError."""
     stripped = text.strip()
     try:
         if stripped.startswith("["):
-            rows = json.loads(stripped)
-            return [(float(x), float(y)) for x, y in rows]
+            return json.loads(stripped)
         return [(float(x), float(y)) for x, y in (_PAIR.split(line.strip()) for line in stripped.splitlines() if line)]
     except (ValueError, TypeError, RecursionError):
         raise InvalidInputError(
@@ -102,6 +123,10 @@ def _body(form: EventForm) -> dict[str, object]:
         amount = {name: body.pop(name) for name in AMOUNT_FIELDS if name in body}
         body |= {"amount": amount} if amount else {}
         body |= {"region": {"polygon": body.pop("polygon")}} if "polygon" in body else {}
+    if form.kind == "reshape":
+        shaped = {name: body.pop(name) for name in HAND_LABELS if name in body}
+        centre = [shaped.pop(name, None) for name in ("x_mm", "y_mm")]
+        body["form"] = {**shaped, "centre_mm": centre}
     if form.kind == "set_leftover":
         body = {LEFTOVER_FIELDS.get(name, name): value for name, value in body.items()}
         body.setdefault("of", None)

@@ -11,8 +11,8 @@ from starlette.responses import HTMLResponse, Response, StreamingResponse
 
 from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
+from app.dashboard.meal_pages.event_form import HAND_LABELS, EventForm
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
-from app.dashboard.meal_pages.event_form import EventForm
 from app.dashboard.meal_pages.flag_words import flag_meaning
 from app.dashboard.meal_pages.meal_figures import FIGURES, as_runs, headline, label_place, outline_path
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
@@ -168,6 +168,8 @@ def render_meal_page(
         runs_of_text=as_runs,
         scene_items=_scene_items(story),
         scene_names=scene_names,
+        hand_forms=_hand_forms(story),
+        hand_labels=HAND_LABELS,
         scene_id=hashlib.sha256("\n".join([str(run and run.id), *scene_names]).encode()).hexdigest()[:12],
         files_of_steps=_files(story, here),
         conflict=_conflict(story, refused) if refused is not None else None,
@@ -214,6 +216,17 @@ def _scene_items(story: MealStory) -> dict[int, SceneItem]:
         for number, view in enumerate(story.view.items, start=1)
         if run is not None and view.item.run_id == view.record.run_id == run.id and view.record.status != "rejected"
     }
+
+
+def _hand_forms(story: MealStory) -> dict[str, dict[str, object]]:
+    """Return item -> the fields of the form that a person last gave it in the frame of the current run."""
+    run, forms = story.view.run, {}
+    for row in story.events:
+        event = row.event
+        if event.kind == "reshape" and not row.is_undone and run is not None and event.new["run"] == str(run.id):
+            form = event.new["form"]
+            forms[str(event.item_id)] = form | dict(zip(("x_mm", "y_mm"), form["centre_mm"], strict=True))
+    return forms
 
 
 def _scene_names(story: MealStory) -> list[str]:

@@ -65,6 +65,7 @@ LABELS: Mapping[str, str] = {
     "relative_sd": "give or take",
     "share": "share",
     "polygon": "outline",
+    "form": "form",
     "region": "place",
     "parts": "parts",
     "probe": "question",
@@ -170,6 +171,9 @@ def _shown(key: str, value: Any, names: Mapping[str, str]) -> Markup | None:
         return Markup("{}").format(", ".join(names.get(str(food), str(food)) for food in value if food is not None))
     if key in ("polygon", "parts"):
         return Markup("{} {}").format(_count(key, value), "corners" if key == "polygon" else "parts")
+    if key == "form":
+        sides = " × ".join(f"{value[name]:.0f}" for name in ("length_mm", "width_mm", "height_mm"))
+        return Markup("{}, {} mm").format(value["section"], sides)
     if key == "region":
         return Markup("{}").format(", ".join(str(name) for name, place in value.items() if place is not None))
     if key in ("status", "of", "class", "answer", "lies_as"):

@@ -1,7 +1,9 @@
 // The page of a meal: outlines and cards are highlighted together, foods are searched while typing (combobox.js),
-// outlines are drawn.
+// outlines are drawn, forms shaped by hand (reshape.js).
 import "./combobox.js";
 import { startDrawing } from "./outline-editor.js";
+import "./reshape.js";
+import { loadScene } from "./scene-of-meal.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -52,21 +54,9 @@ document.addEventListener("click", (event) => {
 
 // --- from the run's scene: outlines in the right photograph, the marker's corners in both
 
-let scene; // the run's scene, fetched once
-
 async function drawScene() {
-  const told = document.getElementById("scene-of-photographs");
-  if (!told) return;
-  const wanted = JSON.parse(told.textContent);
-  try {
-    if (scene?.address !== wanted.scene) {
-      const answer = await fetch(wanted.scene);
-      if (!answer.ok) return;
-      scene = { address: wanted.scene, file: await answer.json() };
-    }
-  } catch {
-    return; // the outlines in the left photograph are shown without it
-  }
+  const scene = await loadScene();
+  if (!scene) return; // the outlines in the left photograph are shown without it
   for (const side of ["left", "right"]) {
     const group = document.querySelector(`svg[data-photograph="${side}"] [data-corners]`);
     const arm = (group?.ownerSVGElement.viewBox.baseVal.width ?? 0) / 220;
@@ -77,7 +67,7 @@ async function drawScene() {
   for (const old of right.querySelectorAll("a[data-item]")) old.remove();
   const size = right.viewBox.baseVal.width / 28;
   for (const item of scene.file.items ?? []) {
-    const shown = wanted.items[item.index];
+    const shown = scene.items[item.index];
     if (shown && item.right_rings_px?.length) right.append(outline(item, shown, size));
   }
 }

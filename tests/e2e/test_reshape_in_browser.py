@@ -1,0 +1,166 @@
+"""A form shaped by hand on a meal's page, over the photographs and scene of a rendered ball."""
+
+import re
+
+import cv2
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.vision.hand_form import hand_form_ml
+from app.vision.model import EstimateOptions, PhotoPair
+from app.vision.pipeline import estimate_meal
+from tests import estimates
+from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.estimates import found_item, scene_artefact
+from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+
+pytestmark = pytest.mark.slow
+
+BALL = Ball((115.0, 15.0), 33.0)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Photographs by slot, the item and scene.json of a rendered ball."""
+    pair = PhotoPair(*(view.photo for view in rendered_views(BALL)))
+    estimate = estimate_meal(pair, EstimateOptions(SPEC, CAMERA), want_artefacts=True)
+    photos = {
+        slot: cv2.imencode(".jpg", photo.pixels_bgr)[1].tobytes()
+        for slot, photo in (("left", pair.left), ("right", pair.right))
+    }
+    scene = next(artefact.content for artefact in estimate.artefacts if artefact.name == "scene.json")
+    (item,) = estimate.items
+    rings = [ring.tolist() for ring in item.rings]
+    return photos, found_item(item.volume_ml, hint=0, polygon=rings), scene
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    server = dashboard_server(tmp_path_factory.mktemp("reshape"))
+    server.make_study()
+    server.make_staff("ann", pilot="reviewer")
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def phone(served):
+    with served.enrol() as phone:
+        yield phone
+
+
+@pytest.fixture
+def meal(served, phone, measured):
+    photos, item, scene = measured
+    meal = served.send_meal(phone, photos=photos, hints=[{"point": [600, 400], "food": "orange"}])
+    estimates.save(served, meal, item, artefacts=[scene_artefact(served, scene)])
+    return meal
+
+
+@pytest.fixture
+def open_form(served, meal, open_page):
+    """The meal's page with the form over the photographs: (tab, id of the item)."""
+
+    def open_form(**options):
+        tab = open_page(served.address, **options)
+        tab.expect("GPU stall due to ReadPixels")  # what drawing the scene by software costs
+        tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
+        item = served.meal(meal)["items"][0]["id"]
+        tab.page.click(f"#change-{item} > summary")
+        tab.page.click("[data-reshape-start]")
+        tab.page.wait_for_selector('svg[data-photograph="left"] .hand-line')
+        return tab, item
+
+    return open_form
+
+
+def numbers(page):
+    names = ("length_mm", "width_mm", "height_mm", "yaw_deg", "lean_deg", "base_mm", "x_mm", "y_mm")
+    return {name: float(page.input_value(f".reshape [name={name}]")) for name in names}
+
+
+def shown_ml(page):
+    return float(re.match(r"[\d.]+", page.inner_text(".reshape output"))[0])
+
+
+def test_form_begins_around_the_measured_shape_in_both_photographs_and_in_3d(open_form):
+    page = open_form()[0].page
+    form = numbers(page)
+    assert page.input_value(".reshape [name=section]") == "ellipsoid"
+    assert [form[name] for name in ("length_mm", "width_mm", "height_mm")] == pytest.approx([66] * 3, abs=6)
+    assert [form["x_mm"], form["y_mm"], form["base_mm"]] == pytest.approx([*BALL.centre_mm, 0], abs=4)
+    assert shown_ml(page) == pytest.approx(BALL.volume_ml, rel=0.12)
+    assert page.locator('svg[data-photograph="right"] .hand-line').count() == 1
+    assert page.locator("[data-reshape-view] .hand-line").count() == 1
+    # the outline drawn is where the ball's own is
+    bounds = "(each) => { const { x, y, width, height } = each.getBBox(); return [x, y, x + width, y + height]; }"
+    drawn = page.eval_on_selector('svg[data-photograph="left"] .hand-line', bounds)
+    found = page.eval_on_selector('svg[data-photograph="left"] a.outline path', bounds)
+    assert drawn == pytest.approx(found, abs=10)
+
+
+def test_height_that_is_dragged_changes_the_volume_at_once_and_the_record_when_it_is_sent(open_form, served, meal):
+    tab, item = open_form()
+    page, before = tab.page, numbers(tab.page)
+    knob = page.locator('svg[data-photograph="left"] [data-handle=height_mm]')
+    knob.scroll_into_view_if_needed()
+    box = knob.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 - 40, steps=5)
+    page.mouse.up()
+    form = numbers(page)
+    assert form["height_mm"] > before["height_mm"] + 5
+    assert form == before | {"height_mm": form["height_mm"]}
+    volume_ml = hand_form_ml("ellipsoid", form["length_mm"], form["width_mm"], form["height_mm"])
+    assert shown_ml(page) == pytest.approx(volume_ml, abs=0.5)
+    page.click("text=Use this form")
+    page.wait_for_selector(f"#item-{item} .status-corrected")
+    assert served.meal(meal)["items"][0]["volume_ml"] == pytest.approx(volume_ml)
+    assert "Form by hand: saved." in page.inner_text("#said")
+    assert "ellipsoid" in page.inner_text(".timeline")
+    page.reload()
+    assert numbers(page) == form
+    page.click(".timeline button:text('Take back') >> nth=0")
+    page.wait_for_selector(f"#item-{item} .status-proposed")
+
+
+def test_form_is_shaped_by_keys_alone(open_form, served, meal):
+    tab, item = open_form()
+    page, before = tab.page, numbers(tab.page)
+    page.focus('svg[data-photograph="left"] [data-handle=width_mm]')
+    page.keyboard.press("Shift+ArrowUp")
+    page.keyboard.press("ArrowRight")
+    assert numbers(page)["width_mm"] == pytest.approx(before["width_mm"] + 11)
+    assert page.get_attribute(":focus", "data-handle") == "width_mm"
+    page.focus('svg[data-photograph="left"] [data-handle=move]')
+    page.keyboard.press("Shift+ArrowLeft")
+    assert numbers(page)["x_mm"] == pytest.approx(before["x_mm"] - 10)
+    page.select_option(".reshape [name=section]", "slab")
+    page.fill(".reshape [name=height_mm]", "20")
+    form = numbers(page)
+    volume_ml = form["length_mm"] * form["width_mm"] * 20 / 1000
+    assert shown_ml(page) == pytest.approx(volume_ml, abs=0.5)
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f"#item-{item} .status-corrected")
+    assert served.meal(meal)["items"][0]["volume_ml"] == pytest.approx(volume_ml)
+
+
+def test_meal_without_a_scene_says_why_no_form_can_be_given(served, phone, open_page):
+    meal = served.send_meal(phone, found_item(hint=None))
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
+    item = served.meal(meal)["items"][0]["id"]
+    tab.page.click(f"#change-{item} > summary")
+    assert tab.page.locator("[data-reshape]").count() == 0
+    assert "needs the scene of the run" in tab.page.inner_text(f"#change-{item}")
+
+
+@pytest.mark.parametrize("looks", ["light", "dark", "phone"])
+def test_page_with_the_form_is_accessible(open_form, looks):
+    options = {"color_scheme": "dark"} if looks == "dark" else {}
+    options |= {"viewport": {"width": 390, "height": 800}} if looks == "phone" else {}
+    page = open_form(**options)[0].page
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
