@@ -11,6 +11,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.added_depth import add_depth_maps, parallax_alone
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
@@ -36,8 +37,8 @@ from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
-from app.vision.stereo.depth_parallax import parallax_of_depth, place_by_depth
-from app.vision.stereo.disparity import match_dense, unmatched
+from app.vision.stereo.depth_parallax import place_by_depth
+from app.vision.stereo.disparity import match_dense
 from app.vision.stereo.epipolar import compare_fundamentals
 from app.vision.stereo.features import NO_MATCHES, match_features, shows_sheet
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
@@ -59,6 +60,10 @@ from app.vision.version import PIPELINE_VERSION
 # Why the right photograph may be left out: the marker is not seen in it. Another board is seen, or the whole
 # photograph is poor, and who photographs should hear of it.
 MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
+# Why a pair fails of which the left photograph alone may be measured, if it has a depth map.
+PAIR_UNUSABLE = frozenset(
+    {"baseline_too_small", "baseline_too_large", "too_few_matches", "scene_moved", "food_not_measured"}
+)
 
 
 def estimate_meal(
@@ -92,7 +97,10 @@ def estimate_meal(
 def _run_with_partner(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages"
 ) -> tuple[PhotoPair, Trace, tuple[ItemEstimate, ...] | Failure]:
-    """Run with the best partner of the left photograph; if that fails, with the right one, as the phone paired them."""
+    """Run with the best partner of the left photograph; if that fails, with the right one, as the phone paired them.
+
+    If that fails as well, a depth map may measure the left one alone.
+    """
     chosen = pair
     if pair.others and options.marker is not None:
         with stage("marker"):
@@ -103,7 +111,16 @@ def _run_with_partner(
     if isinstance(outcome, Failure) and chosen.right is not pair.right:
         chosen, trace = pair, Trace()
         outcome = _run(chosen, options, stage, trace)
+    if isinstance(outcome, Failure) and outcome.code in PAIR_UNUSABLE and _is_measurable_alone(pair, options):
+        alone, trace_alone = PhotoPair(pair.left), Trace()
+        measured = _run(alone, options, stage, trace_alone)
+        if not isinstance(measured, Failure):
+            return alone, trace_alone, measured
     return chosen, trace, outcome
+
+
+def _is_measurable_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
+    return pair.left.depth is not None and options.marker is not None and options.method == "shape"
 
 
 def _run(
@@ -128,6 +145,9 @@ def _run(
     moved = judge_table(marker.spec, scene.plane_mm, scene.points_table) if marker is not None else None
     if moved is not None:
         return moved
+    if options.method == "shape":
+        with stage("depth"):
+            trace.scene = scene = add_depth_maps(scene, refined)
     with stage("segment"):
         left = refined.second if trace.is_swapped and isinstance(refined, RefinedViews) else refined.first
         places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)
@@ -140,7 +160,7 @@ def _run(
         measured = _measure(foods, refined, scene, options, trace)
         if isinstance(measured, Failure):
             return measured
-        trace.items = measured
+        trace.items = measured = [replace(item, flags=(*item.flags, *scene.flags)) for item in measured]
     with stage("describe"):
         colour, left_colour = trace.colour_of(0), trace.colour_of(1 if trace.is_swapped else 0)
         outlines = [rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured]
@@ -307,7 +327,16 @@ def _measure(
     else:
         trace.table = foods.table
         others = [undistorted_view(view, pair.focal_px) for view in trace.others]
-        measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints, others=others)
+        measured = measure_shapes(
+            foods,
+            pair,
+            disparity,
+            points,
+            pose_sd=doubt.sd,
+            hints=options.hints,
+            others=others,
+            depths=scene.depths,
+        )
     if isinstance(measured, Failure) or (options.rig is None and doubt.focal_sd <= FLAG_SD):
         return measured
     return [
@@ -338,9 +367,13 @@ def _reconstruct(refined: RefinedViews | SingleView, stage: "_Stages") -> Recons
         else:
             rectified = rectify_alone(refined.first)
     with stage("disparity"):
-        depth_map = refined.first.photo.depth
+        plane = plane_points(rectified)
+        sheet = np.zeros(rectified.shape, np.bool_)
+        if marker is not None:
+            sheet = shows_sheet(marker, plane, rectified.first_centre_mm)
+        flags: tuple[str, ...] = ()
         if rectified.second_bgr is None:
-            disparity = parallax_of_depth(rectified, depth_map) if depth_map else unmatched(rectified.shape)
+            disparity, flags = parallax_alone(rectified, refined.first, sheet)
         else:
             disparity = match_dense(*rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen)
     with stage("depth"):
@@ -349,11 +382,8 @@ def _reconstruct(refined: RefinedViews | SingleView, stage: "_Stages") -> Recons
         else:
             depth = ideal_depth(rectified)
         depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
-        points, plane = back_project(rectified, depth_mm), plane_points(rectified)
-        is_ignored = ~rectified.is_seen
-        if marker is not None:
-            is_ignored |= shows_sheet(marker, plane, rectified.first_centre_mm)
-    return Reconstruction(rectified, disparity, depth, points, plane, is_ignored)
+        points = back_project(rectified, depth_mm)
+    return Reconstruction(rectified, disparity, depth, points, plane, sheet | ~rectified.is_seen, flags=flags)
 
 
 def _find_markers(

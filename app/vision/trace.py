@@ -22,6 +22,7 @@ class Reconstruction:
     """The rectified pair with its points, (H, W, 3) mm in the views' table frame.
 
     plane_mm: (H, W, 3) where lines of sight meet z = 0. is_ignored: (H, W) the marker, and what one view misses.
+    depths: the photographs' depth maps on the pair's grid, in its scale. flags: of every item.
     """
 
     rectified: RectifiedPair
@@ -30,6 +31,8 @@ class Reconstruction:
     points_table: Float32Array
     plane_mm: Float32Array
     is_ignored: MaskArray
+    depths: tuple[DisparityMap, ...] = ()
+    flags: tuple[str, ...] = ()
 
     def table_points(self) -> Float32Array:
         """(n, 3) mm, measured beside the marker; every second pixel each way."""

@@ -16,6 +16,7 @@ FLAGS: Mapping[str, str] = {
     "scale_from_depth": "No marker was named: the depth map gave the scale, and its lowest large plane is the table.",
     "scale_from_rig": "A stereo rig took the photographs: its calibration gave the scale, and the table was found in "
     "the scene. Colours are as taken.",
+    "depth_ignored": "A depth map contradicts the marker: its table lies elsewhere. It took no part.",
     "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
     "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "

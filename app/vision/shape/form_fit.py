@@ -39,7 +39,8 @@ class Seen:
     """What the views show of a food. mask: (H, W). inward_px: (H, W) distance to the mask's outline.
 
     outlines: in the first and the second view, then in the others. dense: from the whole pair, where no surface is
-    known yet. surface: measured along a form that is near the food's. outline_sd_px: of the outlines.
+    known yet. surface: measured along a form that is near the food's. by_maps: the same by depth maps beside
+    the pair. outline_sd_px: of the outlines.
     """
 
     sight: Sight
@@ -49,6 +50,7 @@ class Seen:
     dense: DisparityMap
     surface: SurfaceParallax | None = None
     others: tuple[PinholeView, ...] = ()
+    by_maps: tuple[SurfaceParallax, ...] = ()
     outline_sd_px: float = TUNING.outline_sd_px
 
     def pixel_gradient(self, points_table: Float64Array, view: int) -> Float64Array:
@@ -232,7 +234,7 @@ def _placed(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Plac
 
 def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Terms | None:
     placed = _placed(form, unknowns, cells, seen)
-    parts = [_parallax_terms(placed, seen)]
+    parts = _parallax_terms(placed, seen)
     for view in range(len(seen.outlines)):
         index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
         if len(index) < TUNING.min_outline:
@@ -359,8 +361,11 @@ def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
     return np.asarray((near[0] & near[1]).any(axis=1), np.bool_)
 
 
-def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
-    """Parallax of the form's points less the measured one, px; each point speaks for the area around it."""
+def _parallax_terms(placed: _Placed, seen: Seen) -> list[_Terms | None]:
+    """Parallax of the form's points less the measured one, px; each point speaks for the area around it.
+
+    The photographs and each depth map measure it on their own.
+    """
     sight, vertices = seen.sight, placed.vertices
     normals = placed.mesh.around @ placed.normals
     support_mm = float(vertices[:, 2].min())
@@ -375,34 +380,66 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     is_open = is_facing & (vertices[:, 2] > support_mm + TUNING.foot_mm)
     index = np.flatnonzero(is_open)
     if len(index) == 0:
-        return None
-    measured, sd, area_px = _measured(seen, placed.pixels[0][index])
+        return []
     # A vertex speaks for a third of the triangles around it.
     seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
-    weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
-    is_measured = np.isfinite(measured) & (sd < TUNING.max_sd_px)
-    if not is_measured.any():
-        return None
-    unmeasured = float(weight[~is_measured].sum())
-    index, measured, sd = index[is_measured], measured[is_measured], sd[is_measured]
+    seen_px2 = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2
     # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
     per_mm = sight.parallax_per_mm(depth[index]) / slant[index]
     by_point = outward[index] * per_mm[:, None]
-    return _Terms(index, by_point, placed.parallax_px[index] - measured, sd, weight[is_measured], unmeasured)
+
+    def terms(
+        measured: Float64Array, sd: Float64Array, area_px: Float64Array | float, most_sd_px: float
+    ) -> _Terms | None:
+        weight = seen_px2 / area_px
+        is_measured = np.isfinite(measured) & (sd < most_sd_px)
+        if not is_measured.any():
+            return None
+        unmeasured = float(weight[~is_measured].sum())
+        kept = index[is_measured]
+        residual = placed.parallax_px[kept] - measured[is_measured]
+        return _Terms(kept, by_point[is_measured], residual, sd[is_measured], weight[is_measured], unmeasured)
+
+    pixels = placed.pixels[0][index]
+    by_pair = _by_pair(seen, pixels, depth[index])
+    by_maps = (each.at(pixels) for each in seen.by_maps)
+    return [terms(*by_pair, TUNING.max_sd_px), *(terms(*each, float(WINDOW_PX**2), np.inf) for each in by_maps)]
 
 
-def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:
+def _by_pair(
+    seen: Seen, pixels: Float64Array, depth_mm: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array | float]:
     """(n,) parallax, (n,) its sd, and the area over which its errors are one, px."""
+    if seen.surface is None:
+        return _measured(seen, seen.dense, pixels, depth_mm)
+    _, _, inward = _inward(seen, pixels)
+    value, sd = seen.surface.at(pixels)
+    return np.where(inward > 1, value, np.nan), np.hypot(sd, TUNING.surface_sd_px), float(WINDOW_PX**2)
+
+
+def _measured(
+    seen: Seen, dense: DisparityMap, pixels: Float64Array, depth_mm: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array | float]:
+    """The same of a map of the whole grid, clear of the food's outline by the map's reach.
+
+    A depth map shows the food itself, which departs from any form: of what one that is nearly exact says, the form's
+    own error is what counts.
+    """
+    row, column, inward = _inward(seen, pixels)
+    value = np.asarray(dense.parallax_px[row, column], np.float64)
+    value = np.where(inward > dense.reach_px[row, column] + 1, value, np.nan)
+    if dense.error_area_px is None or dense.sd_px is None:
+        return value, np.full(len(value), TUNING.dense_sd_px), TUNING.dense_area_px
+    noise = np.nan_to_num(dense.sd_px[row, column].astype(np.float64)) ** 2  # of what is not measured, none counts
+    rough = (TUNING.roughness_mm * seen.sight.parallax_per_mm(depth_mm)) ** 2
+    rough_px2 = (TUNING.roughness_run_mm * seen.sight.pair.focal_px / depth_mm) ** 2
+    area_px = (noise * dense.error_area_px + rough * rough_px2) / (noise + rough)
+    return value, np.sqrt(noise + rough), area_px
+
+
+def _inward(seen: Seen, pixels: Float64Array) -> tuple[IntArray, IntArray, Float32Array]:
+    """(n,) row and column of the nearest pixels of the grid, and how far these lie within the food's outline, px."""
     column, row = np.rint(pixels).astype(np.int64).T
     height, width = seen.mask.shape
     row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
-    inward = seen.inward_px[row, column]
-    if seen.surface is not None:
-        value, sd = seen.surface.at(pixels)
-        return np.where(inward > 1, value, np.nan), np.hypot(sd, TUNING.surface_sd_px), float(WINDOW_PX**2)
-    value = np.asarray(seen.dense.parallax_px[row, column], np.float64)
-    is_own = inward > seen.dense.reach_px[row, column] + 1
-    if seen.dense.error_area_px is not None and seen.dense.sd_px is not None:
-        sd = np.asarray(seen.dense.sd_px[row, column], np.float64)
-        return np.where(is_own, value, np.nan), sd, seen.dense.error_area_px
-    return np.where(is_own, value, np.nan), np.full(len(value), TUNING.dense_sd_px), TUNING.dense_area_px
+    return row, column, seen.inward_px[row, column]

@@ -26,7 +26,7 @@ from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.shape.prism_starts import begin_prisms
 from app.vision.shape.single_starts import single_view_forms
-from app.vision.shape.surface_match import draw_mask, measure_along
+from app.vision.shape.surface_match import average_along, draw_mask, measure_along
 from app.vision.shape.tuning import SINGLE_TUNING, TUNING
 from app.vision.shape.volume import SCALE_SD, Volume
 from app.vision.stereo.disparity import DisparityMap
@@ -49,8 +49,8 @@ HIDDEN_PX = 5  # around where another food's measured points are seen, which hav
 class _Food:
     """What fitting needs of one region. lab, hidden_by: of each view; (H, W) foods in front of it.
 
-    grey: of the pair; None of a single view, which stands in its own second one's place in lab. points: (n, 3) mm;
-    none in a single view.
+    grey: of the pair; None of a single view, which stands in its own second one's place in lab. depths: maps beside the
+    pair. points: (n, 3) mm; none in a single view.
     """
 
     sight: Sight
@@ -58,6 +58,7 @@ class _Food:
     grey: tuple[Float32Array, Float32Array] | None
     lab: tuple[Float32Array, ...]
     hidden_by: tuple[MaskArray, ...]
+    depths: tuple[DisparityMap, ...]
     points: Float64Array
     support_mm: float
     support_sd_mm: float
@@ -77,13 +78,15 @@ def measure_shapes(
     pose_sd: float,
     hints: Sequence[Hint] = (),
     others: Sequence[PinholeView] = (),
+    depths: Sequence[DisparityMap] = (),
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
+    depths: maps on the pair's grid and in its scale.
     """
-    scene = _scene_of(foods, pair, disparity, points_table, others)
+    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths))
     measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
@@ -109,6 +112,7 @@ class _Scene:
     grey: tuple[Float32Array, Float32Array] | None
     lab: tuple[Float32Array, ...]
     others: tuple[PinholeView, ...]
+    depths: tuple[DisparityMap, ...] = ()
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
@@ -129,7 +133,7 @@ class _Scene:
         if self.grey is None and len(points) == 0:
             seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
-        return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)
+        return _Food(sight, seen, self.grey, self.lab, hidden_by, self.depths, points, support_mm, support_sd_mm)
 
     def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
         """Height over the table of what the food rests on, and its sd, mm."""
@@ -286,8 +290,14 @@ def _seen_along(food: _Food, near: FormFit) -> Seen:
     vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
     covered = _covered(food, vertices, mesh)
     surface = measure_along(food.sight, food.grey, (food.seen.mask, covered[0]), vertices, mesh)
+    by_maps = (average_along(food.sight, each, food.seen.inward_px, vertices, mesh) for each in food.depths)
     outlines = (_outline_in(food, view, mask) for view, mask in enumerate(covered, start=1))
-    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], *outlines))
+    return replace(
+        food.seen,
+        surface=surface,
+        by_maps=tuple(each for each in by_maps if each is not None),
+        outlines=(food.seen.outlines[0], *outlines),
+    )
 
 
 def _covered(food: _Food, vertices: Float64Array, mesh: Topology) -> list[MaskArray]:

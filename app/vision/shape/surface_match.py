@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from app.vision.geometry.mesh import IntArray, Topology, faces_towards
 from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.shape.tuning import TUNING
+from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.sight import Sight
 
 WINDOW_PX = 21
@@ -65,6 +67,37 @@ def measure_along(
     clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
     offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
     return SurfaceParallax(surface + offset, sd, (left, top))
+
+
+def average_along(
+    sight: Sight, depth: DisparityMap, inward_px: Float32Array, vertices: Float64Array, mesh: Topology
+) -> SurfaceParallax | None:
+    """The parallax of a depth map near the surface, averaged along it over a window; None where it is out of sight.
+
+    inward_px: (H, W) distance to the food's outline; only what is clear of it by the map's reach takes part. A window
+    speaks for all its pixels, as one of the photographs does, so that a map's noise neither adds observations nor draws
+    the form. The sd is the noise that this leaves, and what the food itself departs from its form.
+    """
+    drawn = draw_parallax(sight, vertices, mesh, inward_px.shape)
+    if drawn is None or depth.sd_px is None:
+        return None
+    surface, (left, top) = drawn
+    window = (slice(top, top + surface.shape[0]), slice(left, left + surface.shape[1]))
+    offset = depth.parallax_px[window] - surface
+    is_own = np.isfinite(offset) & (inward_px[window] > depth.reach_px[window] + 1)
+    count = _sum(is_own.astype(np.float32))
+    is_good = np.isfinite(surface) & (count > MIN_SHARE * WINDOW_PX**2)
+    count = np.maximum(count, np.float32(1.0))
+    mean = _sum(np.where(is_own, offset, np.float32(0.0))) / count
+    variance = _sum(np.where(is_own, depth.sd_px[window], np.float32(0.0)) ** 2) / count
+    variance /= np.maximum(count / np.float32(depth.error_area_px or 1.0), 1)
+    depth_mm = np.median((vertices - sight.cameras_mm[0]) @ sight.pair.rotation[2], keepdims=True)
+    run_px = TUNING.roughness_run_mm * float(sight.pair.focal_px / depth_mm[0])
+    rough_px = TUNING.roughness_mm * float(sight.parallax_per_mm(depth_mm)[0]) * min(1.0, run_px / WINDOW_PX)
+    sd = np.sqrt(variance + np.float32(rough_px) ** 2)
+    nan = np.float32(np.nan)
+    parallax, sd = (np.where(is_good, each, nan).astype(np.float32) for each in (surface + mean, sd))
+    return SurfaceParallax(parallax, sd, (left, top))
 
 
 def draw_parallax(

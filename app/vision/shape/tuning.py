@@ -12,6 +12,8 @@ class FormTuning:
     outline_run_px: float = 10.0  # length along an outline over which its errors are one
     dense_sd_px: float = 0.5  # sd of the dense parallax
     dense_area_px: float = 100.0  # area over which errors of the dense parallax are one
+    roughness_mm: float = 1.0  # sd of a food's surface about its form: skin, crumb, leaves; the dense parallax's in mm
+    roughness_run_mm: float = 5.0  # length over which it is one
     surface_sd_px: float = 0.12  # sd of parallax along a surface beside its noise: interpolation, gloss, poses
     max_sd_px: float = 1.0  # sd of parallax beyond which a point is left out
     unmeasured_loss: float = 2.0  # of an observation that could not be made: between a good one's and a bad one's

@@ -1,7 +1,9 @@
-"""A depth map as the parallax of a single view, and the view over the table that it shows where there is no marker.
+"""A depth map as parallax of the grid that its photograph stands on, and the view over the table where no marker is.
 
-DepthMap and the grid -> DisparityMap with its own noise; DepthMap and camera -> a View over the largest plane.
+DepthMap, view and grid -> DisparityMap with its own noise; DepthMap and camera -> a View over the largest plane.
 """
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -10,7 +12,7 @@ from app.core.errors import Failure
 from app.vision.depth_map import MIN_NOISE_MM
 from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
-from app.vision.model import DepthMap, Float64Array, Photo, View
+from app.vision.model import DepthMap, Float32Array, Float64Array, Photo, View
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.single_view import SingleView
@@ -21,24 +23,57 @@ PLANE_UNITS = 0.4  # of table_plane's tolerance, px: the depth map's noise in it
 MIN_TILT_COSINE = 0.17  # between the camera's axis and the plane's normal: flatter, and it is a wall
 
 
-def parallax_of_depth(pair: RectifiedPair, depth: DepthMap) -> DisparityMap:
-    """The map on a single view's grid. Its axes are the grid's, for the depth camera stands in the view's pose."""
-    height, width = pair.shape
-    u = (np.arange(width, dtype=np.float32) - pair.centre_px[0]) / pair.focal_px
-    v = (np.arange(height, dtype=np.float32) - pair.centre_px[1]) / pair.focal_px
-    columns, rows = np.meshgrid(depth.fx * u + depth.cx, depth.fy * v + depth.cy)
-    places = columns.astype(np.float32), rows.astype(np.float32)
-    inverse = cv2.remap(1.0 / depth.depth_mm, *places, cv2.INTER_LINEAR, borderValue=np.nan)
-    disparity = pair.focal_px * pair.baseline_mm * inverse
-    parallax = (disparity - pair.plane_disparity_px()) / (1.0 - pair.plane_px[0])
+def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> DisparityMap:
+    """The map of either view on the grid, which the first view's pixels are. NaN where the map shows nothing.
+
+    The depth camera stands in its photograph's pose. What the second view measures moves along its row to where the
+    first one sees it; the nearest of those that meet counts.
+    """
+    pinhole = np.array([[depth.fx, 0.0, depth.cx], [0.0, depth.fy, depth.cy], [0.0, 0.0, 1.0]])
+    (inverse,) = _on_grid(pair, pinhole @ view.rotation, [1.0 / depth.depth_mm])
+    disparity = np.asarray(pair.focal_px * pair.baseline_mm * inverse, np.float32)
+    if np.linalg.norm(view.centre_mm - pair.first_centre_mm) > pair.baseline_mm / 2:
+        disparity = _seen_from_first(disparity)
     scale = pair.focal_px / depth.fx  # px of the grid for one of the map
-    relative = np.hypot(depth.sd_share, MIN_NOISE_MM * inverse)
+    relative = np.hypot(depth.sd_share, MIN_NOISE_MM / (pair.focal_px * pair.baseline_mm) * disparity)
     return DisparityMap(
-        np.asarray(parallax, np.float32),
+        pair.parallax_from_disparity(disparity),
         np.full(pair.shape, 1.5 * scale, np.float32),
         np.asarray(disparity * relative, np.float32),
         error_area_px=depth.error_area_px * scale**2,
     )
+
+
+def _on_grid(pair: RectifiedPair, to_map: Float64Array, maps: Sequence[Float32Array]) -> list[Float32Array]:
+    """Inverse depths, or multiples of them, as a camera in the first or second view's place shows them, on the grid.
+
+    to_map: (3, 3) table frame to the camera's homogeneous pixels, K R: a homography maps the grid's rays to these.
+    """
+    height, width = pair.shape
+    grid = np.array([[pair.focal_px, 0.0, pair.centre_px[0]], [0.0, pair.focal_px, pair.centre_px[1]], [0.0, 0.0, 1.0]])
+    homography = (to_map @ pair.rotation.T @ np.linalg.inv(grid)).astype(np.float32)
+    u, v = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
+    x, y, z = (row[0] * u + row[1] * v + row[2] for row in homography)
+    z = np.where(z > 0, z, np.float32(np.nan))  # of the camera's axis for one of the grid's
+    places = np.asarray(x / z, np.float32), np.asarray(y / z, np.float32)
+    return [np.asarray(z * cv2.remap(each, *places, cv2.INTER_LINEAR, borderValue=np.nan), np.float32) for each in maps]
+
+
+def _seen_from_first(disparity_px: Float32Array) -> Float32Array:
+    """(H, W) disparity at the second view's pixels -> at the first view's; NaN where nothing comes to lie."""
+    width = disparity_px.shape[1]
+    rows, columns = np.nonzero(np.isfinite(disparity_px))
+    order = np.argsort(disparity_px[rows, columns])  # the nearest is written last
+    rows, columns = rows[order], columns[order]
+    values = disparity_px[rows, columns]
+    out = np.full(disparity_px.shape, np.nan, np.float32)
+    for more in (0, 1):  # either neighbour, so that a surface that widens has no gaps
+        target = np.floor(columns + values).astype(np.int64) + more
+        inside = (target >= 0) & (target < width)
+        moved = np.full(out.shape, np.nan, np.float32)
+        moved[rows[inside], target[inside]] = values[inside]
+        out = np.fmax(out, moved)
+    return out
 
 
 def place_by_depth(photo: Photo, camera: Camera, depth: DepthMap, rng: np.random.Generator) -> SingleView | Failure:

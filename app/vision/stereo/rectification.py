@@ -80,6 +80,10 @@ class RectifiedPair:
         """
         return self.plane_disparity_px() + np.float32(1.0 - self.plane_px[0]) * parallax_px
 
+    def parallax_from_disparity(self, disparity_px: Float32Array) -> Float32Array:
+        """(H, W) px: the inverse of disparity_from_parallax."""
+        return (disparity_px - self.plane_disparity_px()) / np.float32(1.0 - self.plane_px[0])
+
     def rays(self, pixels: Float64Array) -> Float64Array:
         """(n, 2) px on the grid -> (n, 3) x / z, y / z, 1 in the rectified first camera's frame."""
         return homogeneous((pixels - self.centre_px) / self.focal_px)

@@ -1,10 +1,12 @@
-"""One photograph with a depth map: the ball's volume with less doubt, and without any marker at all."""
+"""A depth map with one photograph: less doubt, and no marker needed; with a pair: never worse than the pair alone."""
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from app.vision.board.pose import project
 from app.vision.model import DepthMap, EstimateOptions, PhotoPair
 from app.vision.pipeline import estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
@@ -17,8 +19,13 @@ TOLERANCE = 0.12  # half of what one photograph alone may err by
 
 
 @pytest.fixture(scope="module")
-def photo():
-    view = rendered_views(BALL)[0]
+def views():
+    return rendered_views(BALL)
+
+
+@pytest.fixture(scope="module")
+def photo(views):
+    view = views[0]
     shrink = CAMERA.width / 256
     shape = (round(CAMERA.height / shrink), 256)
     focal, centre = CAMERA.fx / shrink, ((CAMERA.cx + 0.5) / shrink - 0.5, (CAMERA.cy + 0.5) / shrink - 0.5)
@@ -69,3 +76,63 @@ def test_depth_map_of_chance_has_no_table(photo):
     noise = np.random.default_rng(1).uniform(200.0, 2000.0, photo.depth.depth_mm.shape).astype(np.float32)
     chaos = replace(photo, depth=replace(photo.depth, depth_mm=noise))
     assert estimate_meal(PhotoPair(chaos), replace(OPTIONS, marker=None)).failure.code == "table_not_found"
+
+
+def error(estimate):
+    [item] = estimate.items
+    return abs(item.volume_ml / BALL.volume_ml - 1)
+
+
+@pytest.fixture(scope="module")
+def pair(photo, views):
+    return PhotoPair(replace(views[0].photo, depth=photo.depth), views[1].photo)
+
+
+@pytest.fixture(scope="module")
+def by_pair(pair):
+    return estimate_meal(PhotoPair(replace(pair.left, depth=None), pair.right), OPTIONS)
+
+
+def scaled(pair, factor):
+    depth = pair.left.depth
+    return replace(pair, left=replace(pair.left, depth=replace(depth, depth_mm=depth.depth_mm * np.float32(factor))))
+
+
+@pytest.mark.slow
+def test_pair_with_a_depth_map_is_no_worse_than_the_pair_and_takes_its_scale(pair, by_pair):
+    both, off_scale = estimate_meal(pair, OPTIONS), estimate_meal(scaled(pair, 1.05), OPTIONS)
+    assert error(both) < max(error(by_pair), 0.03)  # of a ball whose lower third no view shows
+    assert both.items[0].relative_sd["item"] <= by_pair.items[0].relative_sd["item"] * 1.05
+    assert off_scale.items[0].volume_ml == pytest.approx(both.items[0].volume_ml, rel=0.005)
+    assert "depth_ignored" not in off_scale.items[0].flags
+
+
+@pytest.mark.slow
+def test_map_that_contradicts_the_marker_is_left_out_with_a_flag(pair, by_pair):
+    estimate = estimate_meal(scaled(pair, 1.3), OPTIONS)
+    assert estimate.items[0].volume_ml == by_pair.items[0].volume_ml
+    assert estimate.items[0].flags == (*by_pair.items[0].flags, "depth_ignored")
+
+
+@pytest.mark.slow
+def test_map_of_one_photograph_takes_the_markers_scale_or_is_left_out(photo, by_marker):
+    near, far = (estimate_meal(scaled(PhotoPair(photo), factor), OPTIONS) for factor in (1.05, 1.3))
+    assert near.items[0].volume_ml == pytest.approx(by_marker.items[0].volume_ml, rel=0.01)
+    assert "depth_ignored" in far.items[0].flags
+
+
+def without_all_but_the_sheet(photo, view):
+    """The photograph with a plain grey in the place of table and ball."""
+    half = (np.array([SPEC.columns, SPEC.rows]) / 2 + 1) * SPEC.square_mm
+    sheet = np.column_stack([np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half, np.zeros(4)])
+    corners = project(CAMERA, sheet, np.append(cv2.Rodrigues(view.rotation)[0], view.translation_mm))
+    kept = cv2.fillConvexPoly(np.zeros(photo.pixels_bgr.shape[:2], np.uint8), np.rint(corners).astype(np.int32), 1)
+    return replace(photo, pixels_bgr=np.where(kept[..., None] > 0, photo.pixels_bgr, 120).astype(np.uint8))
+
+
+def test_left_photograph_with_a_depth_map_is_measured_where_the_pair_fails(photo, views, by_marker):
+    failing = PhotoPair(photo, without_all_but_the_sheet(views[1].photo, views[1]))
+    assert estimate_meal(replace(failing, left=replace(photo, depth=None)), OPTIONS).failure is not None
+    [item] = estimate_meal(failing, OPTIONS).items
+    assert item.volume_ml == by_marker.items[0].volume_ml
+    assert "single_view" in item.flags

@@ -37,13 +37,13 @@ def scene():
     return pair, with_ball < without - 1e-6, dense
 
 
-def measure(region, scale=1.0, dense=None, pose_sd=0.01):
+def measure(region, scale=1.0, dense=None, pose_sd=0.01, depths=()):
     pair, _, known = scene()
     dense = dense or known
     pair = replace(pair, first_centre_mm=scale * pair.first_centre_mm, baseline_mm=scale * pair.baseline_mm)
     ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
     points = back_project(pair, ideal.depth_mm(pair.disparity_from_parallax(dense.parallax_px)))
-    return measure_shapes(Foods([region], TABLE), pair, dense, points, pose_sd=pose_sd)
+    return measure_shapes(Foods([region], TABLE), pair, dense, points, pose_sd=pose_sd, depths=depths)
 
 
 @lru_cache
@@ -101,3 +101,28 @@ def test_food_without_parallax_is_a_failure():
 def test_glass_in_which_no_surface_is_seen_has_no_volume():
     (item,) = measure(Region(scene()[1], support=ON_TABLE, is_unread=True))
     assert (item.volume, item.flags) == (None, ("not_measurable",))
+
+
+def depth_shown(sd_px, bias_px=0.0):
+    """The ball's parallax as a depth map with noise of this sd shows it, px."""
+    parallax = scene()[2].parallax_px + np.float32(bias_px)
+    noise = np.random.default_rng(1).normal(0, sd_px, parallax.shape)
+    reach, sd = (np.full(parallax.shape, each, np.float32) for each in (4.5, sd_px))
+    return DisparityMap((parallax + noise).astype(np.float32), reach, sd, error_area_px=1.0)
+
+
+def test_depth_map_leaves_less_doubt_and_the_volume():
+    (item,) = measure(Region(scene()[1], support=ON_TABLE), depths=[depth_shown(0.5)])
+    assert np.isclose(item.volume.volume_ml, BALL.volume_ml, rtol=TOLERANCE)
+    assert item.volume.relative_sd["item"] < ball_item().volume.relative_sd["item"]
+
+
+def test_depth_map_as_noisy_as_a_food_is_high_changes_next_to_nothing():
+    (item,) = measure(Region(scene()[1], support=ON_TABLE), depths=[depth_shown(20.0)])
+    assert np.isclose(item.volume.volume_ml, ball_item().volume.volume_ml, rtol=0.01)
+
+
+def test_map_without_any_measurement_changes_nothing():
+    nothing = replace(depth_shown(0.5), parallax_px=np.full(scene()[0].shape, np.nan, np.float32))
+    (item,) = measure(Region(scene()[1], support=ON_TABLE), depths=[nothing])
+    assert item.volume.volume_ml == ball_item().volume.volume_ml

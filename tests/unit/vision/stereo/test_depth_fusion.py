@@ -1,0 +1,138 @@
+"""Depth maps of a rendered ball on the pair's grid: known truth from either view, the marker's scale, fusion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.vision.model import DepthMap
+from app.vision.stereo.depth_fusion import MAX_SCALE_ERROR, agree_with_table, fuse_depths
+from app.vision.stereo.depth_parallax import parallax_of_depth
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.rectification import rectify_by_poses
+from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, true_depth
+
+BALL = Ball((60.0, 10.0), 33.0)
+MAP = (300, 400)  # the photographs' height and width divided by three
+FOCAL, CENTRE = CAMERA.fx / 3, ((CAMERA.cx + 0.5) / 3 - 0.5, (CAMERA.cy + 0.5) / 3 - 0.5)
+
+
+def depth_map(view, ball=BALL, sd_share=0.001):
+    depth = true_depth(view.rotation, view.centre_mm, FOCAL, CENTRE, MAP, ball)
+    return DepthMap(depth.astype(np.float32), FOCAL, FOCAL, *CENTRE, sd_share=sd_share, error_area_px=2.0)
+
+
+@pytest.fixture(scope="module", params=[0.0, 8.0], ids=["level", "rolled"])
+def scene(request):
+    views = blank_views(roll_deg=request.param)
+    pair = rectify_by_poses(*views)
+
+    def parallax(ball):
+        depth = true_depth(pair.rotation, pair.first_centre_mm, pair.focal_px, pair.centre_px, pair.shape, ball)
+        return pair.parallax_from_disparity((pair.focal_px * pair.baseline_mm / depth).astype(np.float32))
+
+    return views, pair, parallax(BALL), parallax(None)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["first", "second"])
+def test_map_of_either_view_is_the_true_parallax_of_the_first(scene, which):
+    views, pair, truth, _ = scene
+    shown = parallax_of_depth(pair, views[which], depth_map(views[which]))
+    seen = np.isfinite(shown.parallax_px) & pair.is_seen
+    assert np.mean(seen[pair.is_seen]) > 0.85  # the second view's map ends where its photograph does
+    off = np.abs(shown.parallax_px - truth)[seen]
+    # Moved along the row it is half a pixel off its place, on a slope of a few tenths; the ball's edge is interpolated.
+    assert np.quantile(off, 0.95) < (0.1 if which == 0 else 0.5)
+    assert abs(np.median((shown.parallax_px - truth)[seen])) < 0.05
+    on_ball = seen & (truth > 20.0)
+    assert np.median(np.abs(shown.parallax_px - truth)[on_ball]) < 0.2
+
+
+def test_noise_and_area_of_a_map_are_in_pixels_of_the_grid(scene):
+    views, pair, truth, _ = scene
+    shown = parallax_of_depth(pair, views[0], depth_map(views[0], sd_share=0.02))
+    disparity = pair.disparity_from_parallax(truth)
+    assert np.isclose(np.nanmedian(shown.sd_px / disparity), 0.02, rtol=0.05)
+    assert np.isclose(shown.error_area_px, 2.0 * (pair.focal_px / FOCAL) ** 2)
+
+
+def agreed(scene, change, *, has_tilt=True):
+    views, pair, truth, table = scene
+    depth = depth_map(views[0])
+    shown = parallax_of_depth(pair, views[0], replace(depth, depth_mm=change(depth.depth_mm).astype(np.float32)))
+    return agree_with_table(pair, shown, truth, np.abs(truth - table) < 0.01, has_tilt=has_tilt)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.95, 1.05])
+@pytest.mark.parametrize("has_tilt", [False, True])
+def test_map_that_errs_in_scale_takes_the_scale_of_the_table(scene, factor, has_tilt):
+    _, pair, truth, _ = scene
+    off = np.abs(agreed(scene, lambda depth: depth * factor, has_tilt=has_tilt).parallax_px - truth)[pair.is_seen]
+    assert np.nanquantile(off, 0.9) < 0.2
+
+
+def test_error_that_varies_slowly_over_the_picture_leaves_nothing(scene):
+    _, pair, truth, _ = scene
+    across = np.linspace(0.99, 1.01, MAP[1])
+    off = np.abs(agreed(scene, lambda depth: depth * across).parallax_px - truth)[pair.is_seen]
+    assert np.nanquantile(off, 0.9) < 0.5  # 0.2 % of the disparity; as it comes, 1 % at the border is 2 px
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda depth: depth * (1 + 1.5 * MAX_SCALE_ERROR),
+        lambda depth: np.full_like(depth, np.median(depth)),
+        lambda depth: depth[::-1],
+        lambda depth: np.full_like(depth, np.nan),
+        lambda depth: np.random.default_rng(0).uniform(200, 800, depth.shape),
+    ],
+    ids=["another_unit", "a_wall", "upside_down", "empty", "chance"],
+)
+def test_map_of_another_table_is_refused(scene, change):
+    assert agreed(scene, change) is None
+
+
+def fused(pair, match, *maps):
+    shape = pair.shape
+
+    def filled(value, sd, reach):
+        return DisparityMap(*(np.full(shape, each, np.float32) for each in (value, reach, sd)), error_area_px=9.0)
+
+    return fuse_depths(pair, filled(*match), [filled(*each) for each in maps], 0.5)
+
+
+def middle(pair, of):
+    row, column = (side // 2 for side in pair.shape)
+    return [float(each[row, column]) for each in (of.parallax_px, of.sd_px, of.reach_px)]
+
+
+def test_fusion_weighs_by_precision_and_tells_the_sd_that_it_leaves(scene):
+    _, pair, *_ = scene
+    value, sd, reach = middle(pair, fused(pair, (10.0, 0.5, 4.5), (11.0, 1.0, 3.0)))
+    assert np.isclose(value, 10.2)
+    assert np.isclose(sd, 1 / np.hypot(1 / 0.5, 1 / 1.0))
+    assert reach == 4.5
+
+
+def test_match_counts_no_more_than_dense_matches_may(scene):
+    _, pair, *_ = scene
+    assert np.isclose(middle(pair, fused(pair, (10.0, 0.01, 4.5), (11.0, 0.5, 3.0)))[0], 10.5)
+
+
+@pytest.mark.parametrize(("sd", "kept"), [(0.1, 30.0), (3.0, 10.0)], ids=["surer_map", "noisier_map"])
+def test_of_two_that_disagree_the_surer_one_counts(scene, sd, kept):
+    _, pair, *_ = scene
+    assert middle(pair, fused(pair, (10.0, 0.5, 4.5), (30.0, sd, 3.0)))[0] == kept
+
+
+def test_gap_is_filled_by_a_sure_map_alone(scene):
+    _, pair, *_ = scene
+    gap = (np.nan, np.nan, 0.0)
+    assert middle(pair, fused(pair, gap, (11.0, 0.2, 3.0)))[::2] == [11.0, 3.0]
+    assert np.isnan(middle(pair, fused(pair, gap, (11.0, 20.0, 3.0)))[0])
+
+
+def test_match_without_maps_stays_as_it_is(scene):
+    _, pair, *_ = scene
+    assert middle(pair, fused(pair, (10.0, 0.5, 4.5))) == [10.0, 0.5, 4.5]
