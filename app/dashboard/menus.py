@@ -24,6 +24,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("adequacy",), "Adequacy"),
     Entry(("exports",), "Exports"),
     Entry(("releases",), "Releases"),
+    Entry(("remeasurements",), "Remeasurements"),
     Entry(("densities",), "Densities"),
     Entry(("vessels",), "Vessels"),
     Entry(("devices",), "Devices"),

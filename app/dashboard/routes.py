@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from app.dashboard import no_such_page
-from app.dashboard.data_pages import exports, intake_files, overview, releases
+from app.dashboard.data_pages import exports, intake_files, overview, releases, remeasurements
 from app.dashboard.food_pages import food_forms, foods, study_densities, study_vessels
 from app.dashboard.meal_pages import item_actions, meal, meal_list, review
 from app.dashboard.people_pages import (
@@ -35,6 +35,7 @@ for page in (
     intake_files,
     exports,
     releases,
+    remeasurements,
     devices,
     members,
     webhooks,

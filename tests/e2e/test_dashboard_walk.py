@@ -64,6 +64,8 @@ PARTS = {
     f"{OF_STUDY}/releases-list",
     f"{OF_STUDY}/releases/{{name}}/check",
     f"{OF_STUDY}/releases/{{name}}/state",
+    f"{OF_STUDY}/remeasurement-plan",
+    f"{OF_STUDY}/remeasurements/{{remeasurement}}/state",
     f"{OF_STUDY}/review/{{participant}}/{{meal_id}}",
     f"{MEAL}/state",
     f"{OF_STUDY}/{{rest:path}}",
@@ -313,11 +315,13 @@ def test_every_page_is_linked_and_accessible_in_light_dark_and_on_a_phone(world,
 
 
 def fill_lists(admin):
-    """A webhook, a release and an export that is made, so that their pages are there to be linked."""
+    """A webhook, a remeasurement, a release and an export that is made, so that their pages are there to be linked."""
     study = f"/v1/studies/{STUDY}"
     hook = {"url": "http://127.0.0.1:9/hook", "events": ["meal.confirmed"]}
     require(admin.post(f"{study}/webhooks", json=hook))
     require(admin.post(f"{study}/releases", json={"name": "baseline", "note": "Of the walk"}))
+    again = require(admin.post(f"{study}/remeasurements", json={"limit": 1}))["id"]
+    require(admin.post(f"{study}/remeasurements/{again}/stop"))
     export = require(admin.post(f"{study}/exports", json={"rows": "items", "format": "csv"}))["id"]
     deadline = time.monotonic() + MADE_SECONDS
     while time.monotonic() < deadline:

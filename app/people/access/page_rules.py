@@ -140,6 +140,15 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET ~/releases/{name}/state": "GET ~/releases/{name}",
         "GET ~/releases/{name}/check": "GET ~/releases/{name}/check",
         "GET ~/releases/{name}/files/{file}": "GET ~/releases/{name}/files/{file}",
+        # remeasurements
+        "GET ~/remeasurements": "GET ~/remeasurements",
+        "POST ~/remeasurements": "POST ~/remeasurements",
+        "GET ~/remeasurement-plan": "GET ~/remeasurement-plan",
+        "GET ~/remeasurements/{remeasurement}": "GET ~/remeasurements/{remeasurement}",
+        "GET ~/remeasurements/{remeasurement}/state": "GET ~/remeasurements/{remeasurement}",
+        "GET ~/remeasurements/{remeasurement}/items": "GET ~/remeasurements/{remeasurement}/items",
+        "POST ~/remeasurements/{remeasurement}/stop": "POST ~/remeasurements/{remeasurement}/stop",
+        "POST ~/remeasurements/{remeasurement}/continue": "POST ~/remeasurements/{remeasurement}/continue",
         # audit log, marker
         "GET ~/audit": "GET ~/audit",
         "GET /dashboard/audit": "GET /v1/audit",
@@ -157,6 +166,7 @@ POLLED: frozenset[Call] = frozenset(
         "GET ~/exports/list",
         "GET ~/releases-list",
         "GET ~/releases/{name}/state",
+        "GET ~/remeasurements/{remeasurement}/state",
         "GET ~/waiting",
     )
 )

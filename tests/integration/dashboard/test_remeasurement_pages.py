@@ -1,0 +1,113 @@
+"""The pages of remeasurements: figures and files are the API's; owners count, start, stop and continue."""
+
+import pytest
+
+from tests import estimates
+from tests.estimates import found_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.remeasurements.measuring_again import PATH as API
+from tests.integration.remeasurements.measuring_again import Again
+from tests.photographs import pair
+
+PATH = "/dashboard/studies/pilot/remeasurements"
+PLAN = "/dashboard/studies/pilot/remeasurement-plan"
+
+
+@pytest.fixture
+def again(client, admin, state):
+    return Again(client, admin, state)
+
+
+@pytest.fixture
+def meals(phone, client, state):
+    """Two measured meals, and one that was never photographed."""
+    measured = []
+    for hour in (8, 12):
+        hints = [{"point": [30, 20], "food": "apple"}]
+        body = meal_metadata(hints=hints, captured_at=f"2026-11-20T{hour:02}:30:00+08:00")
+        assert phone.post(pair(hour), body).status_code == 202
+        estimates.save(state, body["id"], found_item())
+        measured.append(body["id"])
+    told = meal_metadata(items=[{"food": "apple"}], captured_at="2026-11-20T18:00:00+08:00")
+    assert client.post("/v1/declared-meals", headers=phone.headers, json=told).status_code == 201
+    return measured
+
+
+@pytest.fixture
+def owner(meals, sign_in_browser):
+    return sign_in_browser("olga", pilot="owner")
+
+
+def test_owner_counts_starts_stops_and_continues(owner, again, meals):
+    counted = text_of(owner.page(PLAN, limit="1"))
+    assert "Of 1 pairs of photographs 1 would be measured" in counted
+    counted = text_of(owner.page(PLAN, limit=""))
+    assert "Of 3 pairs of photographs 2 would be measured" in counted
+    assert "1 skipped: no photographs" in counted
+    assert again.client.get(API, headers=again.headers).json()["items"] == []
+    answer = owner.post(PATH, limit="")
+    assert answer.status_code == 303
+    run = answer.headers["location"]
+    assert f'hx-get="{run}/state"' in owner.page(run)
+    refused = owner.post(PATH, limit="1")
+    assert refused.status_code == 409
+    assert "Another remeasurement of this study is running" in refused.text
+    assert owner.post(f"{run}/stop").headers["location"] == run
+    assert "hx-get" not in (stopped := owner.page(run))
+    assert "Continue" in stopped
+    assert owner.post(f"{run}/continue").status_code == 303
+    again.measure({(meal, "rerun"): [found_item(200.0)] for meal in meals})
+    fragment = owner.get(f"{run}/state", headers={"HX-Request": "true"})
+    assert fragment.headers["hx-redirect"] == run
+    assert owner.post(f"{run}/stop").status_code == 409
+
+
+def test_figures_and_file_are_the_apis(owner, again, meals):
+    numbers, rows = again.done({(meal, "rerun"): [found_item(200.0)] for meal in meals})
+    run = f"{PATH}/{numbers['id']}"
+    shown = figures_of(owner.page(run))
+    progress = [numbers[name] for name in ("measured", "kept", "skipped", "items_changed")]
+    assert shown[:4] == progress
+    assert shown[4:5] == [numbers["reasons"]["no_photographs"]]
+    compared = []
+    for row in rows:
+        if row["item_id"] is not None:
+            old, new = row["old_volume_ml"], row["new_volume_ml"]
+            compared += [old, row["old_low_ml"], row["old_high_ml"], new, row["new_low_ml"], row["new_high_ml"]]
+            compared += [new / old - 1, row["old_mass_g"], row["new_mass_g"]]
+    assert shown[5:] == pytest.approx(compared)
+    listed = figures_of(owner.page(PATH))
+    names = ("pairs", "measured", "kept", "skipped", "items_changed", "items")
+    assert listed == [numbers[name] for name in names]
+    for output in ("csv", "ndjson"):
+        assert owner.get(f"{run}/items", format=output).text == again.get(numbers["id"], "/items", format=output).text
+
+
+def test_progress_is_shown_while_it_is_running(owner, again, meals):
+    started = again.start()
+    again.feed(1)
+    estimates.save(again.state, meals[0], found_item(200.0), purpose="rerun")
+    fragment = owner.get(f"{PATH}/{started['id']}/state", headers={"HX-Request": "true"})
+    assert "1 of 3 pairs are done" in text_of(fragment.text)
+    assert 'hx-trigger="every 4s"' in fragment.text
+
+
+def test_viewer_sees_them_and_can_change_nothing(meals, again, sign_in_browser):
+    numbers = again.start()
+    viewer = sign_in_browser("vera", pilot="viewer")
+    run = f"{PATH}/{numbers['id']}"
+    for path in (PATH, run):
+        assert 'method="post" action="/dashboard/studies' not in viewer.page(path)
+    assert viewer.get(PLAN).status_code == 403
+    for path in (PATH, f"{run}/stop", f"{run}/continue"):
+        assert viewer.post(path).status_code == 403
+    assert again.get(numbers["id"]).json()["state"] == "running"
+
+
+@pytest.mark.parametrize("limit", ["0", "-2", "many", "1.5"])
+def test_limit_that_is_none_is_told_beside_its_field(owner, again, limit):
+    answer = owner.post(PATH, limit=limit)
+    assert answer.status_code == 422
+    assert 'id="limit-wrong"' in answer.text
+    assert again.client.get(API, headers=again.headers).json()["items"] == []
