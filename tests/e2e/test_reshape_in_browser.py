@@ -99,16 +99,43 @@ def test_form_begins_around_the_measured_shape_in_both_photographs_and_in_3d(ope
     assert drawn == pytest.approx(found, abs=10)
 
 
+def drag(page, where, handle, x_px, y_px):
+    knob = page.locator(f"{where} [data-handle={handle}]")
+    knob.scroll_into_view_if_needed()
+    box = knob.bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] + x_px, middle[1] + y_px, steps=5)
+    page.mouse.up()
+
+
+def test_handles_in_3d_follow_the_pointer_and_the_picture_turns(open_form):
+    page = open_form()[0].page
+    before = numbers(page)
+    scale = page.eval_on_selector("[data-reshape-view]", "(svg) => svg.getScreenCTM().a")
+    drag(page, "[data-reshape-view]", "height_mm", 0, -30)
+    after = numbers(page)
+    # seen from 25 degrees above; at first 90 units of the picture are as far as the handle that turns the form
+    grown_mm = 30 / scale / 90 * (before["length_mm"] / 2 + 18) / 0.906
+    assert after["height_mm"] - before["height_mm"] == pytest.approx(grown_mm, rel=0.25)
+    assert after == before | {"height_mm": after["height_mm"]}
+    drag(page, "[data-reshape-view]", "move", 20, 0)
+    moved = numbers(page)
+    assert (moved["x_mm"], moved["y_mm"]) != (after["x_mm"], after["y_mm"])
+    place = "(each) => [each.getAttribute('cx'), each.getAttribute('cy')]"
+    yaw = "[data-reshape-view] [data-handle=yaw_deg]"
+    seen = page.eval_on_selector(yaw, place)
+    page.focus("[data-reshape-view]")
+    page.keyboard.press("ArrowRight")
+    assert page.eval_on_selector(yaw, place) != seen
+    assert numbers(page) == moved
+
+
 def test_height_that_is_dragged_changes_the_volume_at_once_and_the_record_when_it_is_sent(open_form, served, meal):
     tab, item = open_form()
     page, before = tab.page, numbers(tab.page)
-    knob = page.locator('svg[data-photograph="left"] [data-handle=height_mm]')
-    knob.scroll_into_view_if_needed()
-    box = knob.bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 - 40, steps=5)
-    page.mouse.up()
+    drag(page, 'svg[data-photograph="left"]', "height_mm", 0, -40)
     form = numbers(page)
     assert form["height_mm"] > before["height_mm"] + 5
     assert form == before | {"height_mm": form["height_mm"]}

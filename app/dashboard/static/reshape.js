@@ -1,4 +1,4 @@
-// "Reshape" of an item: a form by hand (reshape-form.js) over the photographs and in 3D, by handles or by number fields.
+// "Reshape" of an item: a form by hand (reshape-form.js) over the photographs and in 3D, by handles or number fields.
 // Drag a handle, or Tab to it and use the arrow keys (Shift: by ten). The fields hold the form; the server computes the
 // volume that counts.
 
@@ -14,7 +14,7 @@ const MOST_DOTS = 500; // of the measured shape in the 3D view
 const KNOB_PX = 8; // radius of a handle on the screen
 const RAD = Math.PI / 180;
 
-let active = null; // {fieldset, scene, dots, view: {turn, tilt}}
+let active = null; // {fieldset, scene, dots, view: {turn, tilt, middle, reach}, isDragging}
 
 document.addEventListener("click", async (event) => {
   const button = event.target.closest("[data-reshape-start]");
@@ -31,7 +31,7 @@ document.addEventListener("click", async (event) => {
     if (!form) return told(fieldset, "The item has no outline: type the form's numbers first.");
     writeForm(fieldset, form);
   }
-  active = { fieldset, scene, dots: measured?.dots ?? [], view: { turn: -35, tilt: 25 } };
+  active = { fieldset, scene, dots: measured?.dots ?? [], view: { turn: -35, tilt: 25 }, isDragging: false };
   button.textContent = "Hide the form";
   told(fieldset, "Drag the handles, or Tab to one and use the arrows (Shift: by ten). The picture in 3D turns by dragging and by its arrows.");
   draw();
@@ -158,30 +158,33 @@ function drawForm(parent, form, seen) {
 
 function drawOver(svg, side, form) {
   const camera = active.scene.file.photographs[side].camera;
-  const seen = (place) => project(camera, place);
-  const focused = svg.contains(document.activeElement) ? document.activeElement.dataset.handle : null;
+  drawLayer(svg, `${side} photograph`, form, (place) => project(camera, place), (pixel) => rayOf(camera, pixel));
+}
+
+/** The form and its handles over what `svg` shows. seen: place -> [x, y] or null; rayAt: [x, y] -> ray. */
+function drawLayer(svg, where, form, seen, rayAt) {
   let layer = svg.querySelector("[data-form-by-hand]");
   if (!layer) {
-    layer = element("g", { "data-form-by-hand": side }, svg);
-    layer.addEventListener("pointerdown", (event) => drag(event, svg, camera));
+    layer = element("g", { "data-form-by-hand": where }, svg);
+    layer.addEventListener("pointerdown", (event) => drag(event, svg, layer));
     layer.addEventListener("keydown", onKey);
   }
+  layer.rayAt = rayAt;
   const drawn = layer.querySelector("g") ?? element("g", { "pointer-events": "none" }, layer);
   drawn.replaceChildren();
   drawForm(drawn, form, seen);
   const radius = KNOB_PX / (svg.getScreenCTM()?.a || 1);
   for (const [name, handle] of Object.entries(HANDLES)) {
     const at = seen(handle.at(form));
-    const knob = layer.querySelector(`[data-handle="${name}"]`) ?? newHandle(layer, name, side);
+    const knob = layer.querySelector(`[data-handle="${name}"]`) ?? newHandle(layer, name, where);
     knob.toggleAttribute("hidden", !at);
     if (!at) continue;
     for (const [key, value] of Object.entries({ cx: at[0], cy: at[1], r: radius, ...spoken(name, form) })) knob.setAttribute(key, String(value));
   }
-  if (focused) layer.querySelector(`[data-handle="${focused}"]`)?.focus({ preventScroll: true });
 }
 
-function newHandle(layer, name, side) {
-  const knob = element("circle", { class: `hand-knob hand-${name}`, "data-handle": name, tabindex: 0, role: "slider", "aria-label": `${HANDLE_NAMES[name]}, ${side} photograph` }, layer);
+function newHandle(layer, name, where) {
+  const knob = element("circle", { class: `hand-knob hand-${name}`, "data-handle": name, tabindex: 0, role: "slider", "aria-label": `${HANDLE_NAMES[name]}, ${where}` }, layer);
   element("title", {}, knob).textContent = HANDLE_NAMES[name];
   return knob;
 }
@@ -192,22 +195,27 @@ function spoken(name, form) {
   return { "aria-valuenow": form[name].toFixed(1), "aria-valuetext": `${form[name].toFixed(0)} ${name.endsWith("deg") ? "degrees" : "mm"}` };
 }
 
-function drag(event, svg, camera) {
+function drag(event, svg, layer) {
   const name = event.target.dataset?.handle;
   if (!name || event.button !== 0 || !active) return;
   event.preventDefault();
   event.target.focus({ preventScroll: true });
   const { fieldset } = active;
+  active.isDragging = true; // the picture in 3D stays where it is meanwhile
   const move = ({ clientX, clientY }) => {
     const at = new DOMPoint(clientX, clientY).matrixTransform(svg.getScreenCTM().inverse());
     const form = readForm(fieldset);
-    const dragged = form && HANDLES[name].dragged(form, rayOf(camera, [at.x, at.y]));
+    const dragged = form && HANDLES[name].dragged(form, layer.rayAt([at.x, at.y]));
     if (dragged) writeForm(fieldset, dragged);
   };
   const stop = () => {
     removeEventListener("pointermove", move);
     removeEventListener("pointerup", stop);
     removeEventListener("pointercancel", stop);
+    if (active) {
+      active.isDragging = false;
+      draw();
+    }
   };
   addEventListener("pointermove", move);
   addEventListener("pointerup", stop);
@@ -237,29 +245,40 @@ function onKey(event) {
 
 function drawView(form) {
   const svg = active.fieldset.querySelector("[data-reshape-view]");
-  const { turn, tilt } = active.view;
-  const [ct, st, ce, se] = [Math.cos(turn * RAD), Math.sin(turn * RAD), Math.cos(tilt * RAD), Math.sin(tilt * RAD)];
-  const middle = placeOf(form, 0, 0, 0.5);
-  const reach = Math.max(60, ...linesOf(form).flat().map((place) => Math.hypot(...place.map((value, i) => value - middle[i]))));
-  const seen = (place) => {
-    const [x, y, z] = place.map((value, i) => (value - middle[i]) / reach);
-    return [90 * (x * ct - y * st), -90 * ((x * st + y * ct) * se + z * ce)];
-  };
-  const parts = document.createElementNS(SVG, "g");
-  const [left, right] = [-1, 1].map((sign) => sign * reach * 1.4);
-  const grid = [-1, -0.5, 0, 0.5, 1].map((share) => share * reach * 1.4).flatMap((at) => [
-    [[at, left], [at, right]], [[left, at], [right, at]],
-  ]);
-  const ground = ([x, y]) => seen([middle[0] + x, middle[1] + y, form.base_mm]);
-  element("path", { d: grid.map((line) => pathOf(line.map(ground))).join(" "), class: "hand-grid" }, parts);
-  if (active.dots.length) element("path", { d: active.dots.map((place) => `${pathOf([seen(place)])} h0`).join(" "), class: "hand-dots" }, parts);
-  drawForm(parts, form, seen);
-  svg.replaceChildren(parts);
+  const { view } = active;
+  if (!active.isDragging) {
+    view.middle = placeOf(form, 0, 0, 0.5);
+    const apart = (place) => Math.hypot(...place.map((value, i) => value - view.middle[i]));
+    view.reach = Math.max(60, ...linesOf(form).flat().map(apart), apart(HANDLES.yaw_deg.at(form)));
+  }
+  const { middle, reach } = view;
+  const { right, up, towards } = axesOf(view);
+  const along = (place, axis) => place.reduce((sum, value, i) => sum + ((value - middle[i]) / reach) * axis[i], 0);
+  const seen = (place) => [90 * along(place, right), -90 * along(place, up)];
+  const rayAt = ([x, y]) => ({
+    from: middle.map((value, i) => value + reach * ((x / 90) * right[i] - (y / 90) * up[i] - 20 * towards[i])),
+    towards,
+  });
+  const ground = svg.querySelector("[data-ground]") ?? element("g", { "data-ground": "" }, svg);
+  ground.replaceChildren();
+  const far = reach * 1.4;
+  const grid = [-1, -0.5, 0, 0.5, 1].map((share) => share * far).flatMap((at) => [[[at, -far], [at, far]], [[-far, at], [far, at]]]);
+  const onGround = ([x, y]) => seen([middle[0] + x, middle[1] + y, form.base_mm]);
+  element("path", { d: grid.map((line) => pathOf(line.map(onGround))).join(" "), class: "hand-grid" }, ground);
+  if (active.dots.length) element("path", { d: active.dots.map((place) => `${pathOf([seen(place)])} h0`).join(" "), class: "hand-dots" }, ground);
+  drawLayer(svg, "in 3D", form, seen, rayAt);
   svg.setAttribute("aria-label", `The form in 3D: ${form.section}, ${form.length_mm} by ${form.width_mm} by ${form.height_mm} mm. Arrows turn the picture.`);
 }
 
+/** Unit vectors of the picture in the table frame: to its right, upwards in it, and into it. */
+function axesOf({ turn, tilt }) {
+  const [ct, st, ce, se] = [Math.cos(turn * RAD), Math.sin(turn * RAD), Math.cos(tilt * RAD), Math.sin(tilt * RAD)];
+  return { right: [ct, -st, 0], up: [st * se, ct * se, ce], towards: [st * ce, ct * ce, -se] };
+}
+
 function turnBy(turn, tilt) {
-  active.view = { turn: active.view.turn + turn, tilt: Math.min(Math.max(active.view.tilt + tilt, 0), 90) };
+  active.view.turn += turn;
+  active.view.tilt = Math.min(Math.max(active.view.tilt + tilt, 0), 90);
   draw();
 }
 document.addEventListener("keydown", (event) => {
@@ -270,7 +289,7 @@ document.addEventListener("keydown", (event) => {
   turnBy(turn, tilt);
 });
 document.addEventListener("pointermove", (event) => {
-  if (active && event.buttons === 1 && event.target.closest?.("[data-reshape-view]")) turnBy(event.movementX / 2, event.movementY / 2);
+  if (active && !active.isDragging && event.buttons === 1 && event.target.closest?.("[data-reshape-view]")) turnBy(event.movementX / 2, event.movementY / 2);
 });
 
 showButtons();
