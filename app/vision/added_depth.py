@@ -1,9 +1,10 @@
-"""What depth maps add to a scene: to a pair's parallax, or in its place where there is one view.
+"""What depth maps and further views add to a pair's parallax, or a depth map in its place where there is one view.
 
 Views whose photographs have depth maps and the scene -> the scene with them, if the table that they show is the
 reference's; else without them and with the flag "depth_ignored". The marker, or the rig, decides the scale.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,11 @@ import numpy as np
 from app.vision.model import MaskArray, View
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.depth_fusion import agree_with_table, fuse_depths
-from app.vision.stereo.depth_parallax import parallax_of_depth
-from app.vision.stereo.disparity import DisparityMap, unmatched
+from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
+from app.vision.stereo.disparity import DisparityMap, match_dense, unmatched
+from app.vision.stereo.other_views import second_partner
 from app.vision.stereo.reconstruction import back_project
-from app.vision.stereo.rectification import RectifiedPair
+from app.vision.stereo.rectification import RectifiedPair, rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.single_view import SingleView
 from app.vision.trace import Reconstruction
@@ -39,8 +41,8 @@ def parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[D
     return (unmatched(pair.shape), IGNORED) if agreed is None else (agreed, ())
 
 
-def add_depth_maps(scene: Reconstruction, refined: RefinedViews | SingleView) -> Reconstruction:
-    """A pair's scene with the depth maps of its photographs; a single view's is its map's already."""
+def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]) -> Reconstruction:
+    """A pair's scene with its depth maps and its first view's parallax with a further one; a single view's as it is."""
     if isinstance(refined, SingleView):
         return scene
     pair, match = scene.rectified, scene.disparity
@@ -48,8 +50,14 @@ def add_depth_maps(scene: Reconstruction, refined: RefinedViews | SingleView) ->
     maps = [parallax_of_depth(pair, view, view.photo.depth) for view in views if view.photo.depth is not None]
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
     agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
+    flags = IGNORED if any(each is None for each in agreed) else ()
+    partner = second_partner(refined.first, others)
+    if partner is not None:
+        own = rectify_by_poses(refined.first, partner)
+        further = match_dense(*own.both_bgr, own.parallax_range_px, own.is_seen)
+        shown = parallax_of_match(pair, own, further, TUNING.dense_sd_px)
+        agreed.append(agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True))
     depths = tuple(each for each in agreed if each is not None)
-    flags = IGNORED if len(depths) < len(maps) else ()
     if not depths:
         return replace(scene, flags=flags)
     fused = fuse_depths(pair, match, depths, TUNING.dense_sd_px)

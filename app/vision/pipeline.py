@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.added_depth import add_depth_maps, parallax_alone
+from app.vision.added_depth import add_depths, parallax_alone
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
@@ -147,7 +147,7 @@ def _run(
         return moved
     if options.method == "shape":
         with stage("depth"):
-            trace.scene = scene = add_depth_maps(scene, refined)
+            trace.scene = scene = add_depths(scene, refined, trace.others)
     with stage("segment"):
         left = refined.second if trace.is_swapped and isinstance(refined, RefinedViews) else refined.first
         places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)

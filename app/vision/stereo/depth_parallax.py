@@ -18,6 +18,7 @@ from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.single_view import SingleView
 from app.vision.stereo.table_plane import lowest_plane, table_from_plane, table_not_found
 
+MATCH_AREA_PX = 100.0  # of its own grid, over which errors of a dense match are one
 SAMPLES = 4000
 PLANE_UNITS = 0.4  # of table_plane's tolerance, px: the depth map's noise in its units of inverse depth
 MIN_TILT_COSINE = 0.17  # between the camera's axis and the plane's normal: flatter, and it is a wall
@@ -41,6 +42,27 @@ def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> Dispa
         np.full(pair.shape, 1.5 * scale, np.float32),
         np.asarray(disparity * relative, np.float32),
         error_area_px=depth.error_area_px * scale**2,
+    )
+
+
+def parallax_of_match(pair: RectifiedPair, own: RectifiedPair, match: DisparityMap, sd_px: float) -> DisparityMap:
+    """The dense match of the pair's first view with a further one, on the pair's grid. own: the two of them.
+
+    sd_px: least, of the match; MATCH_AREA_PX is over which its errors are one.
+    """
+    if match.sd_px is None:
+        raise ValueError("A dense match has a standard deviation at each pixel.")
+    grid = np.array([[own.focal_px, 0.0, own.centre_px[0]], [0.0, own.focal_px, own.centre_px[1]], [0.0, 0.0, 1.0]])
+    shown = own.disparity_from_parallax(match.parallax_px)
+    noise = np.fmax(match.sd_px, np.float32(sd_px))
+    per_px = pair.focal_px * pair.baseline_mm / (own.focal_px * own.baseline_mm)
+    disparity, sd, reach = _on_grid(pair, grid @ own.rotation, [shown, noise, match.reach_px])
+    scale = pair.focal_px / own.focal_px
+    return DisparityMap(
+        pair.parallax_from_disparity(disparity * np.float32(per_px)),
+        reach * np.float32(scale),
+        sd * np.float32(per_px),
+        error_area_px=MATCH_AREA_PX * scale**2,
     )
 
 

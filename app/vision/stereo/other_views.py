@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.camera import MIN_VIEW_ANGLE_DEG, camera_from_exif, estimate_views
+from app.vision.board.camera import MAX_VIEW_ANGLE_DEG, MIN_VIEW_ANGLE_DEG, camera_from_exif, estimate_views
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.board.pose import solve_pose
 from app.vision.marker_spec import MarkerSpec
@@ -23,6 +23,7 @@ from app.vision.stereo.stillness import judge_heights, judge_matches
 # Between the lines of sight of a pair. The narrower it is, the surer do windows on plain food match, and the other
 # photographs widen the base; narrower than this, the noise of disparities tells in depth.
 LEAST_ANGLE_DEG = 2 * MIN_VIEW_ANGLE_DEG
+MOST_ALONG = 0.7  # of the baseline, along an optical axis
 
 
 def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
@@ -70,6 +71,30 @@ def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: Esti
     """
     placed = (_placed(photo, pair.first, options) for photo in photos)
     return [view for view in placed if view is not None]
+
+
+def second_partner(first: View, others: Sequence[View]) -> View | None:
+    """The view, of those placed, with which the pair's first is matched once more; None where none is suited.
+
+    Nearest in its line of sight to the marker, as choose_partner's; beyond MAX_VIEW_ANGLE_DEG windows on food are
+    too different, and one behind the other shows no parallax.
+    """
+    suited = {index: _sight_angle_deg(first, view) for index, view in enumerate(others) if _is_beside(first, view)}
+    suited = {index: angle for index, angle in suited.items() if LEAST_ANGLE_DEG <= angle <= MAX_VIEW_ANGLE_DEG}
+    return others[min(suited, key=lambda index: suited[index])] if suited else None
+
+
+def _sight_angle_deg(first: View, other: View) -> float:
+    """Between the lines of sight to the table frame's origin."""
+    sights = [view.centre_mm / np.linalg.norm(view.centre_mm) for view in (first, other)]
+    return float(np.degrees(np.arccos(np.clip(sights[0] @ sights[1], -1.0, 1.0))))
+
+
+def _is_beside(first: View, other: View) -> bool:
+    """Whether the line between the cameras runs across both of their optical axes."""
+    baseline = other.centre_mm - first.centre_mm
+    along = [abs(float(view.rotation[2] @ baseline)) for view in (first, other)]
+    return max(along) < MOST_ALONG * float(np.linalg.norm(baseline))
 
 
 def _placed(photo: Photo, first: View, options: EstimateOptions) -> View | None:

@@ -1,4 +1,4 @@
-"""Depth maps of a rendered ball on the pair's grid: known truth from either view, the marker's scale, fusion."""
+"""Depth of a ball on the pair's grid, by maps and further matches: known truth, the marker's scale, fusion."""
 
 from dataclasses import replace
 
@@ -7,10 +7,11 @@ import pytest
 
 from app.vision.model import DepthMap
 from app.vision.stereo.depth_fusion import MAX_SCALE_ERROR, agree_with_table, fuse_depths
-from app.vision.stereo.depth_parallax import parallax_of_depth
+from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
 from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.other_views import second_partner
 from app.vision.stereo.rectification import rectify_by_poses
-from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, true_depth
+from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, look_at, true_depth, view_of
 
 BALL = Ball((60.0, 10.0), 33.0)
 MAP = (300, 400)  # the photographs' height and width divided by three
@@ -136,3 +137,34 @@ def test_gap_is_filled_by_a_sure_map_alone(scene):
 def test_match_without_maps_stays_as_it_is(scene):
     _, pair, *_ = scene
     assert middle(pair, fused(pair, (10.0, 0.5, 4.5))) == [10.0, 0.5, 4.5]
+
+
+@pytest.mark.parametrize("place_mm", [(150.0, -230.0, 330.0), (-40.0, -250.0, 330.0), (60.0, -330.0, 240.0)])
+def test_match_with_a_further_view_is_the_true_parallax_of_the_pair(scene, place_mm):
+    (first, _), pair, truth, _ = scene
+    further = view_of(first.photo.pixels_bgr, look_at(place_mm, (60.0, 0.0, 10.0)))
+    own = rectify_by_poses(first, further)
+    depth = true_depth(own.rotation, own.first_centre_mm, own.focal_px, own.centre_px, own.shape, BALL)
+    disparity = (own.focal_px * own.baseline_mm / depth).astype(np.float32)
+    reach, sd = (np.full(own.shape, each, np.float32) for each in (4.5, 0.1))
+    match = DisparityMap(own.parallax_from_disparity(disparity), reach, sd)
+    shown = parallax_of_match(pair, own, match, 0.5)
+    seen = np.isfinite(shown.parallax_px) & pair.is_seen
+    assert np.mean(seen[pair.is_seen]) > 0.6
+    assert np.quantile(np.abs(shown.parallax_px - truth)[seen], 0.95) < 0.2
+    # A tenth of a pixel at twice the baseline is half of that here; of the match no less than 0.5 px is believed.
+    at_same_depth = pair.focal_px * pair.baseline_mm / (own.focal_px * own.baseline_mm)
+    assert np.isclose(np.nanmedian(shown.sd_px), 0.5 * at_same_depth, rtol=0.3)
+
+
+def test_second_partner_is_the_nearest_view_that_stands_beside_the_first():
+    first, _ = blank_views()
+
+    def view(*place_mm):
+        return view_of(first.photo.pixels_bgr, look_at(place_mm, (60.0, 0.0, 10.0)))
+
+    near, far = view(100.0, -250.0, 330.0), view(200.0, -200.0, 330.0)
+    behind, opposite = view(28.0, -295.0, 372.0), view(60.0, 260.0, 330.0)
+    assert second_partner(first, [far, behind, near, opposite]) is near
+    assert second_partner(first, [behind, opposite]) is None
+    assert second_partner(first, []) is None
