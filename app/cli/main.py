@@ -145,6 +145,9 @@ def estimate(
         list[str] | None, typer.Option(metavar="VIEW=FILE", help="Depth map of a photograph: 16 bit PNG or TIFF.")
     ] = None,
     depth_camera: Annotated[Path | None, typer.Option(help="Intrinsics of the depth map (JSON).")] = None,
+    depth_confidence: Annotated[
+        list[str] | None, typer.Option(metavar="VIEW=FILE", help="Confidence of a depth map: 8 bit PNG.")
+    ] = None,
     method: Annotated[str, typer.Option(help="Method of volume estimation: shape, paper or paper-strict.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".')
@@ -178,6 +181,7 @@ def estimate(
         index=settings.food_index,
         depths=depth or [],
         depth_camera=depth_camera,
+        confidences=depth_confidence or [],
     )
     if as_json:
         print(json.dumps(estimated))

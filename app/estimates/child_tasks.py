@@ -3,7 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import overload
 
@@ -23,12 +23,21 @@ from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
-from app.vision.depth_map import DepthCamera, read_depth
+from app.vision.depth_map import depth_camera_from_mapping, read_confidence, read_depth
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
-from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
+from app.vision.model import (
+    Artefact,
+    ColourCorrection,
+    DepthMap,
+    EstimateOptions,
+    ImageArray,
+    MealEstimate,
+    Photo,
+    PhotoPair,
+)
 from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
 from app.vision.pipeline import estimate_meal
 from app.vision.version import PIPELINE_VERSION
@@ -49,10 +58,25 @@ class _PairRequest(BaseModel):
     max_pixels: int
 
 
+@dataclass(frozen=True, slots=True)
+class DepthFiles:
+    """A depth map, its camera (depth_map.py's keys), and what is known of its confidence."""
+
+    depth: Path
+    camera: Mapping[str, float]
+    confidence: Path | None = None
+
+    def read(self) -> DepthMap | Failure:
+        """The map. Failures: see read_depth. Raises OSError, InvalidInputError (the camera)."""
+        confidence = self.confidence.read_bytes() if self.confidence is not None else None
+        return read_depth(self.depth.read_bytes(), depth_camera_from_mapping(self.camera), confidence)
+
+
 class _EstimateRequest(BaseModel):
-    """photographs: paths by view, in the order of VIEW_SLOTS."""
+    """photographs: paths by view, in the order of VIEW_SLOTS. depths: of some of them."""
 
     photographs: dict[str, Path]
+    depths: dict[str, DepthFiles] = {}
     max_pixels: int
     output_dir: Path
     options: Json
@@ -64,7 +88,11 @@ class _CheckRequest(_PairRequest):
 
 
 class _WholeRequest(BaseModel):
+    """depth_camera: the file is a depth map of it, or its confidence map."""
+
     photo: Path
+    depth_camera: dict[str, float] | None = None
+    is_confidence: bool = False
 
 
 class _CalibrateRequest(BaseModel):
@@ -115,10 +143,11 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
     request = _EstimateRequest.model_validate(arguments)
     answer, estimate = run_estimate(
         request.photographs,
-        options_from_json(request.options),
+        options_from_json({**request.options, "depth": bool(request.depths)}),
         max_pixels=request.max_pixels,
         on_stage=on_stage,
         want_artefacts=True,
+        depths=request.depths,
     )
     answer.artefacts = []
     for artefact in estimate.artefacts if estimate is not None else ():
@@ -141,11 +170,11 @@ def run_estimate(
     max_pixels: int,
     on_stage: StageListener,
     want_artefacts: bool,
-    depths: Mapping[str, tuple[Path, DepthCamera]] | None = None,
+    depths: Mapping[str, DepthFiles] | None = None,
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
-    photographs: by name, left, right, then others. depths: depth maps of some, with their cameras.
+    photographs: by name, left, right, then others. depths: depth maps of some.
     Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
@@ -158,8 +187,7 @@ def run_estimate(
             stages = {"read": time.perf_counter() - started}
             return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
         if depths is not None and side in depths:
-            file, camera = depths[side]
-            depth = read_depth(file.read_bytes(), camera)
+            depth = depths[side].read()
             if isinstance(depth, Failure):
                 stages = {"read": time.perf_counter() - started}
                 return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
@@ -207,8 +235,15 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
 
 
 def whole_task(arguments: Arguments, _: StageListener) -> Json:
-    """Whether a JPEG gives all of its pixels."""
-    failure = why_not_whole(_WholeRequest.model_validate(arguments).photo.read_bytes())
+    """Whether a JPEG gives all of its pixels, or a depth or confidence map is one that can be used."""
+    request = _WholeRequest.model_validate(arguments)
+    data = request.photo.read_bytes()
+    if request.depth_camera is None:
+        failure = why_not_whole(data)
+    else:
+        camera = depth_camera_from_mapping(request.depth_camera)
+        read = read_confidence(data, camera) if request.is_confidence else read_depth(data, camera)
+        failure = read if isinstance(read, Failure) else None
     return {"failure": failure_to_json(failure) if failure is not None else None}
 
 

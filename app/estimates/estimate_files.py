@@ -2,17 +2,18 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
 
 from app.candidates.identify_photo import identify_items
 from app.core.errors import InvalidInputError
-from app.estimates.child_tasks import run_estimate
+from app.estimates.child_tasks import DepthFiles, run_estimate
 from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
-from app.vision.depth_map import DepthCamera, depth_camera_from_mapping
+from app.vision.depth_map import depth_camera_from_mapping
 from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
 
@@ -63,11 +64,12 @@ def estimate_files(
     index: Path | None = None,
     depths: Sequence[str] = (),
     depth_camera: Path | None = None,
+    confidences: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
     _require_number(len(photographs), options)
     names = VIEW_SLOTS[: len(photographs)]
-    depth_files = _read_depths(depths, depth_camera, dict(zip(names, photographs, strict=True)))
+    depth_files = _read_depths(depths, depth_camera, confidences, dict(zip(names, photographs, strict=True)))
     if depth_files:
         _require_scale(depth_files, options)
     table = {food.key: food for food in load_starter_table().foods}
@@ -119,25 +121,31 @@ def _require_scale(depths: Mapping[str, object], options: EstimateOptions) -> No
 
 
 def _read_depths(
-    depths: Sequence[str], camera: Path | None, photographs: Mapping[str, Path]
-) -> dict[str, tuple[Path, DepthCamera]]:
-    """Depth maps by the name of their photograph, left, right, view3 ..., each as VIEW=FILE.
-
-    VIEW: that name, or the photograph's file name without its ending.
-    """
-    if not depths:
+    depths: Sequence[str], camera: Path | None, confidences: Sequence[str], photographs: Mapping[str, Path]
+) -> dict[str, DepthFiles]:
+    """Depth maps by the name of their photograph, left, right, view3 ..., with their confidence maps."""
+    maps = _files_by_view("--depth", depths, photographs)
+    confidence_maps = _files_by_view("--depth-confidence", confidences, photographs)
+    if not confidence_maps.keys() <= maps.keys():
+        raise InvalidInputError("--depth-confidence needs --depth of the same photograph.")
+    if not maps:
         return {}
     if camera is None:
         raise InvalidInputError("--depth needs --depth-camera FILE.", code="depth_camera_invalid")
-    intrinsics = depth_camera_from_mapping(_read_object(_text_of(camera), str(camera)))
-    out = {}
-    for text in depths:
+    intrinsics = asdict(depth_camera_from_mapping(_read_object(_text_of(camera), str(camera))))
+    return {view: DepthFiles(path, intrinsics, confidence_maps.get(view)) for view, path in maps.items()}
+
+
+def _files_by_view(option: str, texts: Sequence[str], photographs: Mapping[str, Path]) -> dict[str, Path]:
+    """Files given as VIEW=FILE. VIEW: a photograph's name, or its file's name without the ending."""
+    files = {}
+    for text in texts:
         view, _, file = text.partition("=")
         names = [name for name, path in photographs.items() if view in (name, path.stem)]
         if not file or not names:
-            raise InvalidInputError(f"--depth {text}: VIEW=FILE, VIEW being one of the photographs.")
-        out[names[0]] = Path(file), intrinsics
-    return out
+            raise InvalidInputError(f"{option} {text}: VIEW=FILE, VIEW being one of the photographs.")
+        files[names[0]] = Path(file)
+    return files
 
 
 def _read_hint(text: str) -> dict[str, Any]:

@@ -43,7 +43,7 @@ from app.metrics import instruments
 from app.people import privacy_queries as privacy
 from app.people.calibration_models import CameraDetails
 from app.people.models import Study
-from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS
+from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slot, depth_slot
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
@@ -109,8 +109,9 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
-            slots = AFTER_SLOTS if _is_of_after(job) else meal.view_slots
-            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in slots}
+            slots, maps = (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
+            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in (*slots, *maps)}
+            depth_camera = meal.details.get("depth_camera")
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
             sizes = [  # of further views, those that the camera does not fit are left out
@@ -127,7 +128,17 @@ class EstimateMeal:
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
             paths = {view: self._fetch(images[slot], folder) for view, slot in zip(VIEW_SLOTS, slots, strict=False)}
-            answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
+            maps_by_slot = {slot: str(self._fetch(images[slot], folder)) for slot in maps}
+            depths = {
+                view: {
+                    "depth": maps_by_slot[depth_slot(view)],
+                    "camera": depth_camera,
+                    "confidence": maps_by_slot.get(confidence_slot(view)),
+                }
+                for view in PAIR_SLOTS
+                if depth_slot(view) in maps_by_slot
+            }
+            answer = self._estimate(job, paths, depths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer.parameters)
             if regions is not None:  # the item of each hint: the meal may have changed when it is saved
@@ -177,7 +188,7 @@ class EstimateMeal:
         self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]], chosen: ChosenCamera
     ) -> EstimateOptions:
         marker = (meal.details["marker"] or study.marker) if chosen.rig is None else None
-        if marker is None and chosen.rig is None:
+        if marker is None and chosen.rig is None and "left_depth" not in meal.map_slots:
             raise JobFailure(SCALE_MISSING)
         options = EstimateOptions(
             marker=parse_marker(marker) if marker is not None else None,
@@ -209,12 +220,20 @@ class EstimateMeal:
             log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
 
     def _estimate(
-        self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path, *, is_alone: bool
+        self,
+        job: Job,
+        paths: Mapping[str, Path],
+        depths: Mapping[str, Mapping[str, object]],
+        options: EstimateOptions,
+        folder: Path,
+        *,
+        is_alone: bool,
     ) -> RunAnswer:
         request = ChildRequest(
             task="estimate",
             arguments={
                 "photographs": {view: str(path) for view, path in paths.items()},
+                "depths": depths,
                 "options": options_to_json(options),
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,

@@ -75,7 +75,7 @@ def _failed_pairs(meal: Meal, code: str | None) -> dict[PairPurpose, tuple[str, 
     """Return purpose -> the slots of the photographs that it needs."""
     failed: dict[PairPurpose, tuple[str, ...]] = {}
     if meal.status == "failed" and meal.origin == "photographed" and code in (None, meal.failure_code):
-        failed["meal"] = meal.view_slots
+        failed["meal"] = meal.announced_slots
     if meal.after_status == "failed" and code in (None, meal.after_failure_code):
         failed["after"] = AFTER_SLOTS
     return failed

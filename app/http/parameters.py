@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import Path, Query
 
 from app.http.text_schemas import LocalDay
-from app.photos.slots import PhotographSlot
+from app.photos.slots import ImageSlot
 
 StudyCode = Annotated[str, Path(max_length=64, description="The study's code.")]
 ParticipantCode = Annotated[str, Path(max_length=64, description="The participant's pseudonymous code in the study.")]
@@ -17,10 +17,10 @@ RemeasurementId = Annotated[uuid.UUID, Path(description="The remeasurement's id.
 VesselId = Annotated[uuid.UUID, Path(description="The vessel's id, not its name.")]
 WebhookId = Annotated[uuid.UUID, Path(description="The webhook's id.")]
 Slot = Annotated[
-    PhotographSlot,
+    ImageSlot,
     Path(
         description="Which photograph: left, right and view3 to view8 of the meal, after_left and after_right of its "
-        "after-meal pair."
+        "after-meal pair; or a map: left_depth, right_depth, left_confidence, right_confidence."
     ),
 ]
 OfStudy = Annotated[

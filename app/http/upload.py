@@ -33,7 +33,7 @@ WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
 MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic")  # those that are read
-PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "application/octet-stream"})
+PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "image/tiff", "application/octet-stream"})
 METADATA = "metadata"
 MAX_METADATA_BYTES = 64 * 1024
 
@@ -198,7 +198,8 @@ def _require_photo_type(content_type: str, slot: str) -> None:
     kind, _ = parse_options_header(content_type)
     if kind.decode("latin-1").lower() not in PHOTO_TYPES:
         raise UnsupportedMediaError(
-            f"The {slot} part is {content_type[:100]!r}: send a JPEG, PNG, WebP or HEIC as it came from the camera.",
+            f"The {slot} part is {content_type[:100]!r}: send a JPEG, PNG, WebP or HEIC as it came from the camera; a "
+            "depth map as PNG or TIFF.",
             slot=slot,
         )
 

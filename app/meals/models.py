@@ -80,10 +80,22 @@ class DeclaredItemDetails(TypedDict):
     share: float
 
 
+class DepthCameraDetails(TypedDict):
+    """A depth camera's pinhole, px of its map; unit_mm: of whole numbers in a PNG."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    unit_mm: float
+
+
 class MealDetails(PairDetails):
     """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2.
 
-    rig: if it was sent.
+    rig: if it was sent. depth_camera, depth_maps: of a meal with depth maps; their slots.
     """
 
     marker: str | None
@@ -92,6 +104,8 @@ class MealDetails(PairDetails):
     declared: NotRequired[list[DeclaredItemDetails]]
     views: NotRequired[int]
     rig: NotRequired[RigDetails]
+    depth_camera: NotRequired[DepthCameraDetails]
+    depth_maps: NotRequired[list[str]]
 
 
 class Meal(Base):
@@ -163,12 +177,27 @@ class Meal(Base):
 
     @property
     def view_slots(self) -> tuple[str, ...]:
-        """The slots of the photographs that make the meal complete."""
+        """The slots of the photographs that show the meal."""
         return VIEW_SLOTS[: self.details.get("views", DEFAULT_VIEWS)]
+
+    @property
+    def map_slots(self) -> tuple[str, ...]:
+        """The slots of its depth and confidence maps."""
+        return tuple(self.details.get("depth_maps", ()))
+
+    @property
+    def announced_slots(self) -> tuple[str, ...]:
+        """The slots of the photographs and maps that make the meal complete."""
+        return announced_slots(self.details)
+
+
+def announced_slots(details: MealDetails) -> tuple[str, ...]:
+    """The slots that a meal's metadata announce, in order."""
+    return (*VIEW_SLOTS[: details.get("views", DEFAULT_VIEWS)], *details.get("depth_maps", ()))
 
 
 class MealImage(Base):
-    """One photograph. received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without its location.
+    """One photograph or map. received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
 
     erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """

@@ -31,13 +31,15 @@ from app.core.settings import Settings
 from app.db import spent_keys
 from app.db.session import Database
 from app.http.upload import ReceivedFile, storage_full
-from app.meals.models import MealImage
+from app.meals.models import DepthCameraDetails, MealImage
 from app.people import privacy_queries as privacy
 from app.people.access.caller import DeviceCaller
 from app.people.location_policy import LocationPolicy
+from app.photos.depth import MAX_MAP_PIXELS, inspect_depth
 from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo
 from app.photos.location import read_location, remove_location
+from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS
 from app.storage.blob_store import BlobStore
 
 Result = TypeVar("Result")
@@ -80,7 +82,7 @@ class PhotoIntake:
         Raises InvalidInputError, TooLargeError, UnsupportedMediaError, each with the slot.
         """
         max_pixels = self._settings.max_photo_pixels
-        return {slot: _prepare_photo(slot, file, max_pixels, policy) for slot, file in files.items()}
+        return {slot: _prepare_image(slot, file, max_pixels, policy) for slot, file in files.items()}
 
     def seal_and_write(
         self,
@@ -89,19 +91,21 @@ class PhotoIntake:
         keys: Mapping[str, str],
         stored: Container[str],
         write: Callable[[], Result],
+        depth_camera: DepthCameraDetails | None = None,
     ) -> Result:
         """Seal the photographs whose slot is not in `stored`, then write the rows that name them.
 
         photos, keys: by slot. write: one transaction; it runs again if an identical upload commits first.
+        depth_camera: of the depth maps among them.
 
-        Raises InvalidInputError (`image_unreadable`: a JPEG lacks some of its pixels), StorageFullError, and whatever
-        `write` raises.
+        Raises InvalidInputError (`image_unreadable`: a JPEG lacks some of its pixels; `depth_unreadable`,
+        `depth_empty`), StorageFullError, and whatever `write` raises.
         """
         new_photos = {slot: photo for slot, photo in photos.items() if slot not in stored}
         if self._children.are_up:
             for slot, photo in new_photos.items():
-                if photo.media_type == JPEG:
-                    _require_whole(self._children, caller, slot, photo)
+                if photo.media_type == JPEG or slot in DEPTH_SLOTS:
+                    _require_whole(self._children, caller, slot, photo, depth_camera)
         try:
             self._blobs.put_files({keys[slot]: photo.path for slot, photo in new_photos.items()})
         except OSError as error:
@@ -161,10 +165,14 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
     )
 
 
-def _prepare_photo(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
+def _prepare_image(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
     if file.bytes == 0:
         raise InvalidInputError(f"The {slot} photograph is empty: send its bytes.", code="part_empty", slot=slot)
-    facts = inspect_photo(file.path)
+    is_map = slot in DEPTH_SLOTS
+    if is_map:
+        facts, max_pixels = inspect_depth(file.path, is_confidence=slot in CONFIDENCE_SLOTS), MAX_MAP_PIXELS
+    else:
+        facts = inspect_photo(file.path)
     if not isinstance(facts, PhotoFacts):
         message = f"The {slot} photograph: {facts.message}" + (f" {facts.advice}" if facts.advice else "")
         if facts.code == "not_an_image":
@@ -177,7 +185,7 @@ def _prepare_photo(slot: str, file: ReceivedFile, max_pixels: int, policy: Locat
             slot=slot,
             limit_pixels=max_pixels,
         )
-    location = read_location(file.path, facts) if policy.reads_tags else None
+    location = read_location(file.path, facts) if policy.reads_tags and not is_map else None
     changed = policy.cuts_tags and remove_location(file.path, facts)
     upright = (facts.height, facts.width) if facts.orientation in SIDEWAYS else (facts.width, facts.height)
     return SealablePhoto(
@@ -192,15 +200,26 @@ def _prepare_photo(slot: str, file: ReceivedFile, max_pixels: int, policy: Locat
     )
 
 
-def _require_whole(children: ApiChildren, caller: DeviceCaller, slot: str, photo: SealablePhoto) -> None:
+def _require_whole(
+    children: ApiChildren,
+    caller: DeviceCaller,
+    slot: str,
+    photo: SealablePhoto,
+    depth_camera: DepthCameraDetails | None,
+) -> None:
+    is_map = slot in DEPTH_SLOTS
     try:
         result = children.run(
             "whole",
-            {"photo": str(photo.path)},
+            {
+                "photo": str(photo.path),
+                "depth_camera": depth_camera if is_map else None,
+                "is_confidence": slot in CONFIDENCE_SLOTS,
+            },
             seconds=DECODING_SECONDS,
             whose=Whose(caller.study_id, caller.device_id),
             photograph_sha256=photo.stored_sha256,
-            is_costly=is_costly([photo.path]),
+            is_costly=not is_map and is_costly([photo.path]),
         )
     except TadaError:  # no child was free, or it failed by a bug, which is logged: neither may cost a meal
         return

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
+from app.photos.depth import TIFF
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
 from app.photos.heif import HeifLayout
@@ -27,6 +28,7 @@ from app.photos.metadata import (
     webp_xmp_packets,
 )
 from app.photos.png import emptied_text, holds_xmp, renew_checksum, text_without_places
+from app.photos.tiff import XMP, read_directories
 from app.photos.xmp import emptied_packet, without_places
 
 # ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
@@ -44,6 +46,9 @@ def remove_location(path: Path, facts: PhotoFacts) -> bool:
         return False
     with edit_bytes(path) as edits:
         data = edits.data
+        if facts.media_type == TIFF:
+            _clean_tiff(edits)
+            return bool(edits.changed)
         layout = READERS[facts.media_type](data)
         if facts.media_type != PNG:
             _clean_exif(edits, exif_blocks(data, facts.media_type, layout))
@@ -75,6 +80,20 @@ def _clean_exif(edits: Edits, blocks: Iterable[list[Extent]]) -> None:
         edits.write(block, without_gps(edits.read(block)))
         for start, end in block:
             clean_embedded(edits, start, end)  # a preview's own metadata
+
+
+def _clean_tiff(edits: Edits) -> None:
+    """A depth map's file is one block of the kind that EXIF has; XMP stands in an entry of it."""
+    whole = (0, len(edits.data))
+    block = edits.read([whole])
+    packets = [
+        [(entry.start, entry.end)]
+        for directory in read_directories(block) or []
+        for entry in directory.entries
+        if entry.tag == XMP and entry.end <= len(block)
+    ]
+    _clean_xmp(edits, packets)
+    _clean_exif(edits, [[whole]])
 
 
 def _clean_xmp(edits: Edits, packets: Iterable[list[Extent]]) -> None:

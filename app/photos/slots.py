@@ -1,10 +1,25 @@
-"""Names of a meal's photographs: its views in the order in which they were taken, and the pair after it."""
+"""Names of a meal's photographs and of the depth maps beside them, in the order in which they are listed."""
 
 from typing import Literal, get_args
 
 PhotographSlot = Literal[
     "left", "right", "view3", "view4", "view5", "view6", "view7", "view8", "after_left", "after_right"
 ]
-SLOTS: tuple[str, ...] = get_args(PhotographSlot)
-VIEW_SLOTS, AFTER_SLOTS = SLOTS[:-2], SLOTS[-2:]
+DepthSlot = Literal["left_depth", "right_depth", "left_confidence", "right_confidence"]
+ImageSlot = Literal[PhotographSlot, DepthSlot]
+PHOTOGRAPH_SLOTS: tuple[str, ...] = get_args(PhotographSlot)
+VIEW_SLOTS, AFTER_SLOTS = PHOTOGRAPH_SLOTS[:-2], PHOTOGRAPH_SLOTS[-2:]
 PAIR_SLOTS = VIEW_SLOTS[:2]
+DEPTH_SLOTS: tuple[str, ...] = get_args(DepthSlot)
+CONFIDENCE_SLOTS = DEPTH_SLOTS[2:]
+SLOTS = (*VIEW_SLOTS, *DEPTH_SLOTS, *AFTER_SLOTS)
+
+
+def depth_slot(view: str) -> str:
+    """The slot of the depth map of this view."""
+    return f"{view}_depth"
+
+
+def confidence_slot(view: str) -> str:
+    """The slot of the confidence map of this view's depth map."""
+    return f"{view}_confidence"

@@ -13,6 +13,7 @@ HEADERS: dict[bytes, ByteOrder] = {b"II*\0": "little", b"MM\0*": "big"}
 ORIENTATION, EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD, SUB_IFDS = 0x0112, 0x8769, 0x8825, 0xA005, 0x014A
 VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 129: 1}
 ENTRY_BYTES = 12
+XMP = 0x02BC
 MAX_DIRECTORIES = 32
 MAX_ENTRIES = 1024  # of all directories together; cameras write some 100
 

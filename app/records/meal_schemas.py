@@ -26,9 +26,10 @@ from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
 from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import LOCALES
-from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
+from app.photos.slots import DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, DepthSlot, confidence_slot, depth_slot
 from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
+from app.vision.depth_map import DEFAULT_UNIT_MM
 
 MAX_HINTS = 20
 
@@ -83,6 +84,20 @@ class LocationIn(BaseModel):
     )
 
 
+class DepthCameraIn(BaseModel):
+    """Intrinsics of the depth maps: a pinhole in the pose of the photograph, for upright maps."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    width: int = Field(gt=0, le=100_000, strict=True, description="Width of the maps, px.")
+    height: int = Field(gt=0, le=100_000, strict=True, description="Height of the maps, px.")
+    fx: JsonNumber = Field(gt=0, description="Focal length across, px of the map.")
+    fy: JsonNumber = Field(gt=0, description="Focal length down, px of the map.")
+    cx: JsonNumber = Field(description="Principal point from the left edge, px.")
+    cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
+    unit_mm: JsonNumber = Field(default=DEFAULT_UNIT_MM, gt=0, description="Unit of a PNG's whole numbers, mm.")
+
+
 class MealMetadataIn(BaseModel):
     """What the phone tells beside the photographs."""
 
@@ -132,6 +147,15 @@ class MealMetadataIn(BaseModel):
         description="How many photographs show the meal: 1, the left one alone; 2, left and right; more, also view3 up "
         "to this number.",
     )
+    depth_camera: DepthCameraIn | None = Field(
+        default=None, description="Intrinsics of the depth maps; null: there are none."
+    )
+    depth_maps: list[DepthSlot] | None = Field(
+        default=None,
+        max_length=len(DEPTH_SLOTS),
+        description="The slots of the depth and confidence maps that are sent beside the photographs; null: "
+        "`left_depth` if there is a depth_camera, else none.",
+    )
     location: LocationIn | None = Field(
         default=None, description="Where the meal was eaten; kept only if the study keeps locations."
     )
@@ -143,6 +167,24 @@ class MealMetadataIn(BaseModel):
             raise ValueError("a rig has its own cameras and scale: leave marker and camera out")
         if self.rig is not None and self.views != len(PAIR_SLOTS):
             raise ValueError("a rig takes two photographs, left and right: leave views out")
+        return self
+
+    @property
+    def announced_maps(self) -> list[str]:
+        """The slots of the depth and confidence maps, in order."""
+        chosen = ["left_depth"] if self.depth_maps is None else self.depth_maps
+        return [slot for slot in DEPTH_SLOTS if slot in chosen] if self.depth_camera is not None else []
+
+    @model_validator(mode="after")
+    def _maps_of_views(self) -> "MealMetadataIn":
+        if self.depth_maps and self.depth_camera is None:
+            raise ValueError("depth_maps need a depth_camera")
+        for number, view in enumerate(PAIR_SLOTS, start=1):
+            has_depth, has_confidence = (slot(view) in self.announced_maps for slot in (depth_slot, confidence_slot))
+            if has_confidence and not has_depth:
+                raise ValueError(f"{confidence_slot(view)} needs {depth_slot(view)}")
+            if has_depth and self.views < number:
+                raise ValueError(f"{depth_slot(view)} needs the photograph {view}")
         return self
 
 
@@ -338,8 +380,10 @@ class MealOut(BaseModel):
     ignored: list[str] = Field(
         description="Fields of the metadata that this server does not know: kept with the meal, and heard by nobody."
     )
-    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right, view3 ...")
-    missing: list[str] = Field(description="Slots whose photographs have not arrived.")
+    images: dict[str, ImageOut] = Field(
+        description="Photographs and depth maps that have arrived, by slot: left, right, view3 ..., left_depth ..."
+    )
+    missing: list[str] = Field(description="Announced slots whose photographs or maps have not arrived.")
     failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
     after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
     items: list[ItemOut] = Field(description="The foods of the meal, rejected ones too.")

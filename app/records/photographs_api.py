@@ -21,13 +21,15 @@ MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
     response_class=Response,
     responses={
         200: {
-            "content": {"image/jpeg": {}},
-            "description": "The photograph, upright, its colours corrected by the marker, without metadata.",
+            "content": {"image/jpeg": {}, "image/png": {}, "image/tiff": {}},
+            "description": "The photograph as JPEG, upright, its colours corrected by the marker, without metadata; a "
+            "depth or confidence map as it is stored.",
             "headers": {
+                "Content-Disposition": {"description": "`attachment`: of a map.", "schema": {"type": "string"}},
                 "X-Colour-Correction": {
                     "description": "`colour`: by the board's colours; `white`: by its paper; `none`: as taken.",
                     "schema": {"type": "string", "enum": ["colour", "white", "none"]},
-                }
+                },
             },
         },
         304: {"description": "The caller has it already; no reading is noted."},
@@ -51,7 +53,7 @@ def get_photograph(
         str | None, Header(max_length=500, description="The ETag of what is there already: 304 if it has not changed.")
     ] = None,
 ) -> Response:
-    """A photograph of the meal as JPEG, for the study's staff and for the phone that sent it."""
+    """A photograph of the meal as JPEG, for the study's staff and for the phone that sent it; or a map's file."""
     photo = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")
     headers = {
         "ETag": photo.etag(width),
@@ -61,4 +63,6 @@ def get_photograph(
     if is_held(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, photo, width)
-    return Response(content, media_type="image/jpeg", headers=headers)
+    if photo.is_map:  # data, not a picture for a browser
+        headers["Content-Disposition"] = "attachment"
+    return Response(content, media_type=photo.media_type, headers=headers)

@@ -50,7 +50,7 @@ RUN_COLUMNS = (*shared_columns(Run, RunOut), "id")
 def render_meal(view: MealView) -> MealOut:
     """A meal as the API shows it."""
     meal, run = view.meal, view.run
-    images, missing = _images(view, meal.view_slots)
+    images, missing = _images(view, meal.announced_slots)
     return MealOut(
         **{name: getattr(meal, name) for name in MEAL_COLUMNS},
         id=meal.client_id,

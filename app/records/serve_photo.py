@@ -31,7 +31,7 @@ from app.meals.record_models import Run, RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
-from app.photos.slots import AFTER_SLOTS
+from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS
 from app.records import queries as records
 from app.records.read_meal import find_meal
 from app.storage.blob_store import BlobMissingError, BlobStore
@@ -64,6 +64,16 @@ class StoredPhoto:
     thumbnail: RunArtefact | None = None
 
     @property
+    def is_map(self) -> bool:
+        """Whether it is a depth or confidence map, which is given out as it is stored."""
+        return self.image.slot in DEPTH_SLOTS
+
+    @property
+    def media_type(self) -> str:
+        """Of what is given out."""
+        return self.image.media_type if self.is_map else "image/jpeg"
+
+    @property
     def colour_kind(self) -> str:
         """What corrects its colours: "colour" or "white" of the marker, or "none"."""
         return str(self.colour["kind"]) if self.colour is not None else "none"
@@ -92,7 +102,7 @@ def find_photo(
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
-        run = None if as_taken else _run_on(session, meal, slot)
+        run = None if as_taken or slot in DEPTH_SLOTS else _run_on(session, meal, slot)
         kept = records.artefacts_of(session, run.id) if run is not None else []
     if image is None:
         raise NotFoundError(f"This meal has no photograph {slot!r}.")
@@ -111,7 +121,7 @@ def render_photo(
     found: StoredPhoto,
     width_px: int,
 ) -> bytes:
-    """The picture as JPEG, the reading of it noted before it is given out.
+    """The picture as JPEG, or a map's file, the reading of it noted before it is given out.
 
     Raises BlobMissingError, PhotoDamagedError, UnavailableError, PhotographError.
     """
@@ -161,6 +171,8 @@ def _made(
         if sha256_of_file(source) != image.stored_sha256:
             log.error("photo_damaged", blob_key=image.blob_key)
             raise PhotoDamagedError("The photograph is no longer what was sealed: `tada doctor` tells more.")
+        if found.is_map:
+            return source.read_bytes()
         answer = children.run(
             "picture",
             {

@@ -103,7 +103,7 @@ def skip_reason(meal: Meal, pair: PairPurpose, images: Collection[MealImage], *,
     status, failure_code = (
         (meal.status, meal.failure_code) if pair == "meal" else (meal.after_status, meal.after_failure_code)
     )
-    slots = meal.view_slots if pair == "meal" else AFTER_SLOTS
+    slots = meal.announced_slots if pair == "meal" else AFTER_SLOTS
     stored = {image.slot: image for image in images if image.slot in slots}
     if is_withdrawn:
         return WITHDRAWN

@@ -20,14 +20,14 @@ from app.http.state import ApiState
 from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
 from app.meals.meal_time import meal_time
-from app.meals.models import HintDetails
+from app.meals.models import DepthCameraDetails, HintDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
 from app.people.calibrate_device import rig_details
 from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
-from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS
+from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS
 from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
@@ -60,6 +60,10 @@ MULTIPART_BODY = {
                             slot: {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"}
                             for slot in VIEW_SLOTS
                         },
+                        **{
+                            slot: {"type": "string", "format": "binary", "description": "PNG or TIFF"}
+                            for slot in DEPTH_SLOTS
+                        },
                     },
                 },
                 "encoding": {"metadata": {"contentType": "application/json"}},
@@ -84,7 +88,8 @@ METADATA_BODY = {
 PHOTO_BODY = {
     "requestBody": {
         "required": True,
-        "description": "Bytes of a JPEG, PNG, WebP or HEIC; they tell the format. `image/jpeg` is accepted too.",
+        "description": "Bytes of a JPEG, PNG, WebP or HEIC, of a map PNG or TIFF; they tell the format. `image/jpeg` "
+        "is accepted too.",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }
@@ -94,18 +99,20 @@ PHOTO_BODY = {
 async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Response:
     """Send a meal whole: parts `metadata` (JSON, with the id that the phone made), `left` and `right`.
 
-    With `views` in the metadata, `left` alone (1), or also `view3` up to that number.
+    With `views` in the metadata, `left` alone (1), or also `view3` up to that number. With `depth_camera`, also
+    `left_depth`, or the maps that `depth_maps` names.
 
     The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
     """
     await anyio.to_thread.run_sync(require_room, state)
     async with received_parts(
-        request, VIEW_SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
+        request, (*VIEW_SLOTS, *DEPTH_SLOTS), state.blobs.staging_folder(), _limits(state), state.upload_limiter
     ) as parts:
         if parts.metadata is None:
             raise _part_missing(["metadata", *(slot for slot in PAIR_SLOTS if slot not in parts.files)])
         checked, unknown = validated_with_unknown(NewMealMetadataIn, parts.metadata)
-        missing = [slot for slot in VIEW_SLOTS[: checked.views] if slot not in parts.files]
+        announced = (*VIEW_SLOTS[: checked.views], *checked.announced_maps)
+        missing = [slot for slot in announced if slot not in parts.files]
         if missing:
             raise _part_missing(missing)
         return await _submit(state, caller, checked.id, _metadata(checked.id, checked, unknown), parts.files)
@@ -136,7 +143,8 @@ async def put_photograph(
 ) -> Response:
     """Send one photograph of an announced meal as the body. The last of the announced photographs queues it.
 
-    after_left and after_right are what was left of the meal; they may come at any time, also long after it.
+    A map (left_depth, ...) is announced and sent like a photograph. after_left and after_right are what was left of the
+    meal; they may come at any time, also long after it.
     """
     await anyio.to_thread.run_sync(require_room, state)
     staging = state.blobs.staging_folder()
@@ -224,6 +232,8 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
         hints=hint_details(checked.hints),
         complete=checked.complete,
         views=checked.views,
+        depth_camera=cast(DepthCameraDetails, checked.depth_camera.model_dump()) if checked.depth_camera else None,
+        depth_maps=tuple(checked.announced_maps),
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
         unknown=unknown,

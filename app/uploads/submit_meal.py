@@ -7,7 +7,7 @@ blob: another request of the same meal may have just sealed the same key, so del
 
 import json
 import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
@@ -25,7 +25,16 @@ from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.announce import announce_meal
 from app.meals.meal_time import MealTime
-from app.meals.models import DEFAULT_VIEWS, AsideDetails, HintDetails, Meal, MealDetails, MealImage
+from app.meals.models import (
+    DEFAULT_VIEWS,
+    AsideDetails,
+    DepthCameraDetails,
+    HintDetails,
+    Meal,
+    MealDetails,
+    MealImage,
+    announced_slots,
+)
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import queries as people
 from app.people.access import audit
@@ -36,8 +45,9 @@ from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
-from app.photos.slots import VIEW_SLOTS
+from app.photos.slots import DEPTH_SLOTS
 from app.records.read_meal import MealView
+from app.vision.depth_map import depth_camera_from_mapping, size_mismatch
 
 log = structlog.get_logger()
 
@@ -50,6 +60,8 @@ COMPARED = (  # equal in a repetition
     "hints",
     "complete",
     "views",
+    "depth_camera",
+    "depth_maps",
     "app_version",
 )  # equal: a repetition
 
@@ -58,7 +70,8 @@ COMPARED = (  # equal in a repetition
 class MealMetadata:
     """The checked metadata of a meal.
 
-    location: WGS84, degrees. views: number of photographs. unknown: fields that no model has, by their place.
+    location: WGS84, degrees. views: number of photographs. depth_maps: their slots. unknown: fields that no
+    model has, by their place.
     """
 
     client_id: uuid.UUID
@@ -71,6 +84,8 @@ class MealMetadata:
     location: Mapping[str, float] | None = None
     app_version: str | None = None
     views: int = DEFAULT_VIEWS
+    depth_camera: DepthCameraDetails | None = None
+    depth_maps: tuple[str, ...] = ()
     unknown: Mapping[str, JsonValue] = field(default_factory=dict)
 
 
@@ -133,12 +148,19 @@ class SubmitMeal:
         details = _details(metadata, location) if metadata is not None else None
         upload = _Upload(study, client_id, meal_id, metadata, details, location)
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
-            stored = self._check(session, session.get(Meal, meal_id), upload, photos)
+            meal = session.get(Meal, meal_id)
+            stored = self._check(session, meal, upload, photos)
+            kept = meal.details if meal is not None else details
             keys = unspent_keys(
                 session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
             )
         return self._photo_intake.seal_and_write(
-            caller, photos, keys, stored, lambda: self._write(caller, upload, photos, keys)
+            caller,
+            photos,
+            keys,
+            stored,
+            lambda: self._write(caller, upload, photos, keys),
+            kept.get("depth_camera") if kept is not None else None,
         )
 
     def _check(
@@ -151,7 +173,7 @@ class SubmitMeal:
                 raise meal_deleted_error()
             if details is None:
                 raise _unknown_meal()
-            _require_announced(VIEW_SLOTS[: details.get("views", DEFAULT_VIEWS)], photos)
+            _require_announced(details, photos)
             if details["hints"]:
                 require_valid_hints(session, upload.study.id, details["hints"], photos.get("left"))
             return {}
@@ -167,7 +189,7 @@ class SubmitMeal:
                 code="meal_id_reused",
                 fields=changed,
             )
-        _require_announced(meal.view_slots, photos)
+        _require_announced(meal.details, photos)
         stored = {image.slot: image for image in meals.images_of(session, upload.meal_id)}
         for slot, photo in photos.items():
             if slot in stored and stored[slot].received_sha256 != photo.received_sha256:
@@ -192,7 +214,7 @@ class SubmitMeal:
             images = [
                 image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored
             ]
-            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(meal.view_slots)
+            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(meal.announced_slots)
             meal.version += len(images) + is_complete
             if is_complete:
                 meal.status, meal.submitted_at = "queued", now
@@ -219,8 +241,13 @@ class SubmitMeal:
 
 
 def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata) -> bool:
-    """Whether a marker is named, or a rig is given or stored."""
-    if metadata.marker is not None or metadata.rig is not None or study.marker is not None:
+    """Whether a marker is named, a rig is given or stored, or the left photograph has a depth map."""
+    if (
+        "left_depth" in metadata.depth_maps
+        or metadata.marker is not None
+        or metadata.rig is not None
+        or study.marker is not None
+    ):
         return True
     return metadata.views == DEFAULT_VIEWS and any(stored_rigs(session, caller.device_id, study.id))
 
@@ -243,6 +270,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
         details["views"] = metadata.views
     if metadata.rig is not None:
         details["rig"] = metadata.rig
+    if metadata.depth_camera is not None:
+        details["depth_camera"], details["depth_maps"] = metadata.depth_camera, list(metadata.depth_maps)
     return details
 
 
@@ -252,15 +281,26 @@ def keep_unknown(details: AsideDetails, unknown: Mapping[str, JsonValue]) -> Non
         details["ignored"], details["unknown"] = sorted(unknown), json.dumps(unknown)
 
 
-def _require_announced(slots: Collection[str], photos: Mapping[str, SealablePhoto]) -> None:
-    """Raise InvalidInputError if a photograph is of a slot beyond those that the metadata announced."""
+def _require_announced(details: MealDetails, photos: Mapping[str, SealablePhoto]) -> None:
+    """Raise InvalidInputError if a slot is none that the metadata announced, or a map is not of the depth camera."""
+    slots = announced_slots(details)
     surplus = [slot for slot in photos if slot not in slots]
     if surplus:
         raise InvalidInputError(
-            f"The metadata announced {len(slots)} photographs (views), so there is no {', '.join(surplus)}.",
+            f"The metadata announced {', '.join(slots)} (by views and depth_maps), so there is no "
+            f"{', '.join(surplus)}.",
             code="view_not_announced",
             slots=surplus,
         )
+    if "depth_camera" not in details:
+        return
+    camera = depth_camera_from_mapping(details["depth_camera"])
+    for slot, photo in photos.items():
+        if slot not in DEPTH_SLOTS:
+            continue
+        mismatch = size_mismatch(photo.width_px, photo.height_px, camera)
+        if mismatch is not None:
+            raise InvalidInputError(f"{slot}: {mismatch.message} {mismatch.advice}", code=mismatch.code, slot=slot)
 
 
 def _new_meal(caller: DeviceCaller, upload: _Upload, now: datetime) -> Meal:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.model import DepthMap, Float32Array
+from app.vision.model import DepthMap, Float32Array, MaskArray
 
 DEFAULT_UNIT_MM = 0.1
 DEPTH_MM = (50.0, 20_000.0)  # nearer or farther, a number is none of a meal's depth
@@ -21,7 +21,10 @@ MIN_SIDE_PX, MAX_SIDE_PX = 32, 8192
 BLOCK_PX = 16  # in which a surface is nearly a plane in depth
 MIN_NOISE_MM = 0.3  # of any depth, rounding and interpolation
 AREA_LIMITS_PX = (1.0, 64.0)  # of the map, over which errors are one
-MAGIC = (b"\x89PNG\r\n\x1a\n", b"II*\x00", b"MM\x00*")
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+MAGIC = (PNG_MAGIC, b"II*\x00", b"MM\x00*")
+HIGHEST_LEVEL = 2  # ARKit's: 0 low, 1 medium, 2 high
+LEAST_CONFIDENCE = 128  # of 0 to 255, as ARCore's
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
@@ -54,38 +57,77 @@ def depth_camera_from_mapping(value: Mapping[str, Any]) -> DepthCamera:
     return DepthCamera(width, height, **numbers, unit_mm=unit_mm)
 
 
-def read_depth(data: bytes, camera: DepthCamera) -> DepthMap | Failure:
-    """The depth map. Failures: depth_unreadable, depth_mismatch, depth_empty."""
+def read_depth(data: bytes, camera: DepthCamera, confidence: bytes | None = None) -> DepthMap | Failure:
+    """The depth map, without what its confidence map calls unsure. confidence: see read_confidence.
+
+    Failures: depth_unreadable, depth_mismatch, depth_empty.
+    """
     if not data.startswith(MAGIC):
         return _unreadable("it is neither a PNG nor a TIFF file")
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         pixels = None
-    if pixels is None or pixels.ndim != 2 or (data.startswith(MAGIC[0]) and b"IEND" not in data[-12:]):
+    if pixels is None or pixels.ndim != 2 or (data.startswith(PNG_MAGIC) and b"IEND" not in data[-12:]):
         return _unreadable("it cannot be decoded as one channel")
     if pixels.dtype not in (np.uint16, np.float32):
         return _unreadable("a PNG needs 16 bits, a TIFF 32 bit floating point numbers in mm")
-    height, width = pixels.shape
-    if (width, height) != (camera.width, camera.height) or not MIN_SIDE_PX <= min(width, height) <= MAX_SIDE_PX:
-        return Failure(
-            "depth_mismatch",
-            f"The depth map has {width} x {height} px, its camera {camera.width} x {camera.height}.",
-            "Send the intrinsics of the depth map as it is.",
-        )
+    mismatch = size_mismatch(pixels.shape[1], pixels.shape[0], camera)
+    if mismatch is not None:
+        return mismatch
     unit_mm = camera.unit_mm if pixels.dtype == np.uint16 else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
         depth_mm = pixels.astype(np.float32) * np.float32(unit_mm)
         is_measured = (depth_mm > DEPTH_MM[0]) & (depth_mm < DEPTH_MM[1])
+    if confidence is not None:
+        is_sure = read_confidence(confidence, camera)
+        if isinstance(is_sure, Failure):
+            return is_sure
+        is_measured &= is_sure
     if np.mean(is_measured) < MIN_MEASURED_SHARE:
         return Failure(
             "depth_empty",
             f"Only {np.mean(is_measured):.0%} of the depth map lie between {DEPTH_MM[0]:g} and {DEPTH_MM[1]:g} mm.",
-            "Check the unit; 0 stands for no measurement.",
+            "Check the unit; 0 stands for no measurement, and what a confidence map calls unsure counts as none.",
         )
     depth_mm = np.where(is_measured, depth_mm, np.float32(np.nan)).astype(np.float32)
     sd_share, area_px = _noise(depth_mm)
     return DepthMap(depth_mm, camera.fx, camera.fy, camera.cx, camera.cy, sd_share, area_px)
+
+
+def read_confidence(data: bytes, camera: DepthCamera) -> MaskArray | Failure:
+    """(h, w) where the confidence map, an 8 bit PNG, trusts the depth. Failures: depth_unreadable, depth_mismatch.
+
+    A map that has no value above 2 is of ARKit's levels (ARConfidenceLevel): 0, low, is not trusted. Any other is of
+    0 to 255, as ARCore's, and trusted from 128 on.
+    """
+    pixels = None
+    if data.startswith(PNG_MAGIC) and b"IEND" in data[-12:]:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim != 2 or pixels.dtype != np.uint8:
+        return Failure(
+            "depth_unreadable",
+            "The confidence map cannot be read: it is no whole PNG of 8 bits and one channel.",
+            "Send an 8 bit PNG of the depth map's size.",
+        )
+    mismatch = size_mismatch(pixels.shape[1], pixels.shape[0], camera)
+    if mismatch is not None:
+        return mismatch
+    least = 1 if pixels.max() <= HIGHEST_LEVEL else LEAST_CONFIDENCE
+    return np.asarray(pixels >= least, np.bool_)
+
+
+def size_mismatch(width: int, height: int, camera: DepthCamera) -> Failure | None:
+    """Failure "depth_mismatch" of a map, px, that is not the camera's, or impossible."""
+    sides = sorted((width, height))
+    if (width, height) == (camera.width, camera.height) and sides[0] >= MIN_SIDE_PX and sides[1] <= MAX_SIDE_PX:
+        return None
+    return Failure(
+        "depth_mismatch",
+        f"The map has {width} x {height} px, the depth camera {camera.width} x {camera.height}; a side has "
+        f"{MIN_SIDE_PX} to {MAX_SIDE_PX}.",
+        "Send the intrinsics of the depth map as it is.",
+    )
 
 
 def _noise(depth_mm: Float32Array) -> tuple[float, float]:

@@ -191,6 +191,9 @@ def _find_views(
         views = _view_by_depth(pair.left, pair.left.depth, options, stage, trace)
     else:
         views = _views_by_marker(pair, options, stage, trace)
+        depth = pair.left.depth if options.method == "shape" else None
+        if isinstance(views, Failure) and views.code in MARKER_UNSEEN and depth is not None:
+            views = _view_by_depth(pair.left, depth, options, stage, trace)
     if isinstance(views, Failure):
         return views
     if isinstance(views, SingleView):

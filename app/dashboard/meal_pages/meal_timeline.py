@@ -12,6 +12,7 @@ from app.dashboard.templates import amount, percent, words
 from app.meals.job_models import Job
 from app.meals.outline_json import rings_of
 from app.meals.record_models import Run
+from app.photos.slots import PAIR_SLOTS
 from app.records.meal_story import MealStory
 from app.records.review.meal_history import HistoryRow
 
@@ -48,6 +49,11 @@ PHOTOGRAPHS: Mapping[str, str] = {
     "left": "Left photograph",
     "right": "Right photograph",
     **{f"view{number}": f"Photograph {number}" for number in range(3, 9)},
+    **{
+        f"{view}_{kind}": f"{kind.capitalize()} map of the {view} photograph"
+        for view in PAIR_SLOTS
+        for kind in ("depth", "confidence")
+    },
     "after_left": "Left photograph after the meal",
     "after_right": "Right photograph after the meal",
 }

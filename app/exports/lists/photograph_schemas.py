@@ -6,18 +6,18 @@ from datetime import date, datetime
 from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT, PHOTOGRAPH, STUDY
-from app.photos.slots import PhotographSlot
+from app.photos.slots import ImageSlot
 
 
 class PhotographOut(BaseModel):
-    """A photograph as it arrived and as it is stored."""
+    """A photograph or depth map as it arrived and as it is stored."""
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
     captured_at: datetime = Field(description=CAPTURED_AT)
     local_date: date = Field(description=LOCAL_DATE)
-    slot: PhotographSlot = Field(description=PHOTOGRAPH["slot"])
+    slot: ImageSlot = Field(description=PHOTOGRAPH["slot"])
     media_type: str = Field(description=PHOTOGRAPH["media_type"])
     width_px: int = Field(description=PHOTOGRAPH["width_px"])
     height_px: int = Field(description=PHOTOGRAPH["height_px"])
@@ -27,7 +27,9 @@ class PhotographOut(BaseModel):
     received_at: datetime = Field(description=PHOTOGRAPH["received_at"])
     erased: bool = Field(description=PHOTOGRAPH["erased"])
     erased_at: datetime | None = Field(description=PHOTOGRAPH["erased_at"])
-    path: str | None = Field(description="Path of the picture, re-encoded as JPEG; null: it was erased.")
+    path: str | None = Field(
+        description="Path of the picture, re-encoded as JPEG, or of the map's file; null: it was erased."
+    )
 
 
 class PhotographPage(BaseModel):

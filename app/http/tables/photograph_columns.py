@@ -10,7 +10,7 @@ PHOTOGRAPH_PARTS = (
     Part(
         "shared",
         (
-            Column("slot", "word", meaning="Which of the meal's photographs it is.", values=SLOTS),
+            Column("slot", "word", meaning="Which of the meal's photographs or depth maps it is.", values=SLOTS),
             Column("media_type", "word", meaning="Of the bytes as they are kept."),
         ),
     ),
@@ -37,7 +37,7 @@ PHOTOGRAPH_PARTS = (
             Column(
                 "path",
                 "word",
-                meaning="The path that gives the picture as JPEG, re-encoded (docs/limits.md).",
+                meaning="The path that gives the picture as JPEG, re-encoded (docs/limits.md), or a map as it is kept.",
                 empty="It was erased.",
             ),
         ),

@@ -174,7 +174,7 @@ def copy_food(context: ReviewContext, item_id: uuid.UUID, assignment: ItemFood, 
 def remeasure_job(context: ReviewContext) -> Job:
     """Return the job that measures the event's regions. Raises ConflictError if a photograph is missing."""
     images = {image.slot: image for image in meals.images_of(context.session, context.meal.id)}
-    if any(slot not in images or images[slot].erased_at is not None for slot in context.meal.view_slots):
+    if any(slot not in images or images[slot].erased_at is not None for slot in context.meal.announced_slots):
         raise ConflictError(
             "The meal has no photographs to measure in: send the amount instead.", code="photographs_missing"
         )

@@ -21,7 +21,7 @@ def files(tmp_path):
     return tmp_path
 
 
-def estimated(files, depths, camera="depth.json"):
+def estimated(files, depths, camera="depth.json", confidences=()):
     options = read_options(marker=str(SPEC), camera=None, method="shape", hints=[], has_depth=bool(depths))
     depth_camera = files / camera if camera else None
     return estimate_files(
@@ -32,6 +32,7 @@ def estimated(files, depths, camera="depth.json"):
         on_stage=None,
         depths=depths,
         depth_camera=depth_camera,
+        confidences=confidences,
     )
 
 
@@ -58,3 +59,15 @@ def test_depth_of_no_photograph_or_without_a_camera_is_refused(files, depths, ca
 def test_depth_leaves_the_marker_out_unless_one_is_named():
     assert read_options(marker=None, camera=None, method="shape", hints=[], has_depth=True).marker is None
     assert read_options(marker=None, camera=None, method="shape", hints=[]).marker is not None
+
+
+def test_confidence_map_is_read_beside_its_depth_map(files):
+    cv2.imwrite(str(files / "depth.png"), np.full((48, 64), 5000, np.uint16))
+    cv2.imwrite(str(files / "low.png"), np.zeros((48, 64), np.uint8))
+    depths = [f"left={files / 'depth.png'}"]
+    assert estimated(files, depths, confidences=[f"v1={files / 'low.png'}"])["failure"]["code"] == "depth_empty"
+
+
+def test_confidence_map_without_its_depth_map_is_refused(files):
+    with pytest.raises(InvalidInputError, match="--depth-confidence"):
+        estimated(files, [], confidences=[f"left={files / 'depth.png'}"])

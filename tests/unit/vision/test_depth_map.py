@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.depth_map import DepthCamera, depth_camera_from_mapping, read_depth
+from app.vision.depth_map import DepthCamera, depth_camera_from_mapping, read_confidence, read_depth
 
 CAMERA = DepthCamera(256, 192, 244.0, 244.0, 128.0, 96.0)
 
@@ -94,3 +94,36 @@ def test_camera_that_cannot_be_is_refused(value):
     with pytest.raises(InvalidInputError) as refused:
         depth_camera_from_mapping(value)
     assert refused.value.code == "depth_camera_invalid"
+
+
+def confidence(pixels):
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+@pytest.mark.parametrize(("low", "least", "high"), [(0, 1, 2), (127, 128, 255), (2, 200, 255)])
+def test_depth_of_low_confidence_is_no_measurement(low, least, high):
+    levels = np.full((192, 256), high, np.uint8)
+    levels[:40], levels[40:80] = low, least
+    seen = read_depth(png(slanted_mm()), CAMERA, confidence(levels)).depth_mm
+    assert np.isnan(seen[:40]).all()
+    assert np.array_equal(seen[40:], read_depth(png(slanted_mm()), CAMERA).depth_mm[40:])
+
+
+def test_depth_that_is_nowhere_trusted_is_empty():
+    failure = read_depth(png(slanted_mm()), CAMERA, confidence(np.zeros((192, 256), np.uint8)))
+    assert failure.code == "depth_empty"
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (png(slanted_mm()), "depth_unreadable"),
+        (b"no picture", "depth_unreadable"),
+        (confidence(np.full((192, 256), 2, np.uint8))[:-20], "depth_unreadable"),
+        (confidence(np.full((96, 128), 2, np.uint8)), "depth_mismatch"),
+    ],
+)
+def test_bad_confidence_map_is_refused(content, code):
+    failure = read_confidence(content, CAMERA)
+    assert isinstance(failure, Failure)
+    assert failure.code == code

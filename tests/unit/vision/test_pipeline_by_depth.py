@@ -8,7 +8,7 @@ import pytest
 
 from app.vision.board.pose import project
 from app.vision.model import DepthMap, EstimateOptions, PhotoPair
-from app.vision.pipeline import estimate_meal
+from app.vision.pipeline import MARKER_UNSEEN, estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
 from tests.unit.vision.test_pipeline_of_one import on_plain_table
 
@@ -60,6 +60,18 @@ def test_depth_without_a_marker_gives_the_scale(photo, by_marker):
     assert abs(item.volume_ml / BALL.volume_ml - 1) < TOLERANCE
     assert "scale_from_depth" in item.flags
     assert "scale_from_depth" not in by_marker.items[0].flags
+
+
+def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo):
+    pixels = photo.pixels_bgr.copy()
+    corners = np.rint(rendered_views(BALL)[0].required_marker.corners_px).astype(np.int32)
+    cv2.fillConvexPoly(pixels, cv2.convexHull(corners), (90, 110, 130))  # a napkin over its squares
+    covered = replace(photo, pixels_bgr=pixels)
+    assert estimate_meal(PhotoPair(replace(covered, depth=None)), OPTIONS).failure.code in MARKER_UNSEEN
+    estimate = estimate_meal(PhotoPair(covered), OPTIONS)
+    assert volumes_ml(estimate)
+    assert volumes_ml(estimate) == volumes_ml(estimate_meal(PhotoPair(covered), replace(OPTIONS, marker=None)))
+    assert all("scale_from_depth" in item.flags for item in estimate.items if item.volume_ml is not None)
 
 
 def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo):
