@@ -58,6 +58,8 @@ MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
+NOISE_STEPS = 1.5  # standard deviations: a rig's short baseline spreads the heights of a level top
+NOISE_CELLS = 3
 MAX_SEARCHES = 8  # for dishes of one table
 MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
 APART_MM = 4.0  # beyond a dish's outline, up to which what stands out is still its rim
@@ -200,9 +202,10 @@ def _with_floor(
     centre_mm: Float64Array | None = None,
     radius_mm: float | None = None,
 ) -> Dish:
-    is_level = is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
-    is_low = is_solid & (view.height_mm < rim_mm - RISE_MM)
     band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
+    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_solid & inside))
+    is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
+    is_low = is_solid & (view.height_mm < rim_mm - step_mm)
     low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
     is_flat = (
         np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
@@ -211,6 +214,19 @@ def _with_floor(
         and not (radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm)
     )
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
+
+
+def _noise_mm(view: TopView, chosen: MaskArray) -> float:
+    """Standard deviation of a cell's height, by cells that lie apart by more than a window. chosen: (rows, columns)."""
+    height = np.where(chosen, view.height_mm, np.float32(np.nan))
+    steps = np.concatenate(
+        [
+            (height[NOISE_CELLS:] - height[:-NOISE_CELLS]).ravel(),
+            (height[:, NOISE_CELLS:] - height[:, :-NOISE_CELLS]).ravel(),
+        ]
+    )
+    steps = np.abs(steps[np.isfinite(steps)])
+    return 1.48 * float(np.median(steps)) / float(np.sqrt(2.0)) if len(steps) else 0.0
 
 
 def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:

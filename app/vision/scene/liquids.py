@@ -40,8 +40,11 @@ def segment_meal(
     The paper's method has no vessels: all is food to it, as it is and as printed. A rim's height takes two views: a
     single one shows none.
     """
+    is_table_sure = options.marker is not None
     if options.method != "shape" or pair.second_bgr is None:
-        return segment_foods(pair, disparity, points_table, ignored, hints, is_complete=options.is_complete)
+        return segment_foods(
+            pair, disparity, points_table, ignored, hints, is_complete=options.is_complete, is_table_sure=is_table_sure
+        )
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
@@ -62,7 +65,16 @@ def segment_meal(
     if liquids and options.is_complete and not rest:
         return Foods(liquids, table)
     around = dilated(taken, BESIDE_PX)
-    foods = segment_foods(pair, disparity, points_table, ignored, rest, around, is_complete=options.is_complete)
+    foods = segment_foods(
+        pair,
+        disparity,
+        points_table,
+        ignored,
+        rest,
+        around,
+        is_complete=options.is_complete,
+        is_table_sure=is_table_sure,
+    )
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
     walls = [(vessel.silhouette, distance_px(vessel.silhouette) <= HANDLE_REACH_PX) for vessel in vessels.filled]

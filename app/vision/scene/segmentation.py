@@ -4,7 +4,7 @@ The rectified first view with its points, hints -> one mask per food on the same
 cutlery and napkins are not food.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -20,18 +20,19 @@ from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
 from app.vision.scene.food_checks import is_food
 from app.vision.scene.food_outline import correct_outlines, tidy_outlines
-from app.vision.scene.food_pixels import find_food_pixels
+from app.vision.scene.food_pixels import FLAT_MM, find_food_pixels
 from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.hinted import hinted_masks
 from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
 from app.vision.scene.places import Place, find_places
 from app.vision.scene.scene import Scene
-from app.vision.scene.support import Support, find_support, measured_support
+from app.vision.scene.support import MIN_POINTS, Support, find_support, measured_support, with_measured_rim
 from app.vision.scene.upright_sides import with_sides
 from app.vision.scene.vessel import Vessel, describe_vessel
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 
+LOW_RIM_MM = 5.0  # lower than any dish's over its table
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
 CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
 HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
@@ -91,11 +92,13 @@ def segment_foods(
     vessels: MaskArray | None = None,
     *,
     is_complete: bool = False,
+    is_table_sure: bool = True,
 ) -> Foods | Failure:
     """Foods in the order of their size, those of hints first.
 
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
-    measured by themselves. is_complete: only what the hints point at is returned. Failure "no_food_found".
+    measured by themselves. is_complete: only what the hints point at is returned. is_table_sure: a marker lies on it;
+    otherwise the plane was found in the scene, and may be a dish's. Failure "no_food_found".
     """
     unseen = ignored | _canvas(pair)
     ignored = unseen if vessels is None else unseen | vessels
@@ -105,20 +108,44 @@ def segment_foods(
     for region in drawn:
         taken |= region.mask
     measured, trend = reduced_scene(pair, disparity, points_table, ignored)
-    scene = measured if pair.second_bgr is not None else without_heights(measured)
-    layout = lay_out(scene, trend) if pair.second_bgr is not None else lay_out_by_colour(scene, trend)
-    if layout is None:
-        return Foods(drawn, trend) if drawn else no_food_found()
-    layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
-    seen: list[Region] = []
-    if sought or not is_complete:
-        around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene)))
-        seen = _find_foods(around, sought, _reduced(unseen, scene), is_complete=is_complete)
-    seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
-    regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
-    if pair.second_bgr is None and np.isfinite(measured.height_mm).any():
-        regions = _on_measured_support(regions, measured, layout.trend)
-    return Foods(regions, layout.trend) if regions else no_food_found()
+
+    def find(layout: Layout) -> Foods:
+        dishes = [dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)]
+        layout = replace(layout, dishes=dishes)
+        seen: list[Region] = []
+        if sought or not is_complete:
+            around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, measured)))
+            seen = _find_foods(around, sought, _reduced(unseen, measured), is_complete=is_complete)
+        seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
+        return Foods(_supported([region for region in drawn + seen if region.mask.any()], layout), layout.trend)
+
+    layout = lay_out(measured, trend) if pair.second_bgr is not None else None
+    foods = find(layout) if layout is not None else Foods(drawn, trend)
+    if pair.second_bgr is not None and (is_table_sure or (layout is not None and layout.dishes)):
+        return foods if foods.regions else no_food_found()
+    foods = _by_colour(foods, measured, find, is_pair=pair.second_bgr is not None)
+    return foods if foods.regions else no_food_found()
+
+
+def _by_colour(foods: Foods, measured: Scene, find: Callable[[Layout], Foods], *, is_pair: bool) -> Foods:
+    """The foods where heights show no dish: of a single view, and of a pair whose table is too plain to be measured.
+
+    foods: those that heights show. What a pair takes for its table may be the plane of a dish's rim.
+    """
+    layout = lay_out_by_colour(without_heights(measured), foods.table)
+    if is_pair:
+        layout = replace(layout, dishes=[with_measured_rim(dish, layout.view, measured) for dish in layout.dishes])
+    if not foods.regions:
+        foods = find(layout)
+        standing = [region for region in foods.regions if region.hint is not None or _may_stand(region, measured)]
+        foods = replace(foods, regions=standing)
+    elif any(dish.rim_mm < LOW_RIM_MM for dish in layout.dishes):
+        foods = replace(foods, regions=_supported(foods.regions, layout))
+    else:
+        return foods
+    if not np.isfinite(measured.height_mm).any():
+        return foods
+    return replace(foods, regions=_on_measured_support(foods.regions, measured, foods.table))
 
 
 def _canvas(pair: RectifiedPair) -> MaskArray:
@@ -152,13 +179,19 @@ def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:
 def _on_measured_support(regions: Sequence[Region], scene: Scene, trend: TableTrend) -> list[Region]:
     """The regions of a single view, with what its depth map shows of the support around each. scene: with heights."""
     masks = [_reduced(region.mask, scene) for region in regions]
-    foods = np.any(masks, axis=0)
+    foods = np.any(masks, axis=0) if masks else np.zeros(scene.is_ignored.shape, np.bool_)
     return [
         region
         if region.support is None
         else replace(region, support=measured_support(region.support, scene, trend, mask, foods))
         for region, mask in zip(regions, masks, strict=True)
     ]
+
+
+def _may_stand(region: Region, scene: Scene) -> bool:
+    """Whether the few heights of a region leave it possible that it stands: an empty board is no food."""
+    heights = scene.height_mm[_reduced(region.mask, scene) & np.isfinite(scene.height_mm)]
+    return len(heights) < MIN_POINTS or float(np.median(heights)) > FLAT_MM
 
 
 def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bool:

@@ -3,7 +3,7 @@
 Points of the rectified view, the dish, a food's mask -> height over the marker's plane and standard deviation, mm.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -37,8 +37,10 @@ BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 # Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
 # a board is 10 to 25 mm thick.
 TYPICAL_RIM_MM = 15.0
-TYPICAL_FLOOR_MM, TYPICAL_FLOOR_SD_MM = 4.0, 2.0
+FLOOR_UNDER_RIM_MM, TYPICAL_FLOOR_SD_MM = 11.0, 2.0
 TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
+PLANE_DOUBT = 0.3  # of how far a rim is from where it should be: what the plane is then is less sure
+RIM_WIDTH_MM = 15.0
 DEPTH_RING_MM, DEPTH_STEP_MM = (8.0, 35.0), 25.0  # around a food, where a depth map shows its support
 DEPTH_LEVEL_SD_MM = 1.0
 TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
@@ -103,13 +105,26 @@ def measured_support(usual: Support, scene: Scene, trend: TableTrend, mask: Mask
     return Support(table_mm + level_mm, max(sd_mm, TABLE_SD_MM), usual.source)
 
 
+def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish:
+    """The dish, whose outline is known by its colour, with its rim where the few heights there show it.
+
+    A plain table is no plane that can be found: the plane under such a scene is often the rim's own.
+    """
+    inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
+    heights = scene.height_mm[(inward > 0.0) & (inward < RIM_WIDTH_MM) & np.isfinite(scene.height_mm)]
+    if len(heights) < MIN_POINTS:
+        return dish
+    return replace(dish, rim_mm=float(np.median(heights)))
+
+
 def _typical_support(dish: Dish | None, table_mm: float) -> Support:
     """Typical heights of dishes, for views without measured heights."""
     if dish is None:
         return Support(table_mm, TYPICAL_TABLE_SD_MM, "table")
     if dish.floor_mm > 0:
-        return Support(table_mm + TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM, "board")
-    return Support(table_mm + TYPICAL_FLOOR_MM, TYPICAL_FLOOR_SD_MM, "floor")
+        return Support(table_mm + dish.rim_mm, TYPICAL_BOARD_SD_MM, "board")
+    doubt_mm = PLANE_DOUBT * abs(dish.rim_mm - TYPICAL_RIM_MM)
+    return Support(table_mm + dish.rim_mm - FLOOR_UNDER_RIM_MM, float(np.hypot(TYPICAL_FLOOR_SD_MM, doubt_mm)), "floor")
 
 
 def _reconciled(

@@ -117,7 +117,8 @@ def _search(
     """Parallax of each pixel on the search level, px of full size, and 1 where it is seen and both directions agree."""
     parallax, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
     offset = 1.0 - min(0.0, float(parallax.min()))
-    kept = np.where(agrees & _inner(is_seen, agrees.shape), parallax + offset, 0.0).astype(np.int16)
+    is_alike = (_inner(is_seen, agrees.shape) > 0) & looks_alike(first, second, parallax)
+    kept = np.where(agrees & is_alike, parallax + offset, 0.0).astype(np.int16)
     cv2.filterSpeckles(kept, 0, RANGE_SPECKLE_PX, SPECKLE_STEP_PX * RANGE_LEVEL)
     seen = kept[kept > 0] - offset
     if seen.size:
@@ -125,6 +126,22 @@ def _search(
         range_px = (max(range_px[0], low), min(range_px[1], high))
     parallax, agrees = _search_range(first, second, range_px, SEARCH_LEVEL)
     return parallax, agrees & _inner(is_seen, agrees.shape)
+
+
+def looks_alike(first: ImageArray, second: ImageArray, parallax_px: Float32Array) -> MaskArray:
+    """(h, w) where windows of both images correlate: on a plain table a search takes the sensor's noise for a match.
+
+    first, second: (H, W), compared on the grid of parallax_px, (h, w), which is in px of the images.
+    """
+    height, width = parallax_px.shape
+    a, b = (_resized(grey, (width, height), cv2.INTER_AREA).astype(np.float32) for grey in (first, second))
+    columns = np.arange(width, dtype=np.float32) - parallax_px * np.float32(width / first.shape[1])
+    seen = np.asarray(_sample(b, columns, cv2.INTER_LINEAR), np.float32)
+    mean, mean_seen = _box(a), _box(seen)
+    variance, variance_seen = _box(a * a) - mean * mean, _box(seen * seen) - mean_seen * mean_seen
+    together = _box(a * seen) - mean * mean_seen
+    limit = np.float32(MIN_CORRELATION) * np.sqrt(np.maximum(variance * variance_seen, np.float32(1e-6)))
+    return np.asarray(together > limit, np.bool_)
 
 
 def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:

@@ -15,6 +15,7 @@ from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import homogeneous, rotation_along
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, ImageArray, MaskArray
+from app.vision.stereo.disparity import looks_alike
 
 COARSE_SIDE_PX = 640  # long side of the coarse match
 NEAREST_BASELINES, NEAREST_MM = 1.5, 120.0  # nearest distance searched: the larger of the two
@@ -23,11 +24,14 @@ DISPARITY_STEPS = 16.0  # a pixel, of OpenCV's fixed-point disparities
 SMALL_STEP_PENALTY, LARGE_STEP_PENALTY, WINDOW_PX = 200, 800, 5  # Hirschmueller (2008), P1 and P2
 SPECKLE_PX, SPECKLE_STEP_PX = 150, 2
 MIN_SEEN_PX = 2000  # of the coarse match
+NOISE_REDUCTION = 2  # of the coarse match, on which what is alike is told from noise
 SAMPLES = 4000
 DRAWS = 600
 ON_PLANE_PX = 0.4  # of disparity: what the coarse match leaves
 UNDER_PX = 1.0  # of disparity, beyond which a point surely lies under a plane
 MIN_SHARE = 0.15  # of what is matched, on the largest plane; on a plain table much of it is noise
+MIN_ALIKE_SHARE = 0.1  # of the coarse picture: a dish fills as much
+MIN_SURE_SHARE = 0.08  # of what surely matches: foods and a dish's rim have their part of it
 MIN_SHARE_UNDER = 0.1  # of what is matched, on a plane under that one
 ROUNDS = 5
 MAX_TILT_DEG = 80.0  # between the camera's axis and the plane's normal: flatter, and it is a wall or chance
@@ -49,14 +53,12 @@ def find_table_plane(
     pictures: (H, W, 3) uint8, BGR. Failure "table_not_found".
     """
     coarse = _coarse_match(pictures, cameras, pose)
-    rows, columns = np.nonzero(coarse.is_matched)
-    if len(rows) < MIN_SEEN_PX:
+    if np.count_nonzero(coarse.is_matched) < MIN_SEEN_PX:
         return table_not_found("hardly anything on it looks alike in both photographs")
-    chosen = rng.choice(len(rows), min(SAMPLES, len(rows)), replace=False)
-    pixels = np.column_stack([columns[chosen], rows[chosen]]).astype(np.float64)
-    disparity = coarse.disparity_px[rows[chosen], columns[chosen]].astype(np.float64)
-    # In a rectified pair a plane's disparity is linear in x and y, and its noise is the same everywhere.
-    fitted = lowest_plane(homogeneous(pixels), disparity, rng)
+    # A weakly textured table is seen among noise; where noise hides it, what surely matches is left: a dish's floor.
+    fitted = _plane_of(coarse, coarse.is_matched, MIN_SHARE, rng)
+    if fitted is None and np.mean(coarse.is_alike) > MIN_ALIKE_SHARE:
+        fitted = _plane_of(coarse, coarse.is_alike, MIN_SURE_SHARE, rng)
     if fitted is None:
         return table_not_found("no plane is shared by enough of what is seen")
     # Disparity f B / Z = a x + b y + c at pixel x = f X / Z + cx, so a f X + b f Y + (a cx + b cy + c) Z = f B.
@@ -68,6 +70,18 @@ def find_table_plane(
     if -normal[2] < np.cos(np.radians(MAX_TILT_DEG)):
         return table_not_found("the largest plane is nearly in line with the camera")
     return np.append(coarse.rotation.T @ normal, distance)
+
+
+def _plane_of(
+    coarse: "_Coarse", is_chosen: MaskArray, min_share: float, rng: np.random.Generator
+) -> Float64Array | None:
+    """lowest_plane of a sample of the chosen pixels of the coarse match."""
+    rows, columns = np.nonzero(is_chosen)
+    chosen = rng.choice(len(rows), min(SAMPLES, len(rows)), replace=False)
+    pixels = np.column_stack([columns[chosen], rows[chosen]]).astype(np.float64)
+    disparity = coarse.disparity_px[rows[chosen], columns[chosen]].astype(np.float64)
+    # In a rectified pair a plane's disparity is linear in x and y, and its noise is the same everywhere.
+    return lowest_plane(homogeneous(pixels), disparity, rng, min_share)
 
 
 def table_from_plane(plane: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -87,10 +101,14 @@ def table_from_plane(plane: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 @dataclass(frozen=True, slots=True)
 class _Coarse:
-    """A rectified pair's disparity. rotation: (3, 3) first camera to rectified camera."""
+    """A rectified pair's disparity. rotation: (3, 3) first camera to rectified camera.
+
+    is_alike: (H, W) matched where the pictures correlate, so that noise does not explain the match.
+    """
 
     disparity_px: Float64Array
     is_matched: MaskArray
+    is_alike: MaskArray
     focal_px: float
     centre_px: tuple[float, float]
     baseline_mm: float
@@ -114,7 +132,7 @@ def _coarse_match(pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera
             camera.matrix, np.array(camera.distortion), turn, matrix, (width, height), cv2.CV_32FC1
         )
         grey = cv2.GaussianBlur(grey_of(picture), (0, 0), max(0.5, 0.4 * camera.fx / focal))
-        greys.append(cv2.remap(grey, *maps, cv2.INTER_LINEAR))
+        greys.append(np.asarray(cv2.remap(grey, *maps, cv2.INTER_LINEAR), np.uint8))
         inside = np.full(grey.shape, 255, np.uint8)
         seen.append(cv2.remap(inside, *maps, cv2.INTER_NEAREST) > 0)
     nearest_mm = max(NEAREST_MM, NEAREST_BASELINES * baseline_mm)
@@ -139,7 +157,13 @@ def _coarse_match(pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera
     columns = np.broadcast_to(np.arange(width), disparity.shape)
     partner = np.rint(columns - disparity).astype(np.int64)
     is_matched &= (partner >= 0) & seen[1][np.arange(height)[:, None], np.clip(partner, 0, width - 1)]
-    return _Coarse(disparity, is_matched, focal, (float(centre[0]), float(centre[1])), baseline_mm, rotation)
+    half = (max(1, width // NOISE_REDUCTION), max(1, height // NOISE_REDUCTION))
+    reduced = np.asarray(cv2.resize(disparity.astype(np.float32), half, interpolation=cv2.INTER_NEAREST), np.float32)
+    alike = cv2.resize(
+        looks_alike(greys[0], greys[1], reduced).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
+    )
+    is_alike = is_matched & (alike > 0)
+    return _Coarse(disparity, is_matched, is_alike, focal, (float(centre[0]), float(centre[1])), baseline_mm, rotation)
 
 
 def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -157,7 +181,9 @@ def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array
     return turned.min(axis=0), turned.max(axis=0)
 
 
-def lowest_plane(pixels: Float64Array, disparity_px: Float64Array, rng: np.random.Generator) -> Float64Array | None:
+def lowest_plane(
+    pixels: Float64Array, disparity_px: Float64Array, rng: np.random.Generator, min_share: float = MIN_SHARE
+) -> Float64Array | None:
     """(3,) a, b, c of the disparity a x + b y + c that most points share (RANSAC), or of a parallel plane under it.
 
     pixels: (n, 3) homogeneous. disparity_px: (n,). None where too few share any.
@@ -171,7 +197,7 @@ def lowest_plane(pixels: Float64Array, disparity_px: Float64Array, rng: np.rando
         count = int(np.count_nonzero(np.abs(disparity_px - pixels @ candidate) < ON_PLANE_PX))
         if count > most:
             most, plane = count, np.asarray(candidate, np.float64)
-    if plane is None or most < MIN_SHARE * len(pixels):
+    if plane is None or most < min_share * len(pixels):
         return None
     return _settled(_parallel_under(plane, pixels, disparity_px), pixels, disparity_px)
 

@@ -198,3 +198,22 @@ def test_circle_through_three_foods_on_a_plain_table_is_no_rim():
         return np.where(height > 0, height, np.nan)
 
     assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
+
+
+def test_board_under_a_short_baseline_keeps_its_floor_and_a_plate_has_none():
+    """Heights are then off by 3 mm, neighbours alike: they come of overlapping windows. Some boards are lost."""
+
+    def board(x, y):
+        return np.where(np.hypot(x - 20, y) < 30, 60.0, np.where(np.hypot(x, y) < 110, 11.0, 0.0))
+
+    floors = {board: [], plate: []}
+    for seed in range(6):
+        noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=(500, 500)), (0, 0), 4.0)
+        noise *= 3.0 / noise.std()
+        for heights, seen in floors.items():
+            view = view_of(lambda x, y, h=heights, n=noise: h(x, y) + n[(y + 250).astype(int), (x + 250).astype(int)])
+            seen.append(found_in(view, noise_mm=2.0).floor_mm)
+    assert floors[plate] == [0.0] * 6
+    kept = [floor_mm for floor_mm in floors[board] if floor_mm > 0]
+    assert len(kept) >= 4  # one, if only a step of 3 mm made a cell lower
+    assert kept == pytest.approx([11.0] * len(kept), abs=1.5)

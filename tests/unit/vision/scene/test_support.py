@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from app.vision.geometry.topview import TableTrend, fit_table_trend, view_from_above
-from app.vision.scene.dish import find_dishes, solid_cells
+from app.vision.scene.dish import Dish, find_dishes, solid_cells
+from app.vision.scene.layout import without_heights
 from app.vision.scene.scene import Scene
-from app.vision.scene.support import find_support
+from app.vision.scene.support import TYPICAL_RIM_MM, find_support, with_measured_rim
 from app.vision.scene.vessel import describe_vessel
 
 SHAPE = (300, 400)
@@ -134,3 +135,26 @@ def test_plate_is_no_vessel():
     view, dish, trend = measured(scene)
     assert dish is not None
     assert describe_vessel(scene, view, dish, trend) is None
+
+
+@pytest.mark.parametrize("plane_mm", [0.0, 13.0])
+def test_floor_is_known_by_the_rim_when_the_plane_is_the_rims(plane_mm):
+    """plane_mm: height over the table of what was taken for the table; true floor 3 mm over it, rim 14 mm."""
+    scene, radius = scene_of(
+        lambda x, y: np.where((np.hypot(x, y) > 100) & (np.hypot(x, y) < 110), 14.0 - plane_mm, np.nan)
+    )
+    view = view_from_above(np.array([[-200.0, -150.0, 0.0], [200.0, 150.0, 0.0]], np.float32), np.zeros(2, np.float32))
+    dish = Dish((110.0 - np.linalg.norm(view.centres_mm(), axis=-1)).astype(np.float32), TYPICAL_RIM_MM)
+    moved = with_measured_rim(dish, view, scene)
+    assert moved.rim_mm == pytest.approx(14.0 - plane_mm, abs=0.5)
+    mask = radius < 30
+    support = find_support(without_heights(scene), view, moved, TableTrend(np.zeros(6), 0.1), mask, mask)
+    assert abs(support.height_mm - (3.0 - plane_mm)) < support.sd_mm
+    assert support.sd_mm < 5.0
+
+
+def test_rim_that_is_not_measured_stays_the_usual_one():
+    scene, _ = scene_of(lambda x, y: np.full_like(x, np.nan))
+    view = view_from_above(np.array([[-200.0, -150.0, 0.0], [200.0, 150.0, 0.0]], np.float32), np.zeros(2, np.float32))
+    dish = Dish((110.0 - np.linalg.norm(view.centres_mm(), axis=-1)).astype(np.float32), TYPICAL_RIM_MM)
+    assert with_measured_rim(dish, view, scene) is dish

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.stereo.disparity import match_dense
+from app.vision.stereo.disparity import looks_alike, match_dense
 from app.vision.stereo.rectification import rectify_by_poses
 from tests.unit.vision.stereo_scene import Ball, rendered_views, true_depth
 
@@ -92,3 +92,14 @@ def test_depth_of_a_rendered_ball_and_table_is_right():
     # 0.1 px of 150 px disparity at 400 mm is 0.3 mm; occlusions and the outline err more.
     assert np.median(error) < 0.6
     assert np.quantile(error, 0.9) < 3.0
+
+
+def test_noise_is_told_from_what_looks_alike():
+    image, rng = texture(), np.random.default_rng(1)
+    left, right = image.copy(), shifted(image, 8.0)
+    for picture in (left, right):
+        picture[:, 120:] = 128 + rng.normal(0, 12, picture[:, 120:].shape)
+    parallax = np.full((90, 120), 8.0, np.float32)
+    is_alike = looks_alike(*(np.clip(picture, 0, 255).astype(np.uint8) for picture in (left, right)), parallax)
+    assert is_alike[10:-10, 15:50].mean() > 0.95
+    assert is_alike[10:-10, 75:110].mean() < 0.02
