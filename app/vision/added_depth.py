@@ -22,7 +22,6 @@ from app.vision.stereo.single_view import SingleView
 from app.vision.trace import Reconstruction
 
 TABLE_MM = 8.0  # over or under the marker's plane: where a pair's points tell how far the table is
-IGNORED = ("depth_ignored",)
 
 
 def parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[DisparityMap, tuple[str, ...]]:
@@ -38,7 +37,7 @@ def parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[D
     print_share = pair.first_centre_mm[2] / (pair.first_centre_mm[2] - view.marker.spec.thick_mm)
     print_px = pair.parallax_from_disparity(pair.plane_disparity_px() * np.float32(print_share))
     agreed = agree_with_table(pair, shown, print_px, sheet, has_tilt=False)
-    return (unmatched(pair.shape), IGNORED) if agreed is None else (agreed, ())
+    return (unmatched(pair.shape), ("depth_ignored",)) if agreed is None else (agreed, ())
 
 
 def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]) -> Reconstruction:
@@ -50,7 +49,7 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
     maps = [parallax_of_depth(pair, view, view.photo.depth) for view in views if view.photo.depth is not None]
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
     agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
-    flags = IGNORED if any(each is None for each in agreed) else ()
+    flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
     partner = second_partner(refined.first, others)
     if partner is not None:
         own = rectify_by_poses(refined.first, partner)
