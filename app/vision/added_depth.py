@@ -50,15 +50,19 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
     agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
     flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
+    matches: tuple[DisparityMap, ...] = ()
     partner = second_partner(refined.first, others)
     if partner is not None:
         own = rectify_by_poses(refined.first, partner)
         further = match_dense(*own.both_bgr, own.parallax_range_px, own.is_seen)
         shown = parallax_of_match(pair, own, further, TUNING.dense_sd_px)
-        agreed.append(agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True))
-    depths = tuple(each for each in agreed if each is not None)
+        further_agreed = agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)
+        matches = () if further_agreed is None else (further_agreed,)
+    measured = tuple(each for each in agreed if each is not None)
+    depths = (*measured, *matches)
     if not depths:
         return replace(scene, flags=flags)
-    fused = fuse_depths(pair, match, depths, TUNING.dense_sd_px)
+    fused = fuse_depths(pair, match, matches, TUNING.dense_sd_px, is_averaged=True)
+    fused = fuse_depths(pair, fused, measured, TUNING.dense_sd_px, is_averaged=False)
     points = back_project(pair, scene.depth.depth_mm(pair.disparity_from_parallax(fused.parallax_px)))
     return replace(scene, disparity=fused, points_table=points, depths=depths, flags=flags)

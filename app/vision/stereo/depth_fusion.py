@@ -7,6 +7,7 @@ filled. The marker decides the scale: of a sensor's error that varies slowly ove
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from app.vision.model import Float32Array, MaskArray
@@ -23,6 +24,8 @@ MAX_OFF = (3.0, 0.01)  # standard deviations, share of the depth
 ROUNDS = 4
 AGREEING_SD = 3.0
 FILLING_SD_MM = 2.0  # of depth: a noisier map shows no plate's rim
+FILLING_WINDOW_PX = 61  # the most that is averaged: half a food of 50 mm at 500 mm
+MIN_WINDOW_SHARE = 0.5  # of it that is measured
 
 
 def agree_with_table(
@@ -67,11 +70,12 @@ def agree_with_table(
 
 
 def fuse_depths(
-    pair: RectifiedPair, match: DisparityMap, maps: Sequence[DisparityMap], match_sd_px: float
+    pair: RectifiedPair, match: DisparityMap, maps: Sequence[DisparityMap], match_sd_px: float, *, is_averaged: bool
 ) -> DisparityMap:
     """The match and the maps weighted by their precision; where they disagree, and where the match failed, the surer.
 
-    match_sd_px: least, of the match. A map that is too noisy to show a plate's rim fills no gap.
+    match_sd_px: least, of the match. A noisy map fills gaps by its average over a window, and none if that would be as
+    wide as a food; is_averaged: of a dense match, which is one over its windows already, only what is sure fills any.
     """
     parallax, reach = match.parallax_px.copy(), match.reach_px.copy()
     sd = np.full(parallax.shape, match_sd_px, np.float32)
@@ -81,14 +85,50 @@ def fuse_depths(
     for each in maps:
         if each.sd_px is None:
             continue
-        per_mm = pair.disparity_from_parallax(each.parallax_px) ** 2 / np.float32(pair.focal_px * pair.baseline_mm)
         is_shown = np.isfinite(each.parallax_px) & pair.is_seen
-        is_filled = is_shown & np.isnan(parallax) & (each.sd_px < FILLING_SD_MM * per_mm)
-        is_surer = is_filled | (is_shown & (each.sd_px < sd))
+        filling, filling_sd = _sure(pair, each, each.sd_px) if is_averaged else _smooth(pair, each, each.sd_px)
+        is_filled = np.isnan(parallax) & np.isfinite(filling.parallax_px) & pair.is_seen
+        is_surer = is_shown & (each.sd_px < sd)
         is_one = is_shown & (np.abs(each.parallax_px - parallax) < AGREEING_SD * np.hypot(sd, each.sd_px))
         share = sd**2 / (sd**2 + each.sd_px**2)
         mixed = parallax + share * (each.parallax_px - parallax)
         parallax = np.where(is_one, mixed, np.where(is_surer, each.parallax_px, parallax))
         sd = np.where(is_one, np.sqrt(share) * each.sd_px, np.where(is_surer, each.sd_px, sd))
         reach = np.where(is_surer, each.reach_px, reach)
+        parallax = np.where(is_filled, filling.parallax_px, parallax)
+        sd = np.where(is_filled, filling_sd, sd)
+        reach = np.where(is_filled, filling.reach_px, reach)
     return DisparityMap(parallax, reach, sd)
+
+
+def _sure(pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array) -> tuple[DisparityMap, Float32Array]:
+    """The map where its sd is below FILLING_SD_MM, NaN elsewhere, and its sd."""
+    is_sure = sd_px < FILLING_SD_MM * _per_mm(pair, measured)
+    return replace(measured, parallax_px=np.where(is_sure, measured.parallax_px, np.float32(np.nan))), sd_px
+
+
+def _per_mm(pair: RectifiedPair, measured: DisparityMap) -> Float32Array:
+    """(H, W) px of disparity for one mm of depth."""
+    squared = pair.disparity_from_parallax(measured.parallax_px) ** 2
+    return np.asarray(squared / np.float32(pair.focal_px * pair.baseline_mm), np.float32)
+
+
+def _smooth(pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array) -> tuple[DisparityMap, Float32Array]:
+    """The map averaged until its noise is FILLING_SD_MM, its reach widened by the window, and its sd.
+
+    NaN where that takes too wide a window.
+    """
+    nothing = np.full(pair.shape, np.nan, np.float32)
+    is_measured = np.isfinite(measured.parallax_px)
+    if not is_measured.any():
+        return measured, nothing
+    sd_mm = float(np.nanmedian(sd_px / _per_mm(pair, measured)))
+    side = max(1, int(np.ceil(np.sqrt(measured.error_area_px or 1.0) * sd_mm / FILLING_SD_MM)))
+    if side > FILLING_WINDOW_PX:
+        return replace(measured, parallax_px=nothing), nothing
+    share = cv2.boxFilter(is_measured.astype(np.float32), cv2.CV_32F, (side, side))
+    total = cv2.boxFilter(np.where(is_measured, measured.parallax_px, np.float32(0.0)), cv2.CV_32F, (side, side))
+    mean = np.where(share > MIN_WINDOW_SHARE, total / np.maximum(share, np.float32(MIN_WINDOW_SHARE)), nothing)
+    reach = measured.reach_px + np.float32((side - 1) / 2)
+    smooth = replace(measured, parallax_px=np.asarray(mean, np.float32), reach_px=reach)
+    return smooth, sd_px * np.float32(min(1.0, FILLING_SD_MM / sd_mm))

@@ -94,13 +94,13 @@ def test_map_of_another_table_is_refused(scene, change):
     assert agreed(scene, change) is None
 
 
-def fused(pair, match, *maps):
+def fused(pair, match, *maps, is_averaged=False):
     shape = pair.shape
 
     def filled(value, sd, reach):
         return DisparityMap(*(np.full(shape, each, np.float32) for each in (value, reach, sd)), error_area_px=9.0)
 
-    return fuse_depths(pair, filled(*match), [filled(*each) for each in maps], 0.5)
+    return fuse_depths(pair, filled(*match), [filled(*each) for each in maps], 0.5, is_averaged=is_averaged)
 
 
 def middle(pair, of):
@@ -127,11 +127,36 @@ def test_of_two_that_disagree_the_surer_one_counts(scene, sd, kept):
     assert middle(pair, fused(pair, (10.0, 0.5, 4.5), (30.0, sd, 3.0)))[0] == kept
 
 
-def test_gap_is_filled_by_a_sure_map_alone(scene):
+def test_gap_is_filled_by_a_sure_match_alone(scene):
     _, pair, *_ = scene
     gap = (np.nan, np.nan, 0.0)
-    assert middle(pair, fused(pair, gap, (11.0, 0.2, 3.0)))[::2] == [11.0, 3.0]
-    assert np.isnan(middle(pair, fused(pair, gap, (11.0, 20.0, 3.0)))[0])
+    assert middle(pair, fused(pair, gap, (11.0, 0.2, 3.0), is_averaged=True))[::2] == [11.0, 3.0]
+    assert np.isnan(middle(pair, fused(pair, gap, (11.0, 5.0, 3.0), is_averaged=True))[0])
+
+
+def test_gap_is_filled_by_a_sure_map(scene):
+    _, pair, *_ = scene
+    assert middle(pair, fused(pair, (np.nan, np.nan, 0.0), (11.0, 0.2, 3.0)))[::2] == [11.0, 3.0]
+
+
+def test_gap_is_filled_by_the_average_of_a_noisy_map_unless_that_is_as_wide_as_a_food(scene):
+    _, pair, *_ = scene
+    gap, shape = np.full(pair.shape, np.nan, np.float32), pair.shape
+    reach = np.full(shape, 3.0, np.float32)
+    per_mm = float(np.median(pair.plane_disparity_px()[pair.is_seen] ** 2)) / (pair.focal_px * pair.baseline_mm)
+
+    def filled(sd_mm):
+        noise = np.random.default_rng(0).normal(0.0, sd_mm * per_mm, shape)
+        sd = np.full(shape, sd_mm * per_mm, np.float32)
+        noisy = DisparityMap((5.0 + noise).astype(np.float32), reach, sd, error_area_px=1.0)
+        out = fuse_depths(pair, DisparityMap(gap, reach), [noisy], 0.5, is_averaged=False)
+        return out.parallax_px[pair.is_seen], out.reach_px[pair.is_seen]
+
+    parallax, reached = filled(20.0)
+    assert np.std(parallax) < 2.5 * per_mm  # FILLING_SD_MM, by the median of what a pixel is worth in mm
+    assert abs(np.mean(parallax) - 5.0) < 0.2 * per_mm
+    assert np.median(reached) > 3.0 + 4.0
+    assert np.isnan(filled(200.0)[0]).all()
 
 
 def test_match_without_maps_stays_as_it_is(scene):
