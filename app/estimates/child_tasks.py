@@ -23,7 +23,8 @@ from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
-from app.vision.depth_map import depth_camera_from_mapping, read_confidence, read_depth
+from app.vision.depth_camera import depth_camera_from_mapping
+from app.vision.depth_map import read_confidence, read_depth
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings

@@ -13,7 +13,7 @@ from app.estimates.estimate_json import hint_from_json, options_from_json, with_
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
-from app.vision.depth_map import depth_camera_from_mapping
+from app.vision.depth_camera import depth_camera_from_mapping
 from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
 

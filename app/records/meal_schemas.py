@@ -29,7 +29,7 @@ from app.people.models import LOCALES
 from app.photos.slots import DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, DepthSlot, confidence_slot, depth_slot
 from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
-from app.vision.depth_map import DEFAULT_UNIT_MM
+from app.vision.depth_camera import DEFAULT_UNIT_MM
 
 MAX_HINTS = 20
 

@@ -47,7 +47,7 @@ from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
 from app.photos.slots import DEPTH_SLOTS
 from app.records.read_meal import MealView
-from app.vision.depth_map import depth_camera_from_mapping, size_mismatch
+from app.vision.depth_camera import depth_camera_from_mapping, size_mismatch
 
 log = structlog.get_logger()
 

@@ -4,20 +4,15 @@ Bytes and the depth camera's intrinsics -> DepthMap in mm along the optical axis
 depth camera is a pinhole in the photograph's pose.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import cv2
 import numpy as np
 
-from app.core.errors import Failure, InvalidInputError
+from app.core.errors import Failure
+from app.vision.depth_camera import DepthCamera, size_mismatch
 from app.vision.model import DepthMap, Float32Array, MaskArray
 
-DEFAULT_UNIT_MM = 0.1
 DEPTH_MM = (50.0, 20_000.0)  # nearer or farther, a number is none of a meal's depth
 MIN_MEASURED_SHARE = 0.1
-MIN_SIDE_PX, MAX_SIDE_PX = 32, 8192
 BLOCK_PX = 16  # in which a surface is nearly a plane in depth
 MIN_NOISE_MM = 0.3  # of any depth, rounding and interpolation
 AREA_LIMITS_PX = (1.0, 64.0)  # of the map, over which errors are one
@@ -25,36 +20,6 @@ PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 MAGIC = (PNG_MAGIC, b"II*\x00", b"MM\x00*")
 HIGHEST_LEVEL = 2  # ARKit's: 0 low, 1 medium, 2 high
 LEAST_CONFIDENCE = 128  # of 0 to 255, as ARCore's
-CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
-
-
-@dataclass(frozen=True, slots=True)
-class DepthCamera:
-    """A depth camera's pinhole, px; unit_mm: of whole numbers in its PNG."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    unit_mm: float = DEFAULT_UNIT_MM
-
-
-def depth_camera_from_mapping(value: Mapping[str, Any]) -> DepthCamera:
-    """A depth camera of its file's keys. Raises InvalidInputError."""
-    try:
-        numbers = {key: float(value[key]) for key in CAMERA_KEYS}
-        unit_mm = float(value.get("unit_mm", DEFAULT_UNIT_MM))
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InvalidInputError(
-            f"The depth camera needs {', '.join(CAMERA_KEYS)}, and may have unit_mm.", code="depth_camera_invalid"
-        ) from None
-    sizes = [numbers[key] for key in ("width", "height", "fx", "fy")]
-    if not np.isfinite([*numbers.values(), unit_mm]).all() or min(*sizes, unit_mm) <= 0:
-        raise InvalidInputError("The depth camera's sizes and focal lengths are positive.", code="depth_camera_invalid")
-    width, height = int(numbers.pop("width")), int(numbers.pop("height"))
-    return DepthCamera(width, height, **numbers, unit_mm=unit_mm)
 
 
 def read_depth(data: bytes, camera: DepthCamera, confidence: bytes | None = None) -> DepthMap | Failure:
@@ -115,19 +80,6 @@ def read_confidence(data: bytes, camera: DepthCamera) -> MaskArray | Failure:
         return mismatch
     least = 1 if pixels.max() <= HIGHEST_LEVEL else LEAST_CONFIDENCE
     return np.asarray(pixels >= least, np.bool_)
-
-
-def size_mismatch(width: int, height: int, camera: DepthCamera) -> Failure | None:
-    """Failure "depth_mismatch" of a map, px, that is not the camera's, or impossible."""
-    sides = sorted((width, height))
-    if (width, height) == (camera.width, camera.height) and sides[0] >= MIN_SIDE_PX and sides[1] <= MAX_SIDE_PX:
-        return None
-    return Failure(
-        "depth_mismatch",
-        f"The map has {width} x {height} px, the depth camera {camera.width} x {camera.height}; a side has "
-        f"{MIN_SIDE_PX} to {MAX_SIDE_PX}.",
-        "Send the intrinsics of the depth map as it is.",
-    )
 
 
 def _noise(depth_mm: Float32Array) -> tuple[float, float]:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.depth_map import DepthCamera, depth_camera_from_mapping, read_confidence, read_depth
+from app.vision.depth_camera import DepthCamera, depth_camera_from_mapping
+from app.vision.depth_map import read_confidence, read_depth
 
 CAMERA = DepthCamera(256, 192, 244.0, 244.0, 128.0, 96.0)
 
