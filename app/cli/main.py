@@ -141,6 +141,9 @@ def estimate(
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
+    poses: Annotated[
+        Path | None, typer.Option(help="File of the cameras' poses (JSON), with --camera: no marker is needed.")
+    ] = None,
     depth: Annotated[
         list[str] | None, typer.Option(metavar="VIEW=FILE", help="Depth map of a photograph: 16 bit PNG or TIFF.")
     ] = None,
@@ -164,6 +167,7 @@ def estimate(
         marker=marker,
         camera=camera,
         rig=rig,
+        poses=poses,
         method=method,
         hints=hint or [],
         is_complete=complete,

@@ -18,6 +18,7 @@ from app.estimates.camera_json import camera_to_json
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.photos.inspect import PhotoFacts, inspect_photo
 from app.photos.slots import PAIR_SLOTS
 from app.vision import precheck
 from app.vision.board.calibration import calibrate
@@ -193,6 +194,9 @@ def run_estimate(
                 stages = {"read": time.perf_counter() - started}
                 return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
             photo = replace(photo, depth=depth)
+        if options.poses is not None:  # they are of the picture as it is stored
+            facts = inspect_photo(path)
+            photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
         photos.append(photo)
     read_seconds = time.perf_counter() - started
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))

@@ -26,6 +26,7 @@ def read_options(
     marker: str | None,
     camera: Path | None,
     rig: Path | None = None,
+    poses: Path | None = None,
     method: str,
     hints: Sequence[str],
     is_complete: bool = False,
@@ -41,10 +42,14 @@ def read_options(
         raise InvalidInputError(
             "The method paper-strict needs a marker for its tie points: measure a rig by another one."
         )
+    if poses is not None and (camera is None or rig is not None or method == "paper-strict"):
+        raise InvalidInputError("--poses needs --camera and takes the place of --rig; paper-strict needs a marker.")
+    is_marker_usual = marker is None and rig is None and poses is None and not has_depth
     value = {
-        "marker": DEFAULT_MARKER if marker is None and rig is None and not has_depth else marker,
+        "marker": DEFAULT_MARKER if is_marker_usual else marker,
         "camera": _read_object(_text_of(camera), str(camera)) if camera is not None else None,
         "rig": _read_object(_text_of(rig), str(rig)) if rig is not None else None,
+        "poses": _read_object(_text_of(poses), str(poses)) if poses is not None else None,
         "method": method,
         "depth": has_depth,
         "hints": [_read_hint(hint) for hint in hints],
@@ -104,15 +109,16 @@ def estimate_files(
 def _require_number(count: int, options: EstimateOptions) -> None:
     if count > MAX_VIEWS:
         raise InvalidInputError(f"{count} photographs were given; of one meal {MAX_VIEWS} are the most.")
-    if count < PAIR and (options.rig is not None or options.method != "shape"):
-        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: give both.")
-    if count > PAIR and (options.rig is not None or options.method != "shape"):
-        raise InvalidInputError("A rig and the methods of the paper measure by two photographs: leave the others out.")
+    needs_pair = options.rig is not None or (options.poses is not None and options.marker is None)
+    if needs_pair or options.method != "shape":
+        hint = "give both" if count < PAIR else "leave the others out"
+        if count != PAIR:
+            raise InvalidInputError(f"A rig, poses and the methods of the paper measure by two photographs: {hint}.")
 
 
 def _require_scale(depths: Mapping[str, object], options: EstimateOptions) -> None:
     """Raise InvalidInputError if neither a marker, a rig nor the first photograph's depth map gives the scale."""
-    has_scale = options.marker is not None or options.rig is not None
+    has_scale = any(each is not None for each in (options.marker, options.rig, options.poses))
     if not has_scale and ("left" not in depths or options.method != "shape"):
         raise InvalidInputError(
             "Without --marker the depth map of the first photograph gives the scale, by the method shape: give "

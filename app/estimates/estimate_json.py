@@ -16,6 +16,7 @@ from app.meals.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
 from app.photos.slots import VIEW_SLOTS
 from app.vision.intrinsics import camera_from_mapping
+from app.vision.known_poses import poses_from_mapping, poses_to_json
 from app.vision.marker_spec import parse_marker
 from app.vision.model import (
     ColourCorrection,
@@ -50,6 +51,7 @@ def options_to_json(options: EstimateOptions) -> dict[str, object]:
         "marker": str(options.marker) if options.marker is not None else None,
         "camera": camera_to_json(options.camera) if options.camera is not None else None,
         "rig": rig_to_json(options.rig) if options.rig is not None else None,
+        "poses": poses_to_json(options.poses) if options.poses is not None else None,
         "method": options.method,
         "hints": [hint_to_json(hint) for hint in options.hints],
         "complete": options.is_complete,
@@ -61,14 +63,15 @@ def options_to_json(options: EstimateOptions) -> dict[str, object]:
 def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
     """The reverse of options_to_json.
 
-    Raises InvalidInputError for a marker, camera or rig that cannot be, and for neither a marker nor a rig.
+    Raises InvalidInputError for a marker, camera, rig or poses that cannot be, and if none of them gives the scale.
     """
-    if value.get("marker") is None and value.get("rig") is None and not value.get("depth"):
+    if not value.get("depth") and all(value.get(key) is None for key in ("marker", "rig", "poses")):
         raise InvalidInputError("Neither a marker nor a rig gives the scale: name one.", code="marker_missing")
     return EstimateOptions(
         marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
         rig=rig_from_mapping(value["rig"]) if value.get("rig") is not None else None,
+        poses=poses_from_mapping(value["poses"]) if value.get("poses") is not None else None,
         method=value.get("method", "shape"),
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
         is_complete=bool(value.get("complete", False)),

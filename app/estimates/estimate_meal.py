@@ -24,7 +24,7 @@ from app.core.errors import Failure
 from app.core.logs import bind_log_context
 from app.core.settings import Settings
 from app.db.session import Database
-from app.estimates.camera_choice import ChosenCamera, choose_camera, choose_rig
+from app.estimates.camera_choice import choose_camera, choose_rig
 from app.estimates.estimate_json import (
     answer_of,
     hint_from_json,
@@ -36,7 +36,7 @@ from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
 from app.meals.job_models import RERUN_OF, Job
-from app.meals.models import HintDetails, Meal, MealImage
+from app.meals.models import HintDetails, Meal, MealImage, PairDetails
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
@@ -48,8 +48,10 @@ from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import vessels_of_meal
+from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MealEstimate
+from app.vision.rig import StereoRig
 from app.vision.version import PIPELINE_VERSION
 
 log = structlog.get_logger()
@@ -63,7 +65,7 @@ AWAITS_ROOM = "waits_for_room"  # stage of a meal between two tries of an estima
 
 SCALE_MISSING = Failure(
     "scale_missing",
-    "Neither the meal nor its study names a marker, and there is no stereo rig for its photographs any more.",
+    "Neither the meal nor its study names a marker, and there is no stereo rig for its photographs, nor their poses.",
     "Ask the people who run the study to name the marker in its settings, or to send the rig again, and to queue the "
     "meal again.",
 )
@@ -121,8 +123,8 @@ class EstimateMeal:
                 session, meal_camera=_meal_camera(job, meal), device_id=meal.device_id, study=study, sizes=sizes
             )
             library = vessels_of_meal(session, study.id, hints)
-            options = self._options(session, meal, study, library.in_hints(hints), chosen)
-            options = replace(options, vessels=library.models, is_complete=is_complete)
+            options = self._options(session, _scale(job, meal, study, chosen.rig), library.in_hints(hints))
+            options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
@@ -184,18 +186,8 @@ class EstimateMeal:
             privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(
-        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]], chosen: ChosenCamera
-    ) -> EstimateOptions:
-        marker = (meal.details["marker"] or study.marker) if chosen.rig is None else None
-        if marker is None and chosen.rig is None and "left_depth" not in meal.map_slots:
-            raise JobFailure(SCALE_MISSING)
-        options = EstimateOptions(
-            marker=parse_marker(marker) if marker is not None else None,
-            camera=chosen.camera,
-            rig=chosen.rig,
-            hints=tuple(hint_from_json(hint) for hint in hints),
-        )
+    def _options(self, session: Session, scale: EstimateOptions, hints: Sequence[Mapping[str, Any]]) -> EstimateOptions:
+        options = replace(scale, hints=tuple(hint_from_json(hint) for hint in hints))
         keys = {hint.food for hint in options.hints if hint.food}
         return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
 
@@ -277,9 +269,14 @@ def _is_of_after(job: Job) -> bool:
     return RERUN_OF.get(job.purpose, job.purpose) == "after"
 
 
+def _pair_details(job: Job, meal: Meal) -> PairDetails | None:
+    """Return the metadata of the job's pair."""
+    return meal.after_details if _is_of_after(job) else meal.details
+
+
 def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
     """Return the hints of the job's pair, and whether they are complete."""
-    details = meal.after_details if _is_of_after(job) else meal.details
+    details = _pair_details(job, meal)
     return (details["hints"], details.get("complete", False)) if details is not None else ((), False)
 
 
@@ -287,6 +284,20 @@ def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
     """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
     own = meal.after_details["camera"] if _is_of_after(job) and meal.after_details is not None else None
     return own if own is not None else meal.details["camera"]
+
+
+def _scale(job: Job, meal: Meal, study: Study, rig: StereoRig | None) -> EstimateOptions:
+    """Return options with what the scale may come from: the rig, or the marker and the poses of the job's pair."""
+    if rig is not None:
+        return EstimateOptions(None, rig=rig)
+    marker, details = meal.details["marker"] or study.marker, _pair_details(job, meal)
+    poses = details.get("poses") if details is not None else None
+    if marker is None and poses is None and "left_depth" not in meal.map_slots:
+        raise JobFailure(SCALE_MISSING)
+    return EstimateOptions(
+        parse_marker(marker) if marker is not None else None,
+        poses=poses_from_mapping(poses) if poses is not None else None,
+    )
 
 
 def _note_times(answer: RunAnswer) -> None:

@@ -62,6 +62,14 @@ class AsideDetails(TypedDict, total=False):
     unknown: str
 
 
+class PosesDetails(TypedDict):
+    """Camera poses as sent: 4 x 4 by view, camera to world, m."""
+
+    convention: str
+    views: dict[str, list[list[float]]]
+    gravity: list[float] | None
+
+
 class PairDetails(AsideDetails):
     """The metadata of a pair of photographs as accepted. complete: the hints are all that there is."""
 
@@ -70,6 +78,7 @@ class PairDetails(AsideDetails):
     camera: CameraDetails | None
     hints: list[HintDetails]
     complete: NotRequired[bool]
+    poses: NotRequired[PosesDetails]
 
 
 class DeclaredItemDetails(TypedDict):

@@ -98,6 +98,36 @@ class DepthCameraIn(BaseModel):
     unit_mm: JsonNumber = Field(default=DEFAULT_UNIT_MM, gt=0, description="Unit of a PNG's whole numbers, mm.")
 
 
+PoseRow = tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber]
+PoseIn = tuple[PoseRow, PoseRow, PoseRow, PoseRow]
+
+
+class PairPosesIn(BaseModel):
+    """4 x 4, row by row, from the camera's axes to the world's, m."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    left: PoseIn = Field(description="Of the left photograph.")
+    right: PoseIn = Field(description="Of the right photograph.")
+
+
+class PosesIn(BaseModel):
+    """Camera poses that the phone's tracking gave at the moment of each photograph (docs/apps.md)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    convention: Literal["arkit", "arcore", "opencv"] = Field(
+        description="The camera's axes. arkit (ARCamera.transform) and arcore (Camera.getPose): x right, y up, "
+        "z backwards in the picture as stored, before EXIF turns it. opencv: x right, y down, z forwards in the "
+        "upright picture."
+    )
+    views: PairPosesIn = Field(description="The poses, all in one world.")
+    gravity: tuple[JsonNumber, JsonNumber, JsonNumber] | None = Field(
+        default=None,
+        description="Down, in the world's axes, of any length; null: minus y with arkit and arcore, else not known.",
+    )
+
+
 class MealMetadataIn(BaseModel):
     """What the phone tells beside the photographs."""
 
@@ -130,6 +160,11 @@ class MealMetadataIn(BaseModel):
         default=None,
         description="The stereo rig that took left and right, in place of marker and camera; null: the phone's, else "
         "its model's, else the study's, if there is one and no marker is named here.",
+    )
+    poses: PosesIn | None = Field(
+        default=None,
+        description="Poses by ARKit or ARCore, which give the scale where no marker is seen; the camera's intrinsics "
+        "must then be known.",
     )
     hints: list[HintIn] = Field(
         default_factory=list,

@@ -23,7 +23,7 @@ from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.meal_time import MealTime
-from app.meals.models import AsideDetails, HintDetails, Meal, MealImage, PairDetails
+from app.meals.models import AsideDetails, HintDetails, Meal, MealImage, PairDetails, PosesDetails
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
 from app.people import privacy_queries as privacy
 from app.people.access import audit
@@ -48,6 +48,7 @@ class AfterMetadata:
 
     time: MealTime
     camera: CameraDetails | None = None
+    poses: PosesDetails | None = None
     hints: tuple[HintDetails, ...] = ()
     complete: bool = False
     unknown: Mapping[str, JsonValue] = field(default_factory=dict)
@@ -63,6 +64,8 @@ class AfterMetadata:
         keep_unknown(details, self.unknown)
         if self.complete:
             details["complete"] = True
+        if self.poses is not None:
+            details["poses"] = self.poses
         return details
 
 

@@ -15,7 +15,7 @@ from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import MealView, read_meal
 from app.uploads.after_meal import AfterMetadata, SubmitAfterPair
 from app.uploads.after_schemas import AfterMetadataIn
-from app.uploads.api import SUBMIT_RESPONSES, camera_details, hint_details, meal_response
+from app.uploads.api import SUBMIT_RESPONSES, camera_details, hint_details, meal_response, poses_details
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
@@ -43,6 +43,7 @@ async def put_after(request: Request, meal_id: MealId, state: State, caller: Cur
         metadata = AfterMetadata(
             time=meal_time(checked.captured_at, time_zone, datetime.now(UTC)),
             camera=camera_details(checked.camera),
+            poses=poses_details(checked.poses),
             hints=hint_details(checked.hints),
             complete=checked.complete,
             unknown=unknown,

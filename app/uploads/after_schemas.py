@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.text_schemas import Instant, Text
 from app.people.calibration_schemas import CameraIn
-from app.records.meal_schemas import MAX_HINTS, HintIn
+from app.records.meal_schemas import MAX_HINTS, HintIn, PosesIn
 
 
 class AfterHintIn(HintIn):
@@ -47,3 +47,4 @@ class AfterMetadataIn(BaseModel):
         default=False, strict=True, description="Whether the hints are all that is left: nothing else is looked for."
     )
     camera: CameraIn | None = Field(default=None, description="Default: the meal's.")
+    poses: PosesIn | None = Field(default=None, description="Of this pair's photographs, as those of a meal.")

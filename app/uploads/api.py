@@ -20,7 +20,7 @@ from app.http.state import ApiState
 from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
 from app.meals.meal_time import meal_time
-from app.meals.models import DepthCameraDetails, HintDetails
+from app.meals.models import DepthCameraDetails, HintDetails, PosesDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
@@ -28,12 +28,13 @@ from app.people.calibrate_device import rig_details
 from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
 from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS
-from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn
+from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn, PosesIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
 from app.uploads.after_meal import SubmitAfterPair
 from app.uploads.submit_meal import MealMetadata, SubmitMeal
 from app.uploads.waiting import MealWaiter
+from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
@@ -220,7 +221,7 @@ def _part_missing(parts: list[str]) -> MalformedRequestError:
 
 
 def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]) -> MealMetadata:
-    """Raises InvalidInputError (time, zone, marker, rig)."""
+    """Raises InvalidInputError (time, zone, marker, rig, poses)."""
     if checked.marker is not None:
         parse_marker(checked.marker)
     return MealMetadata(
@@ -229,6 +230,7 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
         marker=checked.marker,
         camera=camera_details(checked.camera),
         rig=rig_details(checked.rig) if checked.rig is not None else None,
+        poses=poses_details(checked.poses),
         hints=hint_details(checked.hints),
         complete=checked.complete,
         views=checked.views,
@@ -243,6 +245,15 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
 def camera_details(camera: CameraIn | None) -> CameraDetails | None:
     """Return a request's camera as stored."""
     return cast(CameraDetails, camera.model_dump(mode="json")) if camera is not None else None
+
+
+def poses_details(poses: PosesIn | None) -> PosesDetails | None:
+    """Return a request's poses as stored. Raises InvalidInputError (`poses_invalid`)."""
+    if poses is None:
+        return None
+    details = poses.model_dump(mode="json")
+    poses_from_mapping(details)
+    return cast(PosesDetails, details)
 
 
 def hint_details(hints: Sequence[HintIn]) -> tuple[HintDetails, ...]:

@@ -26,6 +26,7 @@ FEATURES = (  # docs/apps.md describes each
     "feedback",
     "hints_are_additions",
     "parts",
+    "poses",
     "questions",
     "rigs",
     "unknown_fields",

@@ -33,6 +33,7 @@ from app.meals.models import (
     Meal,
     MealDetails,
     MealImage,
+    PosesDetails,
     announced_slots,
 )
 from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
@@ -57,6 +58,7 @@ COMPARED = (  # equal in a repetition
     "marker",
     "camera",
     "rig",
+    "poses",
     "hints",
     "complete",
     "views",
@@ -79,6 +81,7 @@ class MealMetadata:
     marker: str | None = None
     camera: CameraDetails | None = None
     rig: RigDetails | None = None
+    poses: PosesDetails | None = None
     hints: tuple[HintDetails, ...] = ()
     complete: bool = False
     location: Mapping[str, float] | None = None
@@ -137,7 +140,7 @@ class SubmitMeal:
             if metadata is not None and not _has_scale(session, caller, study, metadata):
                 raise InvalidInputError(
                     "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
-                    "such as plain:9x7:11, or the stereo rig that took the photographs.",
+                    "such as plain:9x7:11, or a stereo rig or the cameras' poses.",
                     code="marker_missing",
                 )
         policy = policy_of(study)
@@ -241,7 +244,7 @@ class SubmitMeal:
 
 
 def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata) -> bool:
-    """Whether a marker is named, a rig is given or stored, or the left photograph has a depth map."""
+    """Whether a marker is named, a rig is given or stored, poses are given, or left has a depth map."""
     if (
         "left_depth" in metadata.depth_maps
         or metadata.marker is not None
@@ -249,7 +252,9 @@ def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: M
         or study.marker is not None
     ):
         return True
-    return metadata.views == DEFAULT_VIEWS and any(stored_rigs(session, caller.device_id, study.id))
+    if metadata.views != DEFAULT_VIEWS:
+        return False
+    return metadata.poses is not None or any(stored_rigs(session, caller.device_id, study.id))
 
 
 def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealDetails:
@@ -272,6 +277,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
         details["rig"] = metadata.rig
     if metadata.depth_camera is not None:
         details["depth_camera"], details["depth_maps"] = metadata.depth_camera, list(metadata.depth_maps)
+    if metadata.poses is not None:
+        details["poses"] = metadata.poses
     return details
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.core.errors import Failure
 from app.vision.intrinsics import Camera
+from app.vision.known_poses import KnownPoses
 from app.vision.marker_spec import MarkerSpec
 from app.vision.rig import StereoRig
 from app.vision.vessel_library import VesselModel
@@ -48,13 +49,15 @@ class DepthMap:
 class Photo:
     """One decoded photograph, upright. pixels_bgr: (H, W, 3) uint8. focal_35mm: EXIF's 35 mm equivalent, mm.
 
-    model: the phone's, as EXIF names it. depth: measured beside it.
+    model: the phone's, as EXIF names it. depth: measured beside it. orientation: EXIF's, of the stored file, which has
+    been applied; known poses need it.
     """
 
     pixels_bgr: ImageArray
     focal_35mm: float | None = None
     model: str | None = None
     depth: DepthMap | None = None
+    orientation: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +175,9 @@ class Hint:
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
 
-    marker, rig: where the scale comes from; with a rig, no marker is looked for and camera is not used. camera: for
-    upright pixels; None: from EXIF. is_complete: the hints are all that there is, and no other food is
-    looked for. vessels: the study's library. seed: for its draws.
+    marker, rig: where the scale comes from; with a rig, no marker is looked for and camera is not used. poses: give it
+    where there is no rig, and no marker or none is seen. camera: for upright pixels; None: from EXIF. is_complete: the
+    hints are all that there is, and no other food is looked for. vessels: the study's library. seed: for its draws.
     """
 
     marker: MarkerSpec | None
@@ -185,6 +188,7 @@ class EstimateOptions:
     vessels: tuple[VesselModel, ...] = ()
     seed: int = 0
     rig: StereoRig | None = None
+    poses: KnownPoses | None = None
 
 
 @dataclass(frozen=True, slots=True)

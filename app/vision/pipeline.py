@@ -17,6 +17,7 @@ from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.figures import draw_artefacts
 from app.vision.intrinsics import Camera, adapt_camera
+from app.vision.known_poses import KnownPoses, rig_of_poses
 from app.vision.looks.vcm import describe_rings
 from app.vision.model import (
     DepthMap,
@@ -116,6 +117,11 @@ def _run_with_partner(
         measured = _run(alone, options, stage, trace_alone)
         if not isinstance(measured, Failure):
             return alone, trace_alone, measured
+    if isinstance(outcome, Failure) and outcome.code in MARKER_UNSEEN and options.poses and pair.right is not None:
+        by_poses = Trace()
+        measured = _run(pair, replace(options, marker=None), stage, by_poses)
+        if not isinstance(measured, Failure):
+            return pair, by_poses, measured
     return chosen, trace, outcome
 
 
@@ -126,6 +132,11 @@ def _is_measurable_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
 def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
+    if options.rig is None and options.marker is None and options.poses is not None and pair.right is not None:
+        rig = _rig_of_poses(pair, options.poses, options.camera)
+        if isinstance(rig, Failure):
+            return rig
+        options = replace(options, rig=rig)
     refined = _find_views(pair, options, stage, trace)
     if isinstance(refined, Failure):
         return refined
@@ -203,7 +214,7 @@ def _find_views(
     first, second = views[::-1] if trace.is_swapped else views
     with stage("match"):
         if rig:
-            return _refine_rig(first, second, options, trace)
+            return _refine_rig(first, second, rig, options, trace)
         return _refine_poses(first, second, camera_from_exif(pair.left), options, trace)
 
 
@@ -231,19 +242,21 @@ def _refine_poses(
     return refined
 
 
-def _refine_rig(first: View, second: View, options: EstimateOptions, trace: Trace) -> RefinedViews | Failure:
+def _refine_rig(
+    first: View, second: View, rig: StereoRig, options: EstimateOptions, trace: Trace
+) -> RefinedViews | Failure:
     """The rig's relative pose adjusted by the matches; a plain scene without any leaves it as calibrated."""
     matches = match_features(first, second)
     if isinstance(matches, Failure):
         matches = NO_MATCHES
-    refined = refine_rig(first, second, matches)
+    refined = refine_rig(first, second, matches, rig.source)
     trace.matches = matches
     trace.keep_views(refined)
     epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
     if isinstance(epipolar, Failure):
         return refined
     trace.epipolar = epipolar
-    mismatch = judge_matches(matches, epipolar.is_good, placed_by="rig")
+    mismatch = judge_matches(matches, epipolar.is_good, placed_by=rig.source)
     return refined if mismatch is None else mismatch
 
 
@@ -283,6 +296,19 @@ def _views_of_rig(
     trace.colours = UNCORRECTED, UNCORRECTED
     with stage("camera"):
         return views_of_rig(pair, rig, np.random.default_rng(options.seed))
+
+
+def _rig_of_poses(pair: PhotoPair, poses: KnownPoses, camera: Camera | None) -> StereoRig | Failure:
+    """The rig of the pair's poses. Failures: focal_unknown (without intrinsics), camera_mismatch."""
+    if camera is None:
+        return Failure(
+            "focal_unknown",
+            "Known poses need the camera's intrinsics, and neither the meal nor a calibration gives any.",
+            "Send the camera's intrinsics with the poses; ARKit and ARCore tell them of each photograph.",
+        )
+    (left_h, left_w), (right_h, right_w) = (photo.pixels_bgr.shape[:2] for photo in pair.both)
+    orientations = (pair.both[0].orientation, pair.both[1].orientation)
+    return rig_of_poses(poses, camera, ((left_w, left_h), (right_w, right_h)), orientations)
 
 
 def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemEstimate, ...]:
@@ -342,8 +368,11 @@ def _measure(
         )
     if isinstance(measured, Failure) or (options.rig is None and doubt.focal_sd <= FLAG_SD):
         return measured
+    if options.rig is None:
+        return [replace(item, flags=(*item.flags, "focal_unknown")) for item in measured]
+    is_by_poses = options.rig.source == "poses"
     return [
-        replace(item, flags=(*item.flags, "scale_from_rig" if options.rig else "focal_unknown")) for item in measured
+        replace(item, flags=(*item.flags, "scale_from_poses" if is_by_poses else "scale_from_rig")) for item in measured
     ]
 
 

@@ -5,9 +5,9 @@ NumPy for it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from app.core.errors import Failure, InvalidInputError
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
@@ -18,17 +18,24 @@ if TYPE_CHECKING:
 
 ORTHONORMAL = 1e-3  # by which a rotation's rows may differ from orthogonal unit vectors: written with four digits
 MIN_BASELINE_MM, MAX_BASELINE_MM = 1.0, 1000.0
+LARGEST = 1e9  # of a number in such a file
 Row = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class StereoRig:
-    """Two cameras and the pose of the right one: x_right = rotation @ x_left + translation_mm."""
+    """Two cameras and the pose of the right one: x_right = rotation @ x_left + translation_mm.
+
+    source: "rig", calibrated; "poses", of one phone's tracking, which is less exact. up: unit vector against gravity
+    in the left camera's frame; None: not known.
+    """
 
     left: Camera
     right: Camera
     rotation: tuple[Row, Row, Row]
     translation_mm: Row
+    source: Literal["rig", "poses"] = "rig"
+    up: Row | None = None
 
     @property
     def baseline_mm(self) -> float:
@@ -88,7 +95,7 @@ def rig_from_mapping(data: object) -> StereoRig:
     if not isinstance(rows, list | tuple) or len(rows) != 3:
         raise _invalid("R must be a list of three rows.")
     rotation = (_triple(rows[0], "R"), _triple(rows[1], "R"), _triple(rows[2], "R"))
-    if not _is_rotation(rotation):
+    if not is_rotation(rotation):
         raise _invalid("R is no rotation matrix: x_right = R x_left + t_mm.")
     rig = StereoRig(cameras[0], cameras[1], rotation, _triple(data["t_mm"], "t_mm"))
     if not MIN_BASELINE_MM <= rig.baseline_mm <= MAX_BASELINE_MM:
@@ -99,7 +106,8 @@ def rig_from_mapping(data: object) -> StereoRig:
     return rig
 
 
-def _is_rotation(rows: tuple[Row, Row, Row]) -> bool:
+def is_rotation(rows: tuple[Row, Row, Row]) -> bool:
+    """Whether rows are those of a rotation matrix, up to ORTHONORMAL."""
     products = [sum(a * b for a, b in zip(first, second, strict=True)) for first in rows for second in rows]
     is_orthonormal = all(
         abs(product - (1.0 if place % 4 == 0 else 0.0)) <= ORTHONORMAL for place, product in enumerate(products)
@@ -108,15 +116,19 @@ def _is_rotation(rows: tuple[Row, Row, Row]) -> bool:
     return is_orthonormal and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
 
 
-def _triple(value: object, key: str) -> Row:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise _invalid(f"{key} must have three numbers in each list.")
-    numbers = []
+def numbers_from(value: object, count: int, key: str, invalid: Callable[[str], InvalidInputError]) -> tuple[float, ...]:
+    """So many finite numbers of a JSON list. Raises what `invalid` makes of the reason."""
+    if not isinstance(value, list | tuple) or len(value) != count:
+        raise invalid(f"{key} must have {count} numbers in each list.")
     for number in value:
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-            raise _invalid(f"{key} must hold numbers, not {str(number)[:40]!r}.")
-        numbers.append(float(number))
-    return numbers[0], numbers[1], numbers[2]
+        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < LARGEST:
+            raise invalid(f"{key} must hold numbers, not {str(number)[:40]!r}.")
+    return tuple(float(number) for number in value)
+
+
+def _triple(value: object, key: str) -> Row:
+    x, y, z = numbers_from(value, 3, key, _invalid)
+    return x, y, z
 
 
 def _invalid(reason: str) -> InvalidInputError:

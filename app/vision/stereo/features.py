@@ -53,13 +53,15 @@ class Matches:
 NO_MATCHES = Matches(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_), np.empty(0, np.bool_))
 
 
-def match_features(first: View, second: View) -> Matches | Failure:
+def match_features(first: View, second: View, gate_share: float = GATE_SHARE) -> Matches | Failure:
     """Mutual SIFT matches that pass the ratio test, together with the marker's own corners, which match by name.
+
+    gate_share: see GATE_SHARE.
 
     SIFT alone can hardly match a checkerboard, all of whose corners look alike. Without a marker there are SIFT's
     alone. Failure "too_few_matches".
     """
-    first_px, second_px = _sift_matches(first, second)
+    first_px, second_px = _sift_matches(first, second, gate_share)
     points = triangulate(first, second, first_px, second_px)
     on_sheet = is_on_sheet(first.marker, points) if first.marker is not None else np.zeros(len(points), np.bool_)
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
@@ -155,7 +157,7 @@ def shows_sheet(marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Fl
     return is_shown
 
 
-def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array]:
+def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64Array, Float64Array]:
     """(n, 2), (n, 2) px of the photographs: SIFT beside the sheet, near its epipolar line, then aligned.
 
     The second view is first brought onto the first one by the marker's plane, which takes roll, zoom and most of the
@@ -170,7 +172,8 @@ def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array
     features = [_detect(np.asarray(picture, np.uint8), mask, has_tags=has_tags) for picture in (grey, turned)]
     at, at_second = features[0][0], map_points(to_second, features[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
-    pairs = _mutual_matches(features[0][1], features[1][1], _is_near_line(first, second, first_px, second_px))
+    is_near = _is_near_line(first, second, first_px, second_px, gate_share)
+    pairs = _mutual_matches(features[0][1], features[1][1], is_near)
     at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
     jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
     at_second = _aligned((grey, grey_second), at, at_second, jacobians)
@@ -267,7 +270,9 @@ def _detect(grey: ImageArray, mask: ImageArray, *, has_tags: bool = False) -> tu
     return (points + 0.5) * ratio - 0.5, np.asarray(descriptors, np.float32)
 
 
-def _is_near_line(first: View, second: View, first_px: Float64Array, second_px: Float64Array) -> NDArray[np.bool_]:
+def _is_near_line(
+    first: View, second: View, first_px: Float64Array, second_px: Float64Array, gate_share: float
+) -> NDArray[np.bool_]:
     """(n, m) whether second_px (m, 2) lie near the epipolar lines of first_px (n, 2), by the views."""
     if len(first_px) == 0 or len(second_px) == 0:
         return np.empty((len(first_px), len(second_px)), np.bool_)
@@ -277,7 +282,7 @@ def _is_near_line(first: View, second: View, first_px: Float64Array, second_px: 
     lines = homogeneous(rays) @ essential.T
     lines /= np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
     distance = (lines @ homogeneous(rays_second).T).astype(np.float32)
-    limit = GATE_SHARE * max(second.camera.width, second.camera.height) / second.camera.fx
+    limit = gate_share * max(second.camera.width, second.camera.height) / second.camera.fx
     return np.abs(distance) < limit
 
 

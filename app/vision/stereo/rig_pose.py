@@ -1,10 +1,14 @@
 """The views of a stereo rig: cameras and relative pose as calibrated, the table frame from the scene.
 
 Two photographs and their rig -> two Views over the table that was found; then the relative pose adjusted by the
-scene's own matches within what a calibration leaves open, with its doubts.
+scene's own matches within what a calibration leaves open, with its doubts. A rig of known poses is too rough to match
+by densely: its pose is adjusted by matches first.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -12,20 +16,45 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.board.pose import LONG_SIDE_12MP
 from app.vision.geometry.projective import cross_matrix
-from app.vision.model import Float64Array, PhotoPair, View
+from app.vision.intrinsics import Camera
+from app.vision.model import Float64Array, Int64Array, MaskArray, Photo, PhotoPair, View
 from app.vision.rig import StereoRig, adapt_rig
-from app.vision.stereo.epipolar import surely_on_epipolar_lines
-from app.vision.stereo.features import MIN_MATCHES, Matches, undistort_to_rays
+from app.vision.stereo.epipolar import GATE_PX_AT_12MP, near_epipolar_lines, surely_on_epipolar_lines
+from app.vision.stereo.features import MIN_MATCHES, Matches, match_features, undistort_to_rays
 from app.vision.stereo.relative_pose import MATCH_SD_PX_AT_12MP, MAX_MATCHES, RefinedViews, sampson_distance
 from app.vision.stereo.robust_fit import minimise
-from app.vision.stereo.table_plane import RigPose, find_table_plane, table_from_plane
+from app.vision.stereo.stillness import poses_mismatch
+from app.vision.stereo.table_plane import MAX_TILT_DEG, RigPose, find_table_plane, table_from_plane
 
 TURN_SD_RAD = 3e-4  # prior, each axis: half a pixel of a phone's 2000 px focal length, as calibrations by hand reach
 SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
+# The same of known poses: ARKit and ARCore publish no figures; visual-inertial tracking is off by 1 to 3 % of the way
+# and by 0.2 to 0.5 degrees between two photographs of a table.
+POSES_TURN_SD_RAD = 6e-3
+POSES_SHIFT_SD_SHARE = 0.02
+ROUGH_GATE_SHARE = 0.025  # of the long side: what such poses put matches off their epipolar lines, three sd
+ROUGH_DISTANCE_MM = 400.0  # of a table from a phone, where its true distance is not known yet
+
+Source = Literal["rig", "poses"]
+PRIORS: Mapping[Source, tuple[float, float]] = {
+    "rig": (TURN_SD_RAD, SHIFT_SD_SHARE),
+    "poses": (POSES_TURN_SD_RAD, POSES_SHIFT_SD_SHARE),
+}
+ROUNDS: Mapping[Source, tuple[Callable[[View, View, Matches], MaskArray], ...]] = {
+    "rig": (surely_on_epipolar_lines,),
+    "poses": (
+        partial(near_epipolar_lines, limit_px_at_12mp=ROUGH_GATE_SHARE * LONG_SIDE_12MP),
+        partial(near_epipolar_lines, limit_px_at_12mp=GATE_PX_AT_12MP),
+        surely_on_epipolar_lines,
+    ),
+}
 
 
 def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> tuple[View, View] | Failure:
-    """Left and right view over the table. Failures: camera_mismatch, same_photograph, table_not_found."""
+    """Left and right view over the table.
+
+    Failures: camera_mismatch, same_photograph, table_not_found, poses_mismatch.
+    """
     photos = pair.both
     if np.array_equal(photos[0].pixels_bgr, photos[1].pixels_bgr):
         return Failure(
@@ -38,30 +67,68 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
     if isinstance(cameras, Failure):
         return cameras
     pose = RigPose(rig.right_from_left, np.array(rig.translation_mm))
-    plane = find_table_plane((photos[0].pixels_bgr, photos[1].pixels_bgr), cameras, pose, rng)
+    up = np.array(rig.up) if rig.up is not None else None
+    if rig.source == "poses":
+        adjusted = _adjusted_pose(photos, cameras, pose, up)
+        if isinstance(adjusted, Failure):
+            return adjusted
+        pose = adjusted
+    plane = find_table_plane((photos[0].pixels_bgr, photos[1].pixels_bgr), cameras, pose, rng, up)
     if isinstance(plane, Failure):
         return plane
+    return _views_over(plane, photos, cameras, pose)
+
+
+def _adjusted_pose(
+    photos: tuple[Photo, Photo], cameras: tuple[Camera, Camera], pose: RigPose, up: Float64Array | None
+) -> RigPose | Failure:
+    """A rough pose adjusted to matches that are looked for over a table at a usual distance."""
+    towards = np.array([0.0, 0.0, -1.0])
+    normal = up if up is not None and up @ towards > np.cos(np.radians(MAX_TILT_DEG)) else towards
+    table = np.append(normal, -normal[2] * ROUGH_DISTANCE_MM)
+    first, second = _views_over(table, photos, cameras, pose)
+    matches = match_features(first, second, ROUGH_GATE_SHARE)
+    if isinstance(matches, Failure):
+        return poses_mismatch(matches.message)
+    refined = refine_rig(first, second, matches, "poses")
+    if refined.matches == 0:
+        return poses_mismatch("hardly any point is found again where they put it.")
+    return _relative_pose(refined.first, refined.second)
+
+
+def _views_over(
+    plane: Float64Array, photos: tuple[Photo, Photo], cameras: tuple[Camera, Camera], pose: RigPose
+) -> tuple[View, View]:
     rotation, translation_mm = table_from_plane(plane)
     left = View(photos[0], cameras[0], None, rotation, translation_mm, 0.0)
-    right = View(photos[1], cameras[1], None, *_second_pose(left, pose), 0.0)
-    return left, right
+    return left, View(photos[1], cameras[1], None, *_second_pose(left, pose), 0.0)
 
 
-def refine_rig(first: View, second: View, matches: Matches) -> RefinedViews:
+def refine_rig(first: View, second: View, matches: Matches, source: Source = "rig") -> RefinedViews:
     """The second view adjusted to the matches near their epipolar lines, maximum a posteriori.
 
     What matches cannot tell, such as a turn that only shifts all disparities, stays as calibrated and remains a doubt.
+    source: see StereoRig; of poses, each round keeps only the matches that the one before explains.
     """
-    near = surely_on_epipolar_lines(first, second, matches)
-    if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
-        near = np.zeros_like(near)
-    chosen = np.flatnonzero(near)
+    refined = RefinedViews(first, second, np.zeros(3), 0)
+    for is_near in ROUNDS[source]:
+        near = is_near(refined.first, refined.second, matches)
+        if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
+            near = np.zeros_like(near)
+        refined = _fit_pose(first, second, matches, np.flatnonzero(near), PRIORS[source])
+    return refined
+
+
+def _fit_pose(
+    first: View, second: View, matches: Matches, chosen: Int64Array, prior: tuple[float, float]
+) -> RefinedViews:
+    """The second view fitted to the chosen matches. prior: sd of a turn, rad, and of a shift, of the baseline."""
     if len(chosen) > MAX_MATCHES:
         chosen = chosen[np.linspace(0, len(chosen) - 1, MAX_MATCHES).astype(np.int64)]
     first_px, second_px = matches.first_px[chosen], matches.second_px[chosen]
     rays, second_rays = undistort_to_rays(first, first_px), undistort_to_rays(second, second_px)
     calibrated = _relative_pose(first, second)
-    spread = np.repeat([TURN_SD_RAD, SHIFT_SD_SHARE * float(np.linalg.norm(calibrated.translation_mm))], 3)
+    spread = np.repeat([prior[0], prior[1] * float(np.linalg.norm(calibrated.translation_mm))], 3)
     match_sd = MATCH_SD_PX_AT_12MP * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP / first.camera.fx
 
     def residual(change: Float64Array) -> Float64Array:

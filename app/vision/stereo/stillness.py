@@ -28,11 +28,13 @@ SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
 MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
 
 
-def judge_matches(matches: Matches, is_good: MaskArray, *, placed_by: Literal["marker", "rig"]) -> Failure | None:
+def judge_matches(
+    matches: Matches, is_good: MaskArray, *, placed_by: Literal["marker", "rig", "poses"]
+) -> Failure | None:
     """Failure if hardly a match beside the board lies on its epipolar line; None if enough do.
 
     is_good: (n,) whether a match does. "scene_moved" where the marker placed the cameras. A rig takes both photographs
-    at once, so that nothing moves between them: "rig_mismatch".
+    at once, so that nothing moves between them: "rig_mismatch". Of known poses: "poses_mismatch".
     """
     beside = ~matches.is_board
     judged, good = int(np.count_nonzero(beside)), int(np.count_nonzero(beside & is_good))
@@ -46,7 +48,21 @@ def judge_matches(matches: Matches, is_good: MaskArray, *, placed_by: Literal["m
             "Send the photographs that the rig's two cameras took at once, the left one first; calibrate the rig anew "
             "if its cameras may have moved.",
         )
+    if placed_by == "poses":
+        return poses_mismatch(
+            f"{judged} points were found again in the other photograph, but only {good} of them near."
+        )
     return _moved(f"The marker and the rest of the meal moved against each other: {placed} puts them.")
+
+
+def poses_mismatch(reason: str) -> Failure:
+    """Failure where matches contradict known poses. reason: a sentence's second half, with its full stop."""
+    return Failure(
+        "poses_mismatch",
+        f"The poses do not fit these photographs: {reason}",
+        "Send the pose of each photograph itself, of the moment when it was taken, in the convention that is named, "
+        "and the file as the camera wrote it, with its EXIF orientation.",
+    )
 
 
 def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:

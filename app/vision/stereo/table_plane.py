@@ -5,6 +5,7 @@ that lies on it. A coarse dense match is enough: heights are measured again on t
 with them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -34,6 +35,7 @@ MIN_ALIKE_SHARE = 0.1  # of the coarse picture: a dish fills as much
 MIN_SURE_SHARE = 0.08  # of what surely matches: foods and a dish's rim have their part of it
 MIN_SHARE_UNDER = 0.1  # of what is matched, on a plane under that one
 ROUNDS = 5
+MAX_OFF_UP_DEG = 10.0  # of gravity, by tracking 1 degree, of tables 2; what is left is the plane of three coarse points
 MAX_TILT_DEG = 80.0  # between the camera's axis and the plane's normal: flatter, and it is a wall or chance
 
 
@@ -46,42 +48,57 @@ class RigPose:
 
 
 def find_table_plane(
-    pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera, Camera], pose: RigPose, rng: np.random.Generator
+    pictures: tuple[ImageArray, ImageArray],
+    cameras: tuple[Camera, Camera],
+    pose: RigPose,
+    rng: np.random.Generator,
+    up: Float64Array | None = None,
 ) -> Float64Array | Failure:
     """(4,) normal n towards the cameras and distance d of the table, n . x + d = 0 in the first camera's frame, mm.
 
-    pictures: (H, W, 3) uint8, BGR. Failure "table_not_found".
+    pictures: (H, W, 3) uint8, BGR. up: (3,) unit vector against gravity in that frame, about which a table's normal
+    lies; None: not known. Failure "table_not_found".
     """
     coarse = _coarse_match(pictures, cameras, pose)
     if np.count_nonzero(coarse.is_matched) < MIN_SEEN_PX:
         return table_not_found("hardly anything on it looks alike in both photographs")
     # A weakly textured table is seen among noise; where noise hides it, what surely matches is left: a dish's floor.
-    fitted = _plane_of(coarse, coarse.is_matched, MIN_SHARE, rng)
+    fitted = _plane_of(coarse, coarse.is_matched, MIN_SHARE, up, rng)
     if fitted is None and np.mean(coarse.is_alike) > MIN_ALIKE_SHARE:
-        fitted = _plane_of(coarse, coarse.is_alike, MIN_SURE_SHARE, rng)
+        fitted = _plane_of(coarse, coarse.is_alike, MIN_SURE_SHARE, up, rng)
     if fitted is None:
         return table_not_found("no plane is shared by enough of what is seen")
-    # Disparity f B / Z = a x + b y + c at pixel x = f X / Z + cx, so a f X + b f Y + (a cx + b cy + c) Z = f B.
-    a, b, c = fitted
-    centre_x, centre_y = coarse.centre_px
-    normal = np.array([a * coarse.focal_px, b * coarse.focal_px, a * centre_x + b * centre_y + c])
-    length = float(np.linalg.norm(normal))
-    normal, distance = -normal / length, coarse.focal_px * coarse.baseline_mm / length
+    normal, distance = _normal_of(fitted, coarse)
     if -normal[2] < np.cos(np.radians(MAX_TILT_DEG)):
         return table_not_found("the largest plane is nearly in line with the camera")
     return np.append(coarse.rotation.T @ normal, distance)
 
 
 def _plane_of(
-    coarse: "_Coarse", is_chosen: MaskArray, min_share: float, rng: np.random.Generator
+    coarse: "_Coarse", is_chosen: MaskArray, min_share: float, up: Float64Array | None, rng: np.random.Generator
 ) -> Float64Array | None:
-    """lowest_plane of a sample of the chosen pixels of the coarse match."""
+    """lowest_plane of a sample of the chosen pixels of the coarse match, about level where up is known."""
     rows, columns = np.nonzero(is_chosen)
     chosen = rng.choice(len(rows), min(SAMPLES, len(rows)), replace=False)
     pixels = np.column_stack([columns[chosen], rows[chosen]]).astype(np.float64)
     disparity = coarse.disparity_px[rows[chosen], columns[chosen]].astype(np.float64)
+    level = None if up is None else coarse.rotation @ up
+
+    def is_level(plane: Float64Array) -> bool:
+        return level is None or float(_normal_of(plane, coarse)[0] @ level) > np.cos(np.radians(MAX_OFF_UP_DEG))
+
     # In a rectified pair a plane's disparity is linear in x and y, and its noise is the same everywhere.
-    return lowest_plane(homogeneous(pixels), disparity, rng, min_share)
+    return lowest_plane(homogeneous(pixels), disparity, rng, min_share, is_level)
+
+
+def _normal_of(plane: Float64Array, coarse: "_Coarse") -> tuple[Float64Array, float]:
+    """(3,) normal in the rectified camera's frame and distance, mm, of the plane with disparity a x + b y + c."""
+    # Disparity f B / Z = a x + b y + c at pixel x = f X / Z + cx, so a f X + b f Y + (a cx + b cy + c) Z = f B.
+    a, b, c = plane
+    centre_x, centre_y = coarse.centre_px
+    normal = np.array([a * coarse.focal_px, b * coarse.focal_px, a * centre_x + b * centre_y + c])
+    length = float(np.linalg.norm(normal))
+    return -normal / length, coarse.focal_px * coarse.baseline_mm / length
 
 
 def table_from_plane(plane: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -182,11 +199,15 @@ def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array
 
 
 def lowest_plane(
-    pixels: Float64Array, disparity_px: Float64Array, rng: np.random.Generator, min_share: float = MIN_SHARE
+    pixels: Float64Array,
+    disparity_px: Float64Array,
+    rng: np.random.Generator,
+    min_share: float = MIN_SHARE,
+    is_possible: Callable[[Float64Array], bool] = lambda _: True,
 ) -> Float64Array | None:
     """(3,) a, b, c of the disparity a x + b y + c that most points share (RANSAC), or of a parallel plane under it.
 
-    pixels: (n, 3) homogeneous. disparity_px: (n,). None where too few share any.
+    pixels: (n, 3) homogeneous. disparity_px: (n,). is_possible: of a, b, c. None where too few share any.
     """
     most, plane = 0, None
     for _ in range(DRAWS):
@@ -195,7 +216,7 @@ def lowest_plane(
             continue
         candidate = np.linalg.solve(pixels[drawn], disparity_px[drawn])
         count = int(np.count_nonzero(np.abs(disparity_px - pixels @ candidate) < ON_PLANE_PX))
-        if count > most:
+        if count > most and is_possible(np.asarray(candidate, np.float64)):
             most, plane = count, np.asarray(candidate, np.float64)
     if plane is None or most < min_share * len(pixels):
         return None

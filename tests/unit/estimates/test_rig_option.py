@@ -7,6 +7,8 @@ import pytest
 from app.core.errors import InvalidInputError
 from app.estimates.estimate_files import estimate_files, read_options
 from app.estimates.estimate_json import options_from_json, options_to_json
+from tests.unit.vision.poses import arkit_poses
+from tests.unit.vision.stereo_scene import blank_views
 from tests.unit.vision.test_rig import FILE
 
 
@@ -67,3 +69,20 @@ def test_photographs_that_would_not_be_used_are_refused(rig_file, method, tmp_pa
         estimate_files(
             [tmp_path / "1", tmp_path / "2", tmp_path / "3"], options, max_pixels=1, debug=None, on_stage=None
         )
+
+
+def test_poses_of_a_file_take_the_markers_place_and_survive_json(tmp_path, rig_file):
+    poses, camera = tmp_path / "poses.json", tmp_path / "camera.json"
+    poses.write_text(json.dumps(arkit_poses(*blank_views())))
+    camera.write_text(json.dumps(FILE["left"] | {"width": 1024, "height": 768}))
+    options = read_options(marker=None, camera=camera, poses=poses, method="shape", hints=())
+    assert options.marker is None
+    assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
+    with_marker = read_options(marker="plain:9x7:11", camera=camera, poses=poses, method="shape", hints=())
+    assert (str(with_marker.marker), with_marker.poses) == ("plain:9x7:11", options.poses)
+    for given in ({"camera": None}, {"camera": None, "rig": rig_file}):
+        with pytest.raises(InvalidInputError, match="--poses needs --camera"):
+            read_options(marker=None, poses=poses, method="shape", hints=(), **given)
+    for count in (1, 3):
+        with pytest.raises(InvalidInputError, match="two photographs"):
+            estimate_files([tmp_path / "left.jpg"] * count, options, max_pixels=1, debug=None, on_stage=None)

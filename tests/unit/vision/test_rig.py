@@ -58,7 +58,7 @@ def test_rotation_is_made_orthonormal_from_its_digits():
         (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "rig_invalid", "no rotation"),
         (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]), "rig_invalid", "no rotation"),
         (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0, "1"]]), "rig_invalid", "numbers"),
-        (changed(t_mm=[-60.0, 0.0]), "rig_invalid", "three numbers"),
+        (changed(t_mm=[-60.0, 0.0]), "rig_invalid", "3 numbers"),
         (changed(t_mm=[float("nan"), 0.0, 0.0]), "rig_invalid", "numbers"),
         (changed(t_mm=[-0.06, 0.0, 0.0]), "rig_invalid", "millimetres"),
         (changed(t_mm=[-5000.0, 0.0, 0.0]), "rig_invalid", "millimetres"),

@@ -1,5 +1,6 @@
 """The table of a scene without a marker, against a rendered one whose plane is known."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,11 +11,11 @@ from tests.unit.vision.stereo_scene import Ball, blank_views, rendered_views
 MAX_ANGLE_DEG, MAX_HEIGHT_MM = 0.5, 1.5  # the coarse match's 0.1 px over half the picture; the full pair refines it
 
 
-def plane_of(left, right):
+def plane_of(left, right, up=None):
     rotation = right.rotation @ left.rotation.T
     pose = RigPose(rotation, right.translation_mm - rotation @ left.translation_mm)
     pictures = left.photo.pixels_bgr, right.photo.pixels_bgr
-    return find_table_plane(pictures, (left.camera, right.camera), pose, np.random.default_rng(0))
+    return find_table_plane(pictures, (left.camera, right.camera), pose, np.random.default_rng(0), up)
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 90.0, 180.0])
@@ -41,3 +42,12 @@ def test_photographs_that_show_nothing_have_no_table():
     assert isinstance(failure, Failure)
     assert failure.code == "table_not_found"
     assert failure.advice
+
+
+def test_plane_that_gravity_excludes_is_no_table():
+    left, right = rendered_views(Ball((115.0, 15.0), 33.0))
+    normal = left.rotation[:, 2]
+    found = plane_of(left, right, up=normal)
+    assert np.allclose(found, plane_of(left, right))
+    tilt = cv2.Rodrigues(np.radians([25.0, 0.0, 0.0]))[0]
+    assert plane_of(left, right, up=tilt @ normal).code == "table_not_found"

@@ -1,0 +1,118 @@
+"""Known poses over HTTP: the metadata field is checked, kept and given to the estimate, of each pair its own."""
+
+import copy
+import uuid
+
+import pytest
+
+from app.children.faults import JobFailure
+from app.estimates.estimate_meal import EstimateMeal
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from tests import estimates
+from tests.estimates import found_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.uploads.test_rigs import RigChildren, code, rig, send
+from tests.photographs import pair
+from tests.unit.vision.poses import arkit_poses
+from tests.unit.vision.stereo_scene import blank_views
+
+POSES = arkit_poses(*blank_views())
+CAMERA = {"width": 640, "height": 480, "fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0}
+
+
+def asked(state, settings, meal_id, purpose="meal"):
+    """The options that a worker gives to its child."""
+    children = RigChildren()
+    with state.database.read() as session:
+        jobs = session.query(Job).join(Meal, Meal.id == Job.meal_id).filter(Job.purpose == purpose)
+        job = jobs.filter(Meal.client_id == uuid.UUID(meal_id)).one()
+    EstimateMeal(state.database, state.blobs, children, settings).compute(job.id)
+    return children.options[0]
+
+
+def changed(path, value):
+    data = copy.deepcopy(POSES)
+    place = data
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return data
+
+
+def test_meal_with_poses_needs_no_marker(enrol, state, settings):
+    phone = enrol(marker=None)
+    body = meal_metadata(poses=POSES, camera=CAMERA)
+    assert phone.post(pair(), metadata=body).status_code == 202
+    options = asked(state, settings, body["id"])
+    assert (options["marker"], options["rig"], options["camera"]["fx"]) == (None, None, 512.0)
+    assert options["poses"]["views"] == POSES["views"]
+    assert options["poses"]["convention"] == "arkit"
+
+
+def test_marker_and_poses_both_reach_the_estimate_and_a_rig_leaves_poses_aside(phone, state, settings):
+    body = meal_metadata(poses=POSES)
+    phone.post(pair(), metadata=body)
+    options = asked(state, settings, body["id"])
+    assert (options["marker"], options["poses"]["convention"]) == ("plain:9x7:11", "arkit")
+    send(phone, **rig())
+    other = meal_metadata(poses=POSES)
+    phone.post(pair(), metadata=other)
+    options = asked(state, settings, other["id"])
+    assert (options["marker"], options["poses"]) == (None, None)
+    assert options["rig"] is not None
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (changed(("convention",), "unity"), "invalid"),
+        (changed(("views",), {"left": POSES["views"]["left"]}), "invalid"),
+        (changed(("views", "left"), POSES["views"]["left"][:3]), "invalid"),
+        (changed(("views", "left", 0, 3), 1e300), "invalid"),
+        (changed(("views", "left", 0, 3), "0"), "invalid"),
+        (changed(("views", "left", 0, 3), 60.0), "poses_invalid"),
+        (changed(("views", "left", 0), [2.0, 0.0, 0.0, 0.0]), "poses_invalid"),
+        (changed(("views", "right"), POSES["views"]["left"]), "poses_invalid"),
+        (POSES | {"gravity": [0.0, 0.0, 0.0]}, "poses_invalid"),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(phone, data, expected):
+    refused = phone.post(pair(), metadata=meal_metadata(poses=data))
+    assert refused.status_code == 422
+    if expected != "invalid":
+        assert refused.json()["code"] == expected
+
+
+def test_poses_that_are_no_json_number_or_endless_are_refused(phone):
+    for text in (b'{"poses": NaN}', b'{"poses": ' + b"[" * 100_000, b'{"poses": [' + b"1.0," * 400_000 + b"1]}"):
+        assert phone.post(pair(), metadata=text).status_code in (400, 413, 422)
+
+
+def test_single_photograph_with_poses_still_needs_a_marker(enrol):
+    alone = enrol(marker=None).post({"left": pair()["left"]}, metadata=meal_metadata(poses=POSES, views=1))
+    assert code(alone) == (422, "marker_missing")
+
+
+def test_same_meal_with_other_poses_is_another_meal(phone):
+    body = meal_metadata(poses=POSES)
+    assert phone.post(pair(), metadata=body).status_code == 202
+    assert phone.post(pair(), metadata=body).status_code == 200
+    other = body | {"poses": POSES | {"gravity": [0.0, -1.0, 0.0]}}
+    assert code(phone.post(pair(), metadata=other)) == (409, "meal_id_reused")
+
+
+def test_after_meal_pair_has_poses_of_its_own_and_never_the_meals(enrol, state, settings):
+    phone = enrol(marker=None, expects_after_pair=True)
+    with_own, without = meal_metadata(poses=POSES), meal_metadata(poses=POSES)
+    for body, poses in ((with_own, POSES | {"gravity": [0.0, -9.8, 0.0]}), (without, None)):
+        phone.post(pair(), metadata=body)
+        estimates.save(state, body["id"], found_item(hint=None), marker=None)
+        after = {"captured_at": "2026-11-20T13:00:00+08:00"} | ({"poses": poses} if poses else {})
+        assert phone.put(f"/v1/meals/{body['id']}/after", json=after).status_code == 202
+        for slot, content in pair(1).items():
+            phone.put(f"/v1/meals/{body['id']}/images/after_{slot}", content=content)
+    assert asked(state, settings, with_own["id"], "after")["poses"]["gravity"] == [0.0, -1.0, 0.0]
+    with pytest.raises(JobFailure) as raised:
+        asked(state, settings, without["id"], "after")
+    assert raised.value.failure.code == "scale_missing"
