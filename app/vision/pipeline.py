@@ -132,11 +132,18 @@ def _is_measurable_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
 def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
+    """Run by the marker, by the rig, or without either by the rig of the known poses."""
     if options.rig is None and options.marker is None and options.poses is not None and pair.right is not None:
         rig = _rig_of_poses(pair, options.poses, options.camera)
         if isinstance(rig, Failure):
             return rig
         options = replace(options, rig=rig)
+    return _run_steps(pair, options, stage, trace)
+
+
+def _run_steps(
+    pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> tuple[ItemEstimate, ...] | Failure:
     refined = _find_views(pair, options, stage, trace)
     if isinstance(refined, Failure):
         return refined

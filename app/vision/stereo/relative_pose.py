@@ -120,12 +120,12 @@ def fit_views(
         for index in (0, 1):
             rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
             in_camera = views[index].required_marker.seen_of(points) @ rotation.T + translation_mm
-            error = in_camera[:, :2] / in_camera[:, 2:] - _undistort(corners[index], lens)
+            error = in_camera[:, :2] / in_camera[:, 2:] - undistort_by_lens(corners[index], lens)
             # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
             focal_px.append(bases[index].fx * np.exp(lens[0]))
             parts.append(error.ravel() * (focal_px[index] / (CORNER_SD_PX_AT_12MP * unit)))
             poses.append((rotation, translation_mm))
-            ideal.append(_undistort(matched[index], lens))
+            ideal.append(undistort_by_lens(matched[index], lens))
         sampson = sampson_distance(_essential_matrix(poses[0], poses[1]), ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         if table is not None:
@@ -136,7 +136,7 @@ def fit_views(
         moved = []
         for index, (view, base) in enumerate(zip(views, bases, strict=True)):
             rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
-            camera = _camera_with(base, lens)
+            camera = camera_with_lens(base, lens)
             moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=translation_mm))
         return moved[0], moved[1]
 
@@ -177,7 +177,7 @@ def _to_rays(camera: Camera, pixels: Float64Array) -> Float64Array:
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
 
-def _undistort(rays: Float64Array, lens: Float64Array) -> Float64Array:
+def undistort_by_lens(rays: Float64Array, lens: Float64Array) -> Float64Array:
     """(n, 2) rays by the guessed camera -> by the camera with this lens, (5,): shifted, scaled, k1 and k2 taken off."""
     moved = (rays - lens[1:3]) / np.exp(lens[0])
     if lens[3] == 0.0 and lens[4] == 0.0:
@@ -196,7 +196,8 @@ def _lens_of(camera: Camera, base: Camera) -> Float64Array:
     return np.array([np.log(camera.fx / base.fx), *shift, *np.subtract(camera.distortion[:2], base.distortion[:2])])
 
 
-def _camera_with(base: Camera, lens: Float64Array) -> Camera:
+def camera_with_lens(base: Camera, lens: Float64Array) -> Camera:
+    """The camera that differs from its guess by the lens, (5,)."""
     scale = float(np.exp(lens[0]))
     k1, k2, p1, p2, k3 = base.distortion
     return replace(

@@ -21,7 +21,17 @@ from app.vision.model import Float64Array, Int64Array, MaskArray, Photo, PhotoPa
 from app.vision.rig import StereoRig, adapt_rig
 from app.vision.stereo.epipolar import GATE_PX_AT_12MP, near_epipolar_lines, surely_on_epipolar_lines
 from app.vision.stereo.features import MIN_MATCHES, Matches, match_features, undistort_to_rays
-from app.vision.stereo.relative_pose import MATCH_SD_PX_AT_12MP, MAX_MATCHES, RefinedViews, sampson_distance
+from app.vision.stereo.relative_pose import (
+    CENTRE_SPREAD,
+    FOCAL_SPREAD,
+    LENS_UNKNOWNS,
+    MATCH_SD_PX_AT_12MP,
+    MAX_MATCHES,
+    RefinedViews,
+    camera_with_lens,
+    sampson_distance,
+    undistort_by_lens,
+)
 from app.vision.stereo.robust_fit import minimise
 from app.vision.stereo.stillness import poses_mismatch
 from app.vision.stereo.table_plane import MAX_TILT_DEG, RigPose, find_table_plane, table_from_plane
@@ -69,20 +79,20 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
     pose = RigPose(rig.right_from_left, np.array(rig.translation_mm))
     up = np.array(rig.up) if rig.up is not None else None
     if rig.source == "poses":
-        adjusted = _adjusted_pose(photos, cameras, pose, up)
+        adjusted = _adjusted_views(photos, cameras, pose, up)
         if isinstance(adjusted, Failure):
             return adjusted
-        pose = adjusted
+        cameras, pose = (adjusted.first.camera, adjusted.second.camera), _relative_pose(adjusted.first, adjusted.second)
     plane = find_table_plane((photos[0].pixels_bgr, photos[1].pixels_bgr), cameras, pose, rng, up)
     if isinstance(plane, Failure):
         return plane
     return _views_over(plane, photos, cameras, pose)
 
 
-def _adjusted_pose(
+def _adjusted_views(
     photos: tuple[Photo, Photo], cameras: tuple[Camera, Camera], pose: RigPose, up: Float64Array | None
-) -> RigPose | Failure:
-    """A rough pose adjusted to matches that are looked for over a table at a usual distance."""
+) -> RefinedViews | Failure:
+    """A rough pose, and the lenses, adjusted to matches that are looked for over a table at a usual distance."""
     towards = np.array([0.0, 0.0, -1.0])
     normal = up if up is not None and up @ towards > np.cos(np.radians(MAX_TILT_DEG)) else towards
     table = np.append(normal, -normal[2] * ROUGH_DISTANCE_MM)
@@ -93,7 +103,7 @@ def _adjusted_pose(
     refined = refine_rig(first, second, matches, "poses")
     if refined.matches == 0:
         return poses_mismatch("hardly any point is found again where they put it.")
-    return _relative_pose(refined.first, refined.second)
+    return refined
 
 
 def _views_over(
@@ -115,35 +125,62 @@ def refine_rig(first: View, second: View, matches: Matches, source: Source = "ri
         near = is_near(refined.first, refined.second, matches)
         if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
             near = np.zeros_like(near)
-        refined = _fit_pose(first, second, matches, np.flatnonzero(near), PRIORS[source])
+        refined = _fit_pose(first, second, matches, np.flatnonzero(near), _prior_sd(source, first, second))
     return refined
 
 
-def _fit_pose(
-    first: View, second: View, matches: Matches, chosen: Int64Array, prior: tuple[float, float]
-) -> RefinedViews:
-    """The second view fitted to the chosen matches. prior: sd of a turn, rad, and of a shift, of the baseline."""
+def _prior_sd(source: Source, first: View, second: View) -> Float64Array:
+    """(6,) or (12,) sd of a turn, rad, and a shift, mm, of the second view; of poses also of both lenses.
+
+    A calibrated rig has its lenses. A phone's lens moves between two photographs, to focus and against shake:
+    logarithm of the focal length, then the principal point over it.
+    """
+    turn_rad, shift_share = PRIORS[source]
+    pose = np.repeat([turn_rad, shift_share * float(np.linalg.norm(_relative_pose(first, second).translation_mm))], 3)
+    if source == "rig":
+        return pose
+    sides = [(FOCAL_SPREAD, *2 * (CENTRE_SPREAD * _long_side(view) / view.camera.fx,)) for view in (first, second)]
+    return np.concatenate([pose, *sides])
+
+
+def _long_side(view: View) -> int:
+    return max(view.camera.width, view.camera.height)
+
+
+def _fit_pose(first: View, second: View, matches: Matches, chosen: Int64Array, spread: Float64Array) -> RefinedViews:
+    """The second view, and perhaps both lenses, fitted to the chosen matches. spread: see _prior_sd."""
     if len(chosen) > MAX_MATCHES:
         chosen = chosen[np.linspace(0, len(chosen) - 1, MAX_MATCHES).astype(np.int64)]
     first_px, second_px = matches.first_px[chosen], matches.second_px[chosen]
     rays, second_rays = undistort_to_rays(first, first_px), undistort_to_rays(second, second_px)
     calibrated = _relative_pose(first, second)
-    spread = np.repeat([prior[0], prior[1] * float(np.linalg.norm(calibrated.translation_mm))], 3)
     match_sd = MATCH_SD_PX_AT_12MP * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP / first.camera.fx
 
     def residual(change: Float64Array) -> Float64Array:
-        moved = _changed(calibrated, change * spread)
+        values = change * spread
+        moved, lenses = _changed(calibrated, values[:6]), _lenses(values)
         essential = cross_matrix(moved.translation_mm) @ moved.rotation
-        return np.concatenate([change, sampson_distance(essential, rays, second_rays) / match_sd])
+        ideal = [undistort_by_lens(each, lens) for each, lens in zip((rays, second_rays), lenses, strict=True)]
+        return np.concatenate([change, sampson_distance(essential, *ideal) / match_sd])
 
-    change, normal = minimise(residual, np.zeros(6))
+    change, normal = minimise(residual, np.zeros(len(spread)))
     axes = np.linalg.cholesky(np.linalg.inv(normal)).T
 
     def with_change(values: Float64Array) -> tuple[View, View]:
-        return first, _placed(second, first, _changed(calibrated, values * spread))
+        moved, lenses = _changed(calibrated, values[:6] * spread[:6]), _lenses(values * spread)
+        cameras = [camera_with_lens(view.camera, lens) for view, lens in zip((first, second), lenses, strict=True)]
+        return replace(first, camera=cameras[0]), replace(_placed(second, first, moved), camera=cameras[1])
 
     doubts = tuple(with_change(change + axis) for axis in axes)
     return RefinedViews(*with_change(change), np.zeros(3), len(chosen), doubts)
+
+
+def _lenses(values: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """(5,), (5,) how both lenses differ from their cameras, as relative_pose.py has them."""
+    lenses = np.zeros((2, LENS_UNKNOWNS))
+    if len(values) > 6:
+        lenses[:, :3] = values[6:].reshape(2, 3)
+    return lenses[0], lenses[1]
 
 
 def _relative_pose(first: View, second: View) -> RigPose:

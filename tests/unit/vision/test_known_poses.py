@@ -231,6 +231,7 @@ def estimated_from_files(views, folder, data, orientations, written):
     return run_estimate(paths, options, max_pixels=10**7, on_stage=lambda _: None, want_artefacts=False)[0]
 
 
+@pytest.mark.slow
 def test_poses_of_a_turned_sensor_are_turned_with_the_photograph(views, tmp_path, by_exact_poses):
     orientations = (6, 8)
     data = arkit_poses(*views, orientations)
