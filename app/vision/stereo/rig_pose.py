@@ -120,12 +120,13 @@ def refine_rig(first: View, second: View, matches: Matches, source: Source = "ri
     What matches cannot tell, such as a turn that only shifts all disparities, stays as calibrated and remains a doubt.
     source: see StereoRig; of poses, each round keeps only the matches that the one before explains.
     """
-    refined = RefinedViews(first, second, np.zeros(3), 0)
+    refined, spread = RefinedViews(first, second, np.zeros(3), 0), _prior_sd(source, first, second)
+    change = np.zeros(len(spread))
     for is_near in ROUNDS[source]:
         near = is_near(refined.first, refined.second, matches)
         if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
             near = np.zeros_like(near)
-        refined = _fit_pose(first, second, matches, np.flatnonzero(near), _prior_sd(source, first, second))
+        refined, change = _fit_pose(first, second, matches, np.flatnonzero(near), spread, change)
     return refined
 
 
@@ -147,8 +148,13 @@ def _long_side(view: View) -> int:
     return max(view.camera.width, view.camera.height)
 
 
-def _fit_pose(first: View, second: View, matches: Matches, chosen: Int64Array, spread: Float64Array) -> RefinedViews:
-    """The second view, and perhaps both lenses, fitted to the chosen matches. spread: see _prior_sd."""
+def _fit_pose(
+    first: View, second: View, matches: Matches, chosen: Int64Array, spread: Float64Array, start: Float64Array
+) -> tuple[RefinedViews, Float64Array]:
+    """The second view, and perhaps both lenses, fitted to the chosen matches; and the change, in units of spread.
+
+    spread: see _prior_sd. start: the change to begin with.
+    """
     if len(chosen) > MAX_MATCHES:
         chosen = chosen[np.linspace(0, len(chosen) - 1, MAX_MATCHES).astype(np.int64)]
     first_px, second_px = matches.first_px[chosen], matches.second_px[chosen]
@@ -161,9 +167,11 @@ def _fit_pose(first: View, second: View, matches: Matches, chosen: Int64Array, s
         moved, lenses = _changed(calibrated, values[:6]), _lenses(values)
         essential = cross_matrix(moved.translation_mm) @ moved.rotation
         ideal = [undistort_by_lens(each, lens) for each, lens in zip((rays, second_rays), lenses, strict=True)]
-        return np.concatenate([change, sampson_distance(essential, *ideal) / match_sd])
+        # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
+        focal = float(np.exp((lenses[0][0] + lenses[1][0]) / 2))
+        return np.concatenate([change, sampson_distance(essential, *ideal) * focal / match_sd])
 
-    change, normal = minimise(residual, np.zeros(len(spread)))
+    change, normal = minimise(residual, start)
     axes = np.linalg.cholesky(np.linalg.inv(normal)).T
 
     def with_change(values: Float64Array) -> tuple[View, View]:
@@ -172,7 +180,7 @@ def _fit_pose(first: View, second: View, matches: Matches, chosen: Int64Array, s
         return replace(first, camera=cameras[0]), replace(_placed(second, first, moved), camera=cameras[1])
 
     doubts = tuple(with_change(change + axis) for axis in axes)
-    return RefinedViews(*with_change(change), np.zeros(3), len(chosen), doubts)
+    return RefinedViews(*with_change(change), np.zeros(3), len(chosen), doubts), change
 
 
 def _lenses(values: Float64Array) -> tuple[Float64Array, Float64Array]:
