@@ -7,6 +7,7 @@ metadata never is, so that a wrong one is reported. If there is no camera, EXIF 
 import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from statistics import median
 from typing import Literal
 
@@ -63,31 +64,41 @@ def choose_camera(
     return ChosenCamera(None, "exif")
 
 
-def choose_rig(session: Session, *, meal: Meal, study: Study, sizes: Sequence[Size]) -> ChosenCamera | None:
-    """Choose the rig for a meal's photographs; None: the marker is their scale.
+def choose_rig(
+    session: Session, *, meal: Meal, study: Study, sizes: Sequence[Size], has_depth: bool
+) -> ChosenCamera | None:
+    """Choose the rig for a pair of the meal; None: the marker, the poses or a depth map give the scale.
 
-    A marker of the meal's own metadata goes before stored rigs, and these go before the study's marker. If no stored
-    rig fits and there is no marker, the first is chosen, so that the mismatch is reported.
+    sizes: of all of its photographs. A marker of the meal's own metadata goes before stored rigs, and these go before
+    the study's marker. There, a rig serves only meals that came after it and name no camera or poses of their own: the
+    others were taken by hand beside the marker. If no stored rig fits and nothing else gives the scale, the first is
+    chosen, so that the mismatch is reported.
     """
     own = meal.details.get("rig")
     if own is not None:
         return ChosenCamera(None, "meal", rig=rig_from_mapping(own))
-    if meal.details["marker"] is not None or len(meal.view_slots) != len(PAIR_SLOTS):
+    if meal.details["marker"] is not None or len(sizes) != len(PAIR_SLOTS):
         return None
-    rigs = list(stored_rigs(session, meal.device_id, study.id))
+    has_poses = meal.details.get("poses") is not None
+    if study.marker is not None and (has_poses or meal.details["camera"] is not None):
+        return None
+    rigs = list(stored_rigs(session, meal.device_id, study.id, meal.received_at if study.marker is not None else None))
     fitting = (each for each in rigs if each.rig is not None and not isinstance(adapt_rig(each.rig, *sizes), Failure))
-    return next(fitting, rigs[0] if rigs and study.marker is None else None)
+    is_only_scale = study.marker is None and not has_poses and not has_depth
+    return next(fitting, rigs[0] if rigs and is_only_scale else None)
 
 
-def stored_rigs(session: Session, device_id: uuid.UUID, study_id: uuid.UUID) -> Iterator[ChosenCamera]:
-    """Yield the rigs that a phone's meals may use: its own, its model's, the study's."""
-    own = calibrations.newest_rig_of_device(session, device_id)
+def stored_rigs(
+    session: Session, device_id: uuid.UUID, study_id: uuid.UUID, before: datetime | None = None
+) -> Iterator[ChosenCamera]:
+    """Yield the rigs that a phone's meals may use: its own, its model's, the study's. before: kept by then."""
+    own = calibrations.newest_rig_of_device(session, device_id, before)
     if own is not None:
         yield _chosen_rig(own, "device")
     model = calibrations.model_of_device(session, device_id)
     places: tuple[tuple[ChosenFrom, str | None], ...] = (("model", model), ("study", None))
     for chosen_from, of_model in places if model is not None else places[1:]:
-        row = calibrations.newest_rig_of_study(session, study_id, of_model)
+        row = calibrations.newest_rig_of_study(session, study_id, of_model, before)
         if row is not None:
             yield _chosen_rig(row, chosen_from)
 

@@ -68,10 +68,24 @@ class DepthFiles:
     camera: Mapping[str, float]
     confidence: Path | None = None
 
-    def read(self) -> DepthMap | Failure:
-        """The map. Failures: see read_depth. Raises OSError, InvalidInputError (the camera)."""
+    def read(self, *, is_landscape: bool | None = None) -> DepthMap | Failure:
+        """The map. is_landscape: of its upright photograph; None: either way.
+
+        Failures: see read_depth; depth_mismatch of a turned map. Raises OSError, InvalidInputError (the camera).
+        """
+        camera = depth_camera_from_mapping(self.camera)
+        if (
+            is_landscape is not None
+            and camera.width != camera.height
+            and (camera.width > camera.height) != is_landscape
+        ):
+            return Failure(
+                "depth_mismatch",
+                "The depth map and its upright photograph are turned by a quarter against each other.",
+                "Turn the map and its intrinsics as the photograph is shown upright.",
+            )
         confidence = self.confidence.read_bytes() if self.confidence is not None else None
-        return read_depth(self.depth.read_bytes(), depth_camera_from_mapping(self.camera), confidence)
+        return read_depth(self.depth.read_bytes(), camera, confidence)
 
 
 class _EstimateRequest(BaseModel):
@@ -143,13 +157,15 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
     options: estimate_json's.
     """
     request = _EstimateRequest.model_validate(arguments)
+    options = options_from_json({**request.options, "depth": bool(request.depths)})
     answer, estimate = run_estimate(
         request.photographs,
-        options_from_json({**request.options, "depth": bool(request.depths)}),
+        options,
         max_pixels=request.max_pixels,
         on_stage=on_stage,
         want_artefacts=True,
         depths=request.depths,
+        is_depth_needed=options.marker is None and options.rig is None and options.poses is None,
     )
     answer.artefacts = []
     for artefact in estimate.artefacts if estimate is not None else ():
@@ -173,15 +189,18 @@ def run_estimate(
     on_stage: StageListener,
     want_artefacts: bool,
     depths: Mapping[str, DepthFiles] | None = None,
+    is_depth_needed: bool = True,
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
-    photographs: by name, left, right, then others. depths: depth maps of some.
+    photographs: by name, left, right, then others. depths: depth maps of some. is_depth_needed: otherwise a map that
+    cannot be used is left out, with the flag depth_ignored: it is one more measurement.
     Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
     on_stage("read")
-    photos = []
+    photos: list[Photo] = []
+    unused: tuple[str, ...] = ()
     for side, path in photographs.items():
         photo = read_photo(path.read_bytes(), max_pixels=max_pixels)
         if isinstance(photo, Failure):
@@ -189,11 +208,15 @@ def run_estimate(
             stages = {"read": time.perf_counter() - started}
             return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
         if depths is not None and side in depths:
-            depth = depths[side].read()
-            if isinstance(depth, Failure):
+            height, width = photo.pixels_bgr.shape[:2]
+            depth = depths[side].read(is_landscape=None if width == height else width > height)
+            if not isinstance(depth, Failure):
+                photo = replace(photo, depth=depth)
+            elif is_depth_needed:
                 stages = {"read": time.perf_counter() - started}
                 return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
-            photo = replace(photo, depth=depth)
+            else:
+                unused = ("depth_ignored",)
         if options.poses is not None:  # they are of the picture as it is stored
             facts = inspect_photo(path)
             photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
@@ -201,6 +224,8 @@ def run_estimate(
     read_seconds = time.perf_counter() - started
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
+    items = tuple(replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items)
+    estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)

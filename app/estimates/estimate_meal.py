@@ -117,13 +117,20 @@ class EstimateMeal:
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
             sizes = [  # of further views, those that the camera does not fit are left out
-                (images[slot].width_px, images[slot].height_px) for slot in slots[: len(PAIR_SLOTS)]
+                (images[slot].width_px, images[slot].height_px) for slot in slots
             ]
-            chosen = choose_rig(session, meal=meal, study=study, sizes=sizes) or choose_camera(
-                session, meal_camera=_meal_camera(job, meal), device_id=meal.device_id, study=study, sizes=sizes
+            has_depth = "left_depth" in maps
+            chosen = choose_rig(session, meal=meal, study=study, sizes=sizes, has_depth=has_depth) or choose_camera(
+                session,
+                meal_camera=_meal_camera(job, meal),
+                device_id=meal.device_id,
+                study=study,
+                sizes=sizes[: len(PAIR_SLOTS)],
             )
             library = vessels_of_meal(session, study.id, hints)
-            options = self._options(session, _scale(job, meal, study, chosen.rig), library.in_hints(hints))
+            options = self._options(
+                session, _scale(job, meal, study, chosen.rig, has_depth=has_depth), library.in_hints(hints)
+            )
             options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
@@ -286,13 +293,13 @@ def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
     return own if own is not None else meal.details["camera"]
 
 
-def _scale(job: Job, meal: Meal, study: Study, rig: StereoRig | None) -> EstimateOptions:
+def _scale(job: Job, meal: Meal, study: Study, rig: StereoRig | None, *, has_depth: bool) -> EstimateOptions:
     """Return options with what the scale may come from: the rig, or the marker and the poses of the job's pair."""
     if rig is not None:
         return EstimateOptions(None, rig=rig)
     marker, details = meal.details["marker"] or study.marker, _pair_details(job, meal)
     poses = details.get("poses") if details is not None else None
-    if marker is None and poses is None and "left_depth" not in meal.map_slots:
+    if marker is None and poses is None and not has_depth:
         raise JobFailure(SCALE_MISSING)
     return EstimateOptions(
         parse_marker(marker) if marker is not None else None,

@@ -96,7 +96,7 @@ class Run(Base):
     purpose: Mapped[JobPurpose] = mapped_column(sa.String(16), default="meal")
     method: Mapped[str] = mapped_column(sa.String(32))
     pipeline_version: Mapped[str] = mapped_column(sa.String(32))
-    marker: Mapped[str | None] = mapped_column(sa.String(64))  # NULL: a rig gave the scale
+    marker: Mapped[str | None] = mapped_column(sa.String(64))  # NULL: a rig, poses or a depth map
     camera: Mapped[Json | None] = mapped_column(JsonValue)
     parameters: Mapped[Json] = mapped_column(JsonValue)
     colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(JsonValue)  # by side, "left" and "right"

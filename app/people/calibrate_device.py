@@ -26,7 +26,7 @@ from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import Device, Study
 from app.people.participants import require_in_study
 from app.people.studies import load_study
-from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
+from app.vision.intrinsics import TOLERATED_RMS_PX, Camera, camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.rig import rig_from_mapping
 
@@ -185,6 +185,8 @@ def rig_details(rig: RigIn) -> RigDetails:
 
 def _rig_row(rig: RigIn, author: str) -> CameraCalibration:
     details = rig_details(rig)
+    if rig.rms_px is not None:
+        _require_small_error(rig.rms_px, rig_from_mapping(details).left)
     return CameraCalibration(
         id=uuid.uuid4(),
         camera=details["left"],
@@ -252,22 +254,25 @@ def _accepted_fit(result: CalibrationFailure | CalibrationFit) -> CalibrationFit
                 code="calibration_size_differs",
                 photograph=number,
             )
-    camera = camera_from_mapping(result.camera.model_dump())
-    limit_px = max(TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
-    if result.rms_px > limit_px:
-        raise InvalidInputError(
-            f"The board's corners fit the camera to {result.rms_px:.2f} px only, {limit_px:.2f} px is the limit: glue "
-            f"the board to something flat and stiff. {PHOTOGRAPH_AGAIN}",
-            code="calibration_poor",
-            rms_px=round(result.rms_px, 3),
-            limit_px=round(limit_px, 3),
-        )
+    _require_small_error(result.rms_px, camera_from_mapping(result.camera.model_dump()))
     if result.reach < MIN_REACH:
         raise InvalidInputError(
             f"The board was only seen near the middle of the picture. {PHOTOGRAPH_AGAIN}",
             code="calibration_coverage_small",
         )
     return result
+
+
+def _require_small_error(rms_px: float, camera: Camera) -> None:
+    limit_px = max(TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
+    if rms_px > limit_px:
+        raise InvalidInputError(
+            f"The board's corners fit the camera to {rms_px:.2f} px only, {limit_px:.2f} px is the limit: glue "
+            f"the board to something flat and stiff. {PHOTOGRAPH_AGAIN}",
+            code="calibration_poor",
+            rms_px=round(rms_px, 3),
+            limit_px=round(limit_px, 3),
+        )
 
 
 def _require_room(count: int) -> None:

@@ -2,6 +2,7 @@
 
 import uuid
 from collections.abc import Sequence
+from datetime import datetime
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -21,14 +22,21 @@ def newest_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibratio
     return _newest(session, IS_CAMERA, CameraCalibration.device_id == device_id)
 
 
-def newest_rig_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibration | None:
-    """Return a phone's own rig."""
-    return _newest(session, IS_RIG, CameraCalibration.device_id == device_id)
+def newest_rig_of_device(session: Session, device_id: uuid.UUID, before: datetime | None) -> CameraCalibration | None:
+    """Return a phone's own rig. before: kept by then; None: at any time."""
+    return _newest(session, *_rigs_by(before), CameraCalibration.device_id == device_id)
 
 
-def newest_rig_of_study(session: Session, study_id: uuid.UUID, model: str | None) -> CameraCalibration | None:
-    """Return the rig that staff sent for the study's phones of this model; None: for all of its phones."""
-    return _newest(session, IS_RIG, CameraCalibration.study_id == study_id, CameraCalibration.model == model)
+def newest_rig_of_study(
+    session: Session, study_id: uuid.UUID, model: str | None, before: datetime | None
+) -> CameraCalibration | None:
+    """Return the rig that staff sent for the study's phones of this model; None: for all. before: kept by then."""
+    of_study = CameraCalibration.study_id == study_id, CameraCalibration.model == model
+    return _newest(session, *_rigs_by(before), *of_study)
+
+
+def _rigs_by(before: datetime | None) -> list[sa.ColumnElement[bool]]:
+    return [IS_RIG] if before is None else [IS_RIG, CameraCalibration.created_at <= before]
 
 
 def _newest(session: Session, *conditions: sa.ColumnElement[bool]) -> CameraCalibration | None:

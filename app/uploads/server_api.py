@@ -21,6 +21,7 @@ FEATURES = (  # docs/apps.md describes each
     "calibrations",
     "checks",
     "declared_meals",
+    "depth_maps",
     "diary",
     "events",
     "feedback",

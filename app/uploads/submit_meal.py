@@ -137,7 +137,8 @@ class SubmitMeal:
         bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:
             study = session.get_one(Study, caller.study_id)
-            if metadata is not None and not _has_scale(session, caller, study, metadata):
+            is_new = metadata is not None and session.get(Meal, meal_id) is None  # a meal's rig may be gone since
+            if metadata is not None and is_new and not _has_scale(session, caller, study, metadata):
                 raise InvalidInputError(
                     "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
                     "such as plain:9x7:11, or a stereo rig or the cameras' poses.",
@@ -217,7 +218,7 @@ class SubmitMeal:
             images = [
                 image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored
             ]
-            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(meal.announced_slots)
+            is_complete = meal.status == "receiving" and set(meal.announced_slots) <= set(stored) | set(photos)
             meal.version += len(images) + is_complete
             if is_complete:
                 meal.status, meal.submitted_at = "queued", now

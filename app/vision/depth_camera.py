@@ -9,6 +9,7 @@ from app.core.errors import Failure, InvalidInputError
 
 DEFAULT_UNIT_MM = 0.1
 MIN_SIDE_PX, MAX_SIDE_PX = 32, 8192
+MIN_FOCAL, MAX_FOCAL = 0.1, 20.0  # long sides of the map, as of cameras (intrinsics.py)
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
@@ -37,6 +38,14 @@ def depth_camera_from_mapping(value: Mapping[str, Any]) -> DepthCamera:
     sizes = [numbers[key] for key in ("width", "height", "fx", "fy")]
     if not all(map(math.isfinite, [*numbers.values(), unit_mm])) or min(*sizes, unit_mm) <= 0:
         raise InvalidInputError("The depth camera's sizes and focal lengths are positive.", code="depth_camera_invalid")
+    long_side = max(numbers["width"], numbers["height"])
+    is_within = 0 <= numbers["cx"] <= numbers["width"] and 0 <= numbers["cy"] <= numbers["height"]
+    if not is_within or any(not MIN_FOCAL <= numbers[key] / long_side <= MAX_FOCAL for key in ("fx", "fy")):
+        raise InvalidInputError(
+            f"The depth camera's focal lengths are {MIN_FOCAL:g} to {MAX_FOCAL:g} times the map's long side and its "
+            "middle lies within the map: send the intrinsics of the map, not of the photograph.",
+            code="depth_camera_invalid",
+        )
     width, height = int(numbers.pop("width")), int(numbers.pop("height"))
     return DepthCamera(width, height, **numbers, unit_mm=unit_mm)
 

@@ -1,6 +1,6 @@
 """Forms that a person gives a food by hand, after Woo et al. (2010): a few sizes on the table, and their volume.
 
-static/reshape-form.js draws the same forms; tests/e2e/test_reshape_form.py compares the two.
+static/reshape-form.js draws the same forms; tests/e2e/test_reshape_logic.py compares the two.
 """
 
 import math

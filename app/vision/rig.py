@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ORTHONORMAL = 1e-3  # by which a rotation's rows may differ from orthogonal unit vectors: written with four digits
+MAX_FORWARD_SHARE = 0.7  # of the baseline along the right camera's axis: beyond, no rows can be aligned
 MIN_BASELINE_MM, MAX_BASELINE_MM = 1.0, 1000.0
 LARGEST = 1e9  # of a number in such a file
 Row = tuple[float, float, float]
@@ -103,6 +104,8 @@ def rig_from_mapping(data: object) -> StereoRig:
             f"its cameras are {rig.baseline_mm:g} mm apart; t_mm is in millimetres, and {MIN_BASELINE_MM:g} to "
             f"{MAX_BASELINE_MM:g} are possible."
         )
+    if abs(rig.translation_mm[2]) > MAX_FORWARD_SHARE * rig.baseline_mm:
+        raise _invalid("its cameras are one behind the other; t_mm runs mainly along x or y.")
     return rig
 
 

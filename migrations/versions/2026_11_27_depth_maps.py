@@ -7,7 +7,10 @@ Revises: 20261127_rigs
 Create Date: 2026-11-27 01:40:00
 """
 
+import sqlalchemy as sa
 from alembic import op
+
+from app.core.errors import ConflictError
 
 revision = "20261127_depth_maps"
 down_revision = "20261127_rigs"
@@ -24,6 +27,13 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    images = sa.table("meal_image", sa.column("slot"))
+    count = op.get_bind().scalar(sa.select(sa.func.count()).select_from(images).where(images.c.slot.in_(MAPS)))
+    if count:
+        raise ConflictError(
+            f"The schema cannot go back behind {revision}: the older one has no place for depth maps ({count}). "
+            "Nothing was changed; a restore of a backup is the way back."
+        )
     _allow((*PHOTOGRAPHS, *AFTER))
 
 

@@ -94,7 +94,7 @@ MEAL_RUN = Part(
             "marker",
             "word",
             meaning="The board that the run looked for.",
-            empty=f"{NO_RUN} Or a stereo rig gave the scale.",
+            empty=f"{NO_RUN} Or a stereo rig, poses or a depth map gave the scale.",
         ),
         Column(
             "food_tables",

@@ -155,6 +155,25 @@ def test_map_that_is_empty_or_cannot_be_decoded_is_refused_by_a_child(phone):
     assert phone.post(with_depth(), depth_camera=CAMERA).status_code == 202
 
 
+def test_map_that_is_last_of_all_after_an_after_meal_photograph_completes_the_meal(phone):
+    metadata = meal_metadata(depth_camera=CAMERA)
+    client_id = metadata.pop("id")
+    parts = with_depth()
+    phone.put(f"/v1/meals/{client_id}", json=metadata)
+    for slot in ("left", "right"):
+        phone.put(f"/v1/meals/{client_id}/images/{slot}", content=parts[slot])
+    after = phone.put(f"/v1/meals/{client_id}/images/after_left", content=pair(5)["left"])
+    assert after.status_code == 202
+    sent = phone.put(f"/v1/meals/{client_id}/images/left_depth", content=parts["left_depth"])
+    assert (sent.status_code, sent.json()["status"], sent.json()["missing"]) == (202, "queued", [])
+
+
+@pytest.mark.parametrize("changes", [{"fx": 1500.0}, {"fy": 1e-300}, {"cx": -100000.0}, {"cy": 49.0}])
+def test_intrinsics_of_another_picture_are_refused(phone, changes):
+    sent = phone.post(with_depth(), depth_camera=CAMERA | changes)
+    assert (sent.status_code, sent.json()["code"]) == (422, "depth_camera_invalid")
+
+
 class RecordingChildren:
     """Answers as a child does, and keeps what it was given."""
 

@@ -147,6 +147,35 @@ def test_marker_of_the_meal_or_another_picture_size_leaves_a_stored_rig_aside(ph
         assert (options["rig"], options["marker"]) == (None, "plain:9x7:11")
 
 
+def test_rig_serves_no_older_meal_beside_the_studys_marker_and_none_that_names_its_camera(phone, state, settings):
+    older = meal_metadata()
+    assert phone.post(pair(), metadata=older).status_code == 202
+    send(phone, **rig())
+    camera = {"width": 640, "height": 480, "fx": 520.0, "fy": 520.0, "cx": 320.0, "cy": 240.0}
+    own, later = meal_metadata(camera=camera), meal_metadata()
+    for body in (own, later):
+        assert phone.post(pair(), metadata=body).status_code == 202
+    assert [estimate(state, settings, body["id"])["rig"] is not None for body in (older, own, later)] == [
+        False,
+        False,
+        True,
+    ]
+
+
+def test_same_meal_is_answered_again_after_its_rig_was_withdrawn(no_marker):
+    kept = send(no_marker, **rig()).json()
+    body = meal_metadata()
+    assert no_marker.post(pair(), metadata=body).status_code == 202
+    no_marker.client.post(f"/v1/calibrations/{kept['id']}/withdrawal", headers=no_marker.headers)
+    assert no_marker.post(pair(), metadata=body).status_code == 200
+    assert code(no_marker.post(pair(), metadata=meal_metadata())) == (422, "marker_missing")
+
+
+def test_rig_with_a_large_error_is_refused(phone, client, admin):
+    sent = send(phone, **rig(rms_px=50.0)), client.post("/v1/studies/pilot/rigs", headers=admin, json=rig(rms_px=50.0))
+    assert [code(each) for each in sent] == [(422, "calibration_poor")] * 2
+
+
 def test_photographs_of_another_size_fail_as_a_mismatch_where_no_marker_could_do(no_marker, state, settings):
     send(no_marker, **rig())
     body = meal_metadata()
@@ -178,6 +207,7 @@ def test_camera_of_a_phone_is_never_taken_from_its_rig(phone, state, settings):
         ({"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]}, "rig_invalid"),  # a mirror
         ({"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}, "invalid"),
         ({"t_mm": [-0.06, 0.0, 0.0]}, "rig_invalid"),  # metres
+        ({"t_mm": [0.0, 0.0, 60.0]}, "rig_invalid"),  # one camera behind the other
         ({"t_mm": [-60.0, 0.0, "0"]}, "invalid"),
         ({"t_mm": [-60.0, 0.0, 1e300]}, "invalid"),
         ({"left": {"width": 640, "height": 480, "fx": 1.0, "fy": 1.0, "cx": 320.0, "cy": 240.0}}, "camera_invalid"),

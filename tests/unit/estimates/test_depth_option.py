@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.core.errors import InvalidInputError
+from app.estimates.child_tasks import DepthFiles, run_estimate
 from app.estimates.estimate_files import estimate_files, read_options
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
@@ -71,3 +72,27 @@ def test_confidence_map_is_read_beside_its_depth_map(files):
 def test_confidence_map_without_its_depth_map_is_refused(files):
     with pytest.raises(InvalidInputError, match="--depth-confidence"):
         estimated(files, [], confidences=[f"left={files / 'depth.png'}"])
+
+
+def test_map_that_cannot_be_used_is_left_out_where_a_marker_gives_the_scale(files):
+    options = read_options(marker=str(SPEC), camera=None, method="shape", hints=[], has_depth=True)
+    camera = json.loads((files / "depth.json").read_text())
+    turned = camera | {"width": 48, "height": 64, "cx": 23.5, "cy": 31.5}
+    for of_map, code in ((camera, "depth_empty"), (turned, "depth_mismatch")):
+        depths = {"left": DepthFiles(files / "depth.png", of_map)}
+        answers = [
+            run_estimate(
+                {"left": files / "v1.png"},
+                options,
+                max_pixels=10**8,
+                on_stage=lambda _: None,
+                want_artefacts=False,
+                depths=depths,
+                is_depth_needed=is_depth_needed,
+            )[0]
+            for is_depth_needed in (True, False)
+        ]
+        assert answers[0].failure.code == code
+        assert answers[1].failure is None
+        assert all("depth_ignored" in item.flags for item in answers[1].items)
+        assert len(answers[1].items) > 0

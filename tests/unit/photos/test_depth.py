@@ -1,6 +1,7 @@
 """Depth maps by their headers, and their locations taken out."""
 
 import io
+import struct
 
 import numpy as np
 import pytest
@@ -59,3 +60,26 @@ def test_location_of_a_tiff_goes_and_its_depth_stays(path):
     assert b"GPSLatitude" not in after
     path.write_bytes(depth_tiff())
     assert not remove_location(path, inspect_depth(path))
+
+
+def with_directory(change):
+    """The TIFF with its first directory's entries changed. change: list of 12 bytes -> list of 12 bytes."""
+    content = depth_tiff()
+    start = struct.unpack_from("<I", content, 4)[0]
+    count = struct.unpack_from("<H", content, start)[0]
+    entries = [content[start + 2 + 12 * n : start + 14 + 12 * n] for n in range(count)]
+    changed = change(entries)
+    directory = struct.pack("<H", len(changed)) + b"".join(changed) + b"\0\0\0\0"
+    return content[:4] + struct.pack("<I", len(content)) + content[8:] + directory
+
+
+def entry(tag, value):
+    return struct.pack("<HHIHH", tag, 3, 1, value, 0)
+
+
+def test_tag_that_stands_twice_or_a_turned_tiff_is_no_map(path):
+    path.write_bytes(with_directory(list))
+    assert inspect_depth(path).width == 64
+    for added in (entry(0x100, 16000), entry(0x112, 3), entry(0x112, 6)):
+        path.write_bytes(with_directory(lambda entries, added=added: [added, *entries]))
+        assert inspect_depth(path).code == "depth_unreadable"
