@@ -50,15 +50,17 @@ def test_meal_with_poses_needs_no_marker(enrol, state, settings):
     assert options["poses"]["convention"] == "arkit"
 
 
-def test_marker_and_poses_both_reach_the_estimate_and_a_rig_leaves_poses_aside(phone, state, settings):
+def test_marker_and_poses_both_reach_the_estimate_and_a_rig_that_is_named_leaves_poses_aside(phone, state, settings):
     body = meal_metadata(poses=POSES)
     phone.post(pair(), metadata=body)
     options = asked(state, settings, body["id"])
     assert (options["marker"], options["poses"]["convention"]) == ("plain:9x7:11", "arkit")
     send(phone, **rig())
-    other = meal_metadata(poses=POSES)
-    phone.post(pair(), metadata=other)
-    options = asked(state, settings, other["id"])
+    by_hand, by_rig = meal_metadata(poses=POSES), meal_metadata(poses=POSES, rig=rig())
+    for other in (by_hand, by_rig):
+        phone.post(pair(), metadata=other)
+    assert asked(state, settings, by_hand["id"])["rig"] is None
+    options = asked(state, settings, by_rig["id"])
     assert (options["marker"], options["poses"]) == (None, None)
     assert options["rig"] is not None
 
