@@ -203,7 +203,8 @@ def _with_floor(
     radius_mm: float | None = None,
 ) -> Dish:
     band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
-    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_solid & inside))
+    is_near = is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)  # no food, whose own slopes are no noise
+    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_near))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
     is_low = is_solid & (view.height_mm < rim_mm - step_mm)
     low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)

@@ -208,12 +208,12 @@ def test_board_under_a_short_baseline_keeps_its_floor_and_a_plate_has_none():
 
     floors = {board: [], plate: []}
     for seed in range(6):
-        noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=(500, 500)), (0, 0), 4.0)
+        noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=(500, 500)), (0, 0), 3.0)
         noise *= 3.0 / noise.std()
         for heights, seen in floors.items():
             view = view_of(lambda x, y, h=heights, n=noise: h(x, y) + n[(y + 250).astype(int), (x + 250).astype(int)])
             seen.append(found_in(view, noise_mm=2.0).floor_mm)
     assert floors[plate] == [0.0] * 6
     kept = [floor_mm for floor_mm in floors[board] if floor_mm > 0]
-    assert len(kept) >= 4  # one, if only a step of 3 mm made a cell lower
+    assert len(kept) >= 3  # none, if a step of 3 mm made a cell lower
     assert kept == pytest.approx([11.0] * len(kept), abs=1.5)
