@@ -258,7 +258,7 @@ def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
         [[[1, 1], [2, 2]]],
         [[[1, 1], [2, 2], [3, 1]], []],
         [[[1, 1], [2, 2], [3, "1"]]],
-        [[[x, x % 7] for x in range(1500)], [[x, x % 5] for x in range(1500)]],
+        [[[x, x % 7] for x in range(6000)], [[x, x % 5] for x in range(6000)]],
         [[[[1, 1], [2, 2], [3, 1]]]],
         {"0": [[1, 1]]},
         "ring",
