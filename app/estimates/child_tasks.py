@@ -265,7 +265,7 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
 
 
 def whole_task(arguments: Arguments, _: StageListener) -> Json:
-    """Whether a JPEG gives all of its pixels, or a depth or confidence map is one that can be used."""
+    """Return whether a JPEG gives all of its pixels, or a depth or confidence map can be used."""
     request = _WholeRequest.model_validate(arguments)
     data = request.photo.read_bytes()
     if request.depth_camera is None:
@@ -404,7 +404,7 @@ def classify_task(arguments: Arguments, _: StageListener) -> Json:
 
 
 def _colour_by_marker(photo: Photo, marker: str | None) -> ColourCorrection | None:
-    """As the pipeline measures it; None where there is no board or it is not found: the pixels as they are."""
+    """Return the correction that the pipeline would measure; None: there is no board, or it is not seen."""
     if marker is None:
         return None
     found = find_marker(photo, parse_marker(marker))

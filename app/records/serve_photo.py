@@ -65,12 +65,12 @@ class StoredPhoto:
 
     @property
     def is_map(self) -> bool:
-        """Whether it is a depth or confidence map, which is given out as it is stored."""
+        """Return whether it is a depth or confidence map, which is returned as it is stored."""
         return self.image.slot in DEPTH_SLOTS
 
     @property
     def media_type(self) -> str:
-        """Of what is given out."""
+        """Return the media type of the file that is returned."""
         return self.image.media_type if self.is_map else "image/jpeg"
 
     @property

@@ -68,7 +68,7 @@ def chosen_meals(session: Session, study_id: uuid.UUID, selection: Selection) ->
 
 
 def has_after_pair() -> sa.ColumnElement[bool]:
-    """Whether photographs of a meal's after-meal pair have arrived."""
+    """Return whether photographs of a meal's after-meal pair have arrived."""
     return sa.exists().where(MealImage.meal_id == Meal.id, MealImage.slot.in_(AFTER_SLOTS))
 
 

@@ -245,7 +245,7 @@ class SubmitMeal:
 
 
 def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata) -> bool:
-    """Whether a marker is named, a rig is given or stored, poses are given, or left has a depth map."""
+    """Return whether a marker, a rig, poses or a depth map of the left photograph give the scale."""
     if (
         "left_depth" in metadata.depth_maps
         or metadata.marker is not None

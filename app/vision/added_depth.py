@@ -1,4 +1,4 @@
-"""What depth maps and further views add to a pair's parallax, or a depth map in its place where there is one view.
+"""Add depth maps and a further view to a pair's parallax; of a single view, take the depth map in its place.
 
 Views whose photographs have depth maps and the scene -> the scene with them, if the table that they show is the
 reference's; else without them and with the flag "depth_ignored". The marker, or the rig, decides the scale.

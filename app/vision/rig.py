@@ -110,7 +110,7 @@ def rig_from_mapping(data: object) -> StereoRig:
 
 
 def is_rotation(rows: tuple[Row, Row, Row]) -> bool:
-    """Whether rows are those of a rotation matrix, up to ORTHONORMAL."""
+    """Return whether the rows are those of a rotation matrix, up to ORTHONORMAL."""
     products = [sum(a * b for a, b in zip(first, second, strict=True)) for first in rows for second in rows]
     is_orthonormal = all(
         abs(product - (1.0 if place % 4 == 0 else 0.0)) <= ORTHONORMAL for place, product in enumerate(products)

@@ -1,22 +1,18 @@
 """The overview in a browser: charts drawn and read out by keys, a map that moves; and what they reckon, by itself."""
 
-import mimetypes
-import pathlib
 from datetime import date, timedelta
-from urllib.parse import urlsplit
 
 import pytest
 import sqlalchemy as sa
 from axe_playwright_python.sync_playwright import Axe
 
-from app.dashboard.templates import STATIC
 from app.meals.models import Meal
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.e2e.static_modules import open_modules
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 pytestmark = pytest.mark.slow
 
-ORIGIN = "http://127.0.0.1:9"  # nobody listens there: the test answers itself
 FIRST = date(2026, 11, 1)
 PATH = f"/dashboard/studies/pilot?from={FIRST}&to={FIRST + timedelta(days=5)}"
 PLACES = ((-17.7, 178.0), (-14.3, -170.7), (-18.1, 179.9))  # Fiji and Samoa: neighbours across the 180th meridian
@@ -61,17 +57,7 @@ def opened(served, open_page):
 @pytest.fixture
 def run(open_page):
     """What a script returns that may import the static modules."""
-    watched = open_page(ORIGIN)
-
-    def answer(route):
-        path = pathlib.Path(STATIC) / urlsplit(route.request.url).path.lstrip("/")
-        if path.is_file():
-            route.fulfill(body=path.read_bytes(), content_type=mimetypes.guess_type(path.name)[0])
-        else:
-            route.fulfill(body="<!doctype html><title>test</title>", content_type="text/html")
-
-    watched.page.route("**/*", answer)
-    watched.goto("/")
+    watched = open_modules(open_page)
     return lambda script: watched.page.evaluate(f"async () => {{ {script} }}")
 
 

@@ -1,20 +1,16 @@
 """The numbers of a form by hand in the browser (static/reshape-form.js) against Python's and OpenCV's."""
 
 import itertools
-import mimetypes
-import pathlib
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
 
-from app.dashboard.templates import STATIC
 from app.vision.hand_form import BOX_SHARE, hand_form_ml
+from tests.e2e.static_modules import open_modules
 
 pytestmark = pytest.mark.slow
 
-ORIGIN = "http://127.0.0.1:9"  # nobody listens there: the test answers itself
 FORM = {
     "section": "slab",
     "centre_mm": [60.0, -25.0],
@@ -40,17 +36,7 @@ CAMERA = {
 @pytest.fixture
 def run(open_page):
     """What a script returns that has the module as `shape`, FORM and CAMERA."""
-    watched = open_page(ORIGIN)
-
-    def answer(route):
-        path = pathlib.Path(STATIC) / urlsplit(route.request.url).path.lstrip("/")
-        if path.is_file():
-            route.fulfill(body=path.read_bytes(), content_type=mimetypes.guess_type(path.name)[0])
-        else:
-            route.fulfill(body="<!doctype html><title>logic</title>", content_type="text/html")
-
-    watched.page.route(f"{ORIGIN}/**", answer)
-    watched.goto("/page")
+    watched = open_modules(open_page)
     values = [FORM, CAMERA]
 
     def evaluate(script, argument=None):

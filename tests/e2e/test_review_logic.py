@@ -1,16 +1,11 @@
 """The review queue's logic (static/review_queue.js) by itself: no decision is lost, none goes with a wrong version."""
 
-import mimetypes
-import pathlib
-from urllib.parse import urlsplit
-
 import pytest
 
-from app.dashboard.templates import STATIC
+from tests.e2e.static_modules import open_modules
 
 pytestmark = pytest.mark.slow
 
-ORIGIN = "http://127.0.0.1:9"  # nobody listens there: the test answers itself
 HARNESS = """
 const { ReviewQueue, newId } = await import("/review_queue.js");
 const { fewerCorners } = await import("/review_draw.js");
@@ -33,17 +28,7 @@ const lost = { status: 0, code: "no_answer", message: "", retryable: true };
 @pytest.fixture
 def run(open_page):
     """What a script returns that has the harness before it."""
-    watched = open_page(ORIGIN)
-
-    def answer(route):
-        path = pathlib.Path(STATIC) / urlsplit(route.request.url).path.lstrip("/")
-        if path.is_file():
-            route.fulfill(body=path.read_bytes(), content_type=mimetypes.guess_type(path.name)[0])
-        else:
-            route.fulfill(body="<!doctype html><title>logic</title>", content_type="text/html")
-
-    watched.page.route(f"{ORIGIN}/**", answer)
-    watched.goto("/page")
+    watched = open_modules(open_page)
     return lambda script: watched.page.evaluate(f"async () => {{ {HARNESS} {script} }}")
 
 

@@ -24,16 +24,16 @@ document.addEventListener("click", async (event) => {
   end();
   const scene = await loadScene();
   const cameras = scene ? sides(scene).map((side) => scene.file.photographs[side].camera) : [];
-  if (!cameras.some(Boolean)) return told(fieldset, "The scene of the run cannot be read, or it has no cameras: enter the volume instead.");
+  if (!cameras.some(Boolean)) return showMessage(fieldset, "The scene of the run cannot be read, or it has no cameras: enter the volume instead.");
   const measured = measuredShape(scene, fieldset.dataset.reshape);
   if (!readForm(fieldset)) {
     const form = measured?.form ?? formOfOutline(fieldset, scene);
-    if (!form) return told(fieldset, "The item has no outline: type the form's numbers first.");
+    if (!form) return showMessage(fieldset, "The item has no outline: type the form's numbers first.");
     writeForm(fieldset, form);
   }
   active = { fieldset, scene, dots: measured?.dots ?? [], view: { turn: -35, tilt: 25 }, isDragging: false };
   button.textContent = "Hide the form";
-  told(fieldset, "Drag the handles, or Tab to one and use the arrows (Shift: by ten). The picture in 3D turns by dragging and by its arrows.");
+  showMessage(fieldset, "Drag the handles, or Tab to one and use the arrows (Shift: by ten). The picture in 3D turns by dragging and by its arrows.");
   draw();
 });
 
@@ -58,13 +58,13 @@ function end() {
   if (!active) return;
   active.fieldset.querySelector("[data-reshape-start]").textContent = "Show over the photographs";
   active.fieldset.querySelector("[data-reshape-view]").replaceChildren();
-  told(active.fieldset, "");
+  showMessage(active.fieldset, "");
   active = null;
   for (const layer of document.querySelectorAll("[data-form-by-hand]")) layer.remove();
 }
 
-function told(fieldset, words) {
-  fieldset.querySelector("[data-reshape-told]").textContent = words;
+function showMessage(fieldset, message) {
+  fieldset.querySelector("[data-reshape-message]").textContent = message;
 }
 
 // --- the fields

@@ -3,9 +3,9 @@
 let fetched; // {address, file}
 
 export async function loadScene() {
-  const told = document.getElementById("scene-of-photographs");
-  if (!told) return null;
-  const wanted = JSON.parse(told.textContent);
+  const element = document.getElementById("scene-of-photographs");
+  if (!element) return null;
+  const wanted = JSON.parse(element.textContent);
   try {
     if (fetched?.address !== wanted.scene) {
       const answer = await fetch(wanted.scene);

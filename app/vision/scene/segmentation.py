@@ -189,7 +189,7 @@ def _on_measured_support(regions: Sequence[Region], scene: Scene, trend: TableTr
 
 
 def _may_stand(region: Region, scene: Scene) -> bool:
-    """Whether the few heights of a region leave it possible that it stands: an empty board is no food."""
+    """Return False if the measured heights of a region lie flat: an empty board is no food."""
     heights = scene.height_mm[_reduced(region.mask, scene) & np.isfinite(scene.height_mm)]
     return len(heights) < MIN_POINTS or float(np.median(heights)) > FLAT_MM
 

@@ -65,7 +65,7 @@ class _Food:
 
     @property
     def is_single(self) -> bool:
-        """Whether a single view without a depth map shows it."""
+        """Return whether it is measured from a single view without a depth map."""
         return self.grey is None and len(self.points) == 0
 
 

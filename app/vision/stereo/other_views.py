@@ -91,7 +91,7 @@ def _sight_angle_deg(first: View, other: View) -> float:
 
 
 def _is_beside(first: View, other: View) -> bool:
-    """Whether the line between the cameras runs across both of their optical axes."""
+    """Return whether the line between the cameras runs across both of their optical axes."""
     baseline = other.centre_mm - first.centre_mm
     along = [abs(float(view.rotation[2] @ baseline)) for view in (first, other)]
     return max(along) < MOST_ALONG * float(np.linalg.norm(baseline))

@@ -1,0 +1,25 @@
+"""An empty page beside the dashboard's static files, whose modules a test's script can import."""
+
+import mimetypes
+import pathlib
+from urllib.parse import urlsplit
+
+from app.dashboard.templates import STATIC
+
+ORIGIN = "http://127.0.0.1:9"  # nothing listens there: every request is answered by `answer`
+
+
+def open_modules(open_page):
+    """Return a tab at ORIGIN that has the static files at its root."""
+    tab = open_page(ORIGIN)
+
+    def answer(route):
+        path = pathlib.Path(STATIC) / urlsplit(route.request.url).path.lstrip("/")
+        if path.is_file():
+            route.fulfill(body=path.read_bytes(), content_type=mimetypes.guess_type(path.name)[0])
+        else:
+            route.fulfill(body="<!doctype html><title>test</title>", content_type="text/html")
+
+    tab.page.route(f"{ORIGIN}/**", answer)
+    tab.goto("/page")
+    return tab
