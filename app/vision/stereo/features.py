@@ -25,7 +25,8 @@ MIN_CONTRASTS = (0.01, 0.003)  # SIFT's default is 0.04: food and plates are pal
 FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 GATE_SHARE = 0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
-ALIGNMENT_FACTORS = (1, 2)  # reductions of the aligned size: faint texture shows in larger patches only
+ALIGNMENT_FACTORS = (1, 2, 4)  # reductions of the aligned size: faint texture shows in larger patches only
+FEW_ALIGNED = 20  # matches, from which on the largest patches, which follow a surface worst, are not needed
 NOISE_BLUR_PX = 0.8  # before alignment; the noise of phones is finer than what the lens resolves
 MAX_MOVE_PX = 4.0  # at the aligned size: SIFT's own error at its size
 FOOD_MIN_HEIGHT_MM = 8.0  # over the marker's plane; what lies lower may be table, sheet or plate
@@ -184,10 +185,12 @@ def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64
 def _aligned(
     pictures: tuple[ImageArray, ImageArray], at: Float64Array, at_second: Float64Array, jacobians: Float64Array
 ) -> Float64Array:
-    """(n, 2) px in the second picture, NaN where neither a small patch nor one of twice its size agrees."""
+    """(n, 2) px in the second picture, NaN where no patch of any size agrees."""
     aligned = np.full_like(at_second, np.nan)
     for factor in ALIGNMENT_FACTORS:
         left = ~np.isfinite(aligned).all(axis=1)
+        if factor == ALIGNMENT_FACTORS[-1] and np.count_nonzero(~left) >= FEW_ALIGNED:
+            break
         reduced = [
             reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor) for grey in pictures
         ]

@@ -103,13 +103,12 @@ def to_rectified_px(pair: RectifiedPair, view: View, pixels: Float64Array) -> Fl
 
 
 def is_swapped(left: View, right: View) -> bool:
-    """Whether the view named left stands on the right.
+    """Whether the view named left stands on the right, so that its grid would be upside down.
 
-    Left is what the cameras call so: the baseline along the images' rows or, for a phone on its side, their columns.
+    Of a pair one above the other, the grid lies on its side either way, and the view named left is the first.
     """
     baseline = (left.rotation + right.rotation) @ (right.centre_mm - left.centre_mm)
-    dominant = baseline[0] if abs(baseline[0]) >= abs(baseline[1]) else baseline[1]
-    return bool(dominant < 0)
+    return bool(-baseline[0] >= abs(baseline[1]))
 
 
 def rectify_by_poses(first: View, second: View) -> RectifiedPair:
