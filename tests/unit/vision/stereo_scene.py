@@ -4,6 +4,7 @@ Rays are cast pixel by pixel, so that what the tests know of it is exact: poses,
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo,
 SPEC = MarkerSpec("plain", 9, 7, 11.0)
 CAMERA = Camera(1200, 900, 1150.0, 1150.0, 599.5, 449.5)
 OVERSAMPLING = 2
+STRIP_ROWS = 30  # rendered at a time: their rays fit into the processor's cache
 
 
 @dataclass(frozen=True)
@@ -60,22 +62,35 @@ def blank_views(baseline_mm=60.0, roll_deg=0.0, height_mm=330.0) -> tuple[View, 
     return view_of(pixels, poses[0]), view_of(pixels, poses[1])
 
 
+@cache
 def rendered_views(ball: Ball | None, roll_deg=0.0, seed=0) -> tuple[View, View]:
-    """The same two cameras, with a picture of the board, the table and the ball."""
+    """The same two cameras, with a picture of the board, the table and the ball. The pictures are shared: read-only."""
     out = []
     for index, view in enumerate(blank_views(roll_deg=roll_deg)):
         pixels = render((view.rotation, view.translation_mm), ball, seed)
         noisy = pixels + np.random.default_rng((seed, index)).normal(0.0, 1.0, pixels.shape)
-        out.append(view_of(np.clip(noisy + 0.5, 0, 255).astype(np.uint8), (view.rotation, view.translation_mm)))
+        picture = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+        picture.flags.writeable = False
+        out.append(view_of(picture, (view.rotation, view.translation_mm)))
     return out[0], out[1]
 
 
 def render(pose, ball: Ball | None, seed: int, camera: Camera = CAMERA) -> Float64Array:
     """(H, W, 3) grey levels, BGR."""
+    strips = []
+    for top in range(0, camera.height, STRIP_ROWS):
+        rows = range(top, min(top + STRIP_ROWS, camera.height))
+        colour = _colours(pose, ball, seed, camera, rows)
+        strips.append(cv2.resize(colour, (camera.width, len(rows)), interpolation=cv2.INTER_AREA))
+    return np.vstack(strips)
+
+
+def _colours(pose, ball, seed, camera, pixel_rows: range):
+    """(k rows, k W, 3) what the rays of these rows of pixels meet, OVERSAMPLING = k of them a pixel in x and in y."""
     rotation, translation = pose
     centre = -rotation.T @ translation
     k = OVERSAMPLING
-    columns, rows = np.meshgrid(np.arange(camera.width * k), np.arange(camera.height * k))
+    columns, rows = np.meshgrid(np.arange(camera.width * k), np.arange(pixel_rows.start * k, pixel_rows.stop * k))
     x = ((columns + 0.5) / k - 0.5 - camera.cx) / camera.fx
     y = ((rows + 0.5) / k - 0.5 - camera.cy) / camera.fy
     rays = np.stack([x, y, np.ones_like(x)], -1) @ rotation
@@ -88,20 +103,25 @@ def render(pose, ball: Ball | None, seed: int, camera: Camera = CAMERA) -> Float
         hit = root > 0
         near = (-b[hit] - np.sqrt(root[hit])) / a[hit]
         colour[hit] = _ball_colour(centre + near[:, None] * rays[hit] - middle, ball.radius_mm, seed)
-    small = cv2.resize(colour, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float64)
+    return colour
 
 
 def _noise(rng, cells, shape):
     return cv2.resize(rng.uniform(-1, 1, (cells, cells)), shape, interpolation=cv2.INTER_CUBIC)
 
 
-def _table_colour(xy, seed):
+@cache
+def _table_texture(seed):
+    """(1024, 1024, 3) grey levels, BGR."""
     rng = np.random.default_rng(seed + 100)
     texture = sum(_noise(rng, cells, (1024, 1024)) / 2**n for n, cells in enumerate((32, 128, 512)))
-    place = np.floor(np.nan_to_num(xy) * 1.6).astype(int) % 1024
-    grey = 120.0 + 25.0 * texture[place[..., 1], place[..., 0]]
-    colour = np.stack([grey * 0.8, grey, grey * 1.1], -1)
+    grey = 120.0 + 25.0 * texture
+    return np.stack([grey * 0.8, grey, grey * 1.1], -1)
+
+
+def _table_colour(xy, seed):
+    place = np.floor(xy * 1.6).astype(int) % 1024
+    colour = _table_texture(seed)[place[..., 1], place[..., 0]]
     side = SPEC.square_mm
     column = np.floor(xy[..., 0] / side + SPEC.columns / 2)
     row = np.floor(SPEC.rows / 2 - xy[..., 1] / side)
@@ -112,13 +132,19 @@ def _table_colour(xy, seed):
     return colour
 
 
-def _ball_colour(offsets, radius, seed):
+@cache
+def _ball_texture(seed):
+    """(512, 512, 3) grey levels, BGR."""
     rng = np.random.default_rng(seed + 200)
+    texture = sum(_noise(rng, cells, (512, 512)) / 2**n for n, cells in enumerate((24, 96, 256)))
+    grey = 110.0 + 45.0 * texture
+    return np.stack([grey * 0.2, grey * 0.6, grey * 1.4], -1)
+
+
+def _ball_colour(offsets, radius, seed):
     u = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) + 0.5
     v = np.arccos(np.clip(offsets[:, 2] / radius, -1, 1)) / np.pi
-    texture = sum(_noise(rng, cells, (512, 512)) / 2**n for n, cells in enumerate((24, 96, 256)))
-    grey = 110.0 + 45.0 * texture[(v * 511).astype(int), (u * 511).astype(int)]
-    return np.stack([grey * 0.2, grey * 0.6, grey * 1.4], -1)
+    return _ball_texture(seed)[(v * 511).astype(int), (u * 511).astype(int)]
 
 
 def true_depth(pair_rotation, pair_centre, focal, centre_px, shape, ball: Ball | None):

@@ -4,6 +4,7 @@ render_board projects exactly (lens distortion and bent paper too) and averages 
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from app.vision.model import Float64Array, ImageArray, Photo
 PHONE = Camera(1200, 900, 975.0, 975.0, 599.5, 449.5, source="given")
 WHITE, BLACK, TABLE = 0.84, 0.035, 0.25  # reflectance
 OVERSAMPLING = 3  # rays a pixel, in x and in y
+STRIP_ROWS = 30  # rendered at a time: their rays fit into the processor's cache
 
 
 @dataclass(frozen=True)
@@ -120,14 +122,19 @@ def _light(
     table: Float64Array | None,
 ) -> np.ndarray:
     """Light from the pixels of box ((x0, y0), (x1, y1)): (H, W, 3) float32, mean of samples x samples rays each."""
-    columns, rows = box[1] - box[0]
-    total = np.zeros((rows, columns, 3), np.float32)
-    for down in range(samples):
-        for across in range(samples):
-            offset = box[0] + (np.array([across, down]) + 0.5) / samples - 0.5
-            x, y = _table_points(camera, pose, offset, rows, columns)
-            total += _reflectance(spec, x, y, table) * np.where(x > y / 2, shadow, 1.0)[..., None]
-    return total / samples**2
+    columns = box[1, 0] - box[0, 0]
+    strips = []
+    for top in range(box[0, 1], box[1, 1], STRIP_ROWS):
+        rows = min(STRIP_ROWS, box[1, 1] - top)
+        total = np.zeros((rows, columns, 3), np.float32)
+        for down in range(samples):
+            for across in range(samples):
+                offset = [box[0, 0], top] + (np.array([across, down]) + 0.5) / samples - 0.5
+                x, y = _table_points(camera, pose, offset, rows, columns)
+                light = _reflectance(spec, x, y, table)
+                total += light if shadow == 1.0 else light * np.where(x > y / 2, shadow, 1.0)[..., None]
+        strips.append(total / samples**2)
+    return np.concatenate(strips)
 
 
 def _table_points(
@@ -149,22 +156,30 @@ def _table_points(
 
 def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Float64Array | None) -> Float64Array:
     """(H, W, 3) BGR: squares, white margin of one square, table."""
-    column = np.nan_to_num(np.floor(x / spec.square_mm + spec.columns / 2), nan=-99).astype(int)
-    row = np.nan_to_num(np.floor(spec.rows / 2 - y / spec.square_mm), nan=-99).astype(int)
+    column = np.floor(x / spec.square_mm + spec.columns / 2)  # NaN above the horizon, which is on no sheet
+    row = np.floor(spec.rows / 2 - y / spec.square_mm)
     if table is None:
         out = np.full((*x.shape, 3), TABLE, np.float32)
     else:
         across = (np.nan_to_num(x) // 2).astype(int) + table.shape[1] // 2
         down = (np.nan_to_num(-y) // 2).astype(int) + table.shape[0] // 2
         out = table[down % table.shape[0], across % table.shape[1]].astype(np.float32)
-    out[(column >= -1) & (column <= spec.columns) & (row >= -1) & (row <= spec.rows)] = WHITE
-    on_board = (column >= 0) & (column < spec.columns) & (row >= 0) & (row < spec.rows)
-    if spec.kind == "plain":
-        out[on_board & ((row + column) % 2 == 0)] = BLACK
-        return out
-    for place, srgb in COLOUR_SQUARES.items():
-        out[(row == place[0]) & (column == place[1])] = (np.array(srgb[::-1]) / 255) ** 2.2
+    sheet = (column >= -1) & (column <= spec.columns) & (row >= -1) & (row <= spec.rows)
+    out[sheet] = _sheet_of(spec)[row[sheet].astype(int) + 1, column[sheet].astype(int) + 1]
     return out
+
+
+@cache
+def _sheet_of(spec: MarkerSpec) -> np.ndarray:
+    """(rows + 2, columns + 2, 3) float32, BGR: the squares within their margin."""
+    sheet = np.full((spec.rows + 2, spec.columns + 2, 3), WHITE, np.float32)
+    if spec.kind == "plain":
+        row, column = np.mgrid[: spec.rows, : spec.columns]
+        sheet[1:-1, 1:-1][(row + column) % 2 == 0] = BLACK
+    else:
+        for (row, column), srgb in COLOUR_SQUARES.items():
+            sheet[row + 1, column + 1] = (np.array(srgb[::-1]) / 255) ** 2.2
+    return sheet
 
 
 def paint_over(photo: Photo, polygon_px: Float64Array, grey: int = 90) -> Photo:
