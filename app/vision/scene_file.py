@@ -57,7 +57,10 @@ STEPS = 65_535  # of a coordinate in 16 bits
 
 
 def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) -> bytes | None:
-    """The file, or None where not even a marker was found. items: the answer's, in the order of trace.items."""
+    """The file, or None where not even a marker was found.
+
+    items: the answer's: first those of trace.items, in their order, then missed hints, which nothing is drawn of.
+    """
     observation = next((marker for marker in trace.markers if marker is not None), None)
     if observation is None:
         return None
@@ -81,7 +84,7 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     foods = [
         _item(index, item, estimate, topologies)
         | (_right_rings(item, scene, right, is_swapped=trace.is_swapped) if right is not None else {})
-        for index, (item, estimate) in enumerate(zip(trace.items, items, strict=True))
+        for index, (item, estimate) in enumerate(zip(trace.items, items[: len(trace.items)], strict=True))
     ]
     content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
     room = (MAX_BYTES - len(_encoded(content))) // POINT_BYTES

@@ -1,5 +1,8 @@
-"""What a run has found so far: filled step by step, read by figures.py and for the record's parameters."""
+"""The results of a run so far: filled step by step, read by figures.py and for the record's parameters."""
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -40,18 +43,38 @@ class Reconstruction:
         return points[usable_points(points, ignored)]
 
 
+class Stages:
+    """Reports each stage when it begins for the first time, and keeps how long it took in all, seconds."""
+
+    def __init__(self, on_stage: Callable[[str], None] = lambda _: None) -> None:
+        self.seconds: dict[str, float] = {}
+        self._on_stage = on_stage
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Time a stage, which may be entered again."""
+        if name not in self.seconds:  # a plaque's scene is reconstructed again
+            self._on_stage(name)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
+
+
 @dataclass(slots=True)
 class Trace:
     """Each step's result, None or empty where the run ended before.
 
-    views: (left, right) as sent; right is None where the left one is measured alone. single: that one. refined: first
-    and second by where they stand; is_swapped: first is the right one.
+    stage: shared by a run's attempts. views: (left, right) as sent; right is None where the left one is measured alone.
+    single: that one. refined: first and second by where they stand; is_swapped: first is the right one.
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
     photograph. second_place: which photograph stands for the right one, see MealEstimate.
     """
 
+    stage: Stages = field(default_factory=Stages)
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
     colours: tuple[ColourCorrection, ColourCorrection] | None = None
     views: tuple[View, View | None] | None = None

@@ -126,13 +126,15 @@ def test_hint_is_answered_and_its_form_used(pair):
     assert [item.hint for item in estimate.items] == [0]
 
 
-def test_hint_that_hits_nothing_is_told_and_the_food_is_measured_all_the_same(pair, estimate):
+def test_hint_that_hits_nothing_is_flagged_and_the_food_is_measured_and_drawn_all_the_same(pair, estimate):
     """A point outside the photograph made a whole meal `no_food_found`, and one on bare table lost what was seen."""
     outside, of_apple = Hint(point=(99_999.0, 5.0), food="pear"), Hint(food="apple")
-    found = estimate_meal(pair, replace(OPTIONS, hints=(of_apple, outside))).items
-    assert [item.hint for item in found] == [None, 1]
-    assert found[0].volume_ml == pytest.approx(estimate.items[0].volume_ml)
-    missed = found[1]
+    hinted = estimate_meal(pair, replace(OPTIONS, hints=(of_apple, outside)), want_artefacts=True)
+    assert [item.hint for item in hinted.items] == [None, 1]
+    measured, missed = hinted.items
+    assert measured.volume_ml == pytest.approx(estimate.items[0].volume_ml)
+    (scene,) = [json.loads(each.content) for each in hinted.artefacts if each.name == "scene.json"]
+    assert len(scene["items"]) == 1
     assert (missed.volume_ml, missed.rings, missed.flags) == (None, (), ("not_measurable", "hint_missed"))
 
 

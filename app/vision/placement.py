@@ -1,0 +1,215 @@
+"""Where a run begins: its views over the table in mm, from the source that gives the scene its scale.
+
+Photographs and options -> Placement. There are four sources, each with one function here: the marker, a calibrated rig,
+the poses of a phone's tracking, and the left photograph's depth map. place_views chooses between them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.board.camera import camera_from_exif, estimate_views
+from app.vision.board.colour_correction import UNCORRECTED, measure_colour
+from app.vision.board.marker import agree_on_corners, find_marker
+from app.vision.intrinsics import adapt_camera
+from app.vision.known_poses import KnownPoses, rig_of_poses
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import DepthMap, EstimateOptions, MarkerObservation, MaskArray, Photo, PhotoPair, View
+from app.vision.rig import StereoRig
+from app.vision.stereo.depth_parallax import place_by_depth
+from app.vision.stereo.epipolar import compare_fundamentals
+from app.vision.stereo.features import NO_MATCHES, match_features
+from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
+from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.rectification import is_swapped
+from app.vision.stereo.relative_pose import RefinedViews, refine_views
+from app.vision.stereo.rig_pose import refine_rig, views_of_rig
+from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
+from app.vision.stereo.stillness import judge_heights, judge_matches
+from app.vision.trace import Reconstruction, Trace
+
+Scale = Literal["marker", "rig", "poses", "depth"]
+SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
+    "marker": (),
+    "rig": ("scale_from_rig",),
+    "poses": ("scale_from_poses",),
+    "depth": ("scale_from_depth",),
+}
+# Without these the other source may give the scale, or the left photograph is measured alone. Of another board or a
+# poor photograph, the photographer should hear.
+MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """The views over the table and the source of their scale. focal: None where the focal length is known."""
+
+    views: RefinedViews | SingleView
+    scale: Scale
+    focal: FocalDoubt | None = None
+
+    @property
+    def marker(self) -> MarkerObservation | None:
+        """The marker in the first view; None if the scale comes from elsewhere."""
+        return self.views.first.marker
+
+
+def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+    """Return the views by the rig, the marker, the poses or the depth map, whichever the options name first.
+
+    A depth map also gives the scale where the marker is not seen. Raises ValueError for options without any source.
+    """
+    depth = pair.left.depth
+    if options.rig is not None:
+        return _by_rig(pair, options.rig, options, trace)
+    if options.marker is not None:
+        placed = _by_marker(pair, options.marker, options, trace)
+        is_unseen = isinstance(placed, Failure) and placed.code in MARKER_UNSEEN
+        if depth is None or options.method != "shape" or not is_unseen:
+            return placed
+    elif options.poses is not None and pair.right is not None:
+        return _by_poses(pair, options.poses, options, trace)
+    if depth is None:
+        raise ValueError("Options need a marker or a rig: one of them gives the scale.")
+    return _by_depth(pair.left, depth, options, trace)
+
+
+def doubt_volumes(
+    placed: Placement, scene: Reconstruction, is_food: MaskArray
+) -> tuple[float, tuple[str, ...]] | Failure:
+    """Return the relative sd that poses, lenses and scale leave of the foods' volumes, and every item's flags.
+
+    is_food: (H, W). Failure "focal_unknown".
+    """
+    if isinstance(placed.views, SingleView):
+        middle_mm = np.nanmedian(scene.plane_mm[is_food], axis=0)[:2].astype(np.float64)
+        sd = single_volume_sd(placed.views, middle_mm)
+        return too_unsure() if sd > MOST_SD else (sd, SCALE_FLAGS[placed.scale])
+    doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
+    if doubt.focal_sd > MOST_SD:
+        return too_unsure()
+    focal_flags = ("focal_unknown",) if doubt.focal_sd > FLAG_SD else ()
+    return doubt.sd, (*SCALE_FLAGS[placed.scale], *focal_flags)
+
+
+def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+    """Poses by the marker, of two views refined by matches unless these show that something moved."""
+    with trace.stage("marker"):
+        observations = _find_markers(pair, marker, options, trace)
+    if isinstance(observations, Failure):
+        return observations
+    left, right = observations
+    with trace.stage("camera"):
+        views = place_alone(pair.left, left, options) if right is None else estimate_views(pair, (left, right), options)
+    if isinstance(views, Failure):
+        return views
+    if isinstance(views, SingleView):
+        trace.keep_single(views)
+        return Placement(views, "marker")
+    first, second = _in_order(views, trace)
+    with trace.stage("match"):
+        matches = match_features(first, second)
+        if isinstance(matches, Failure):
+            return matches
+        refined = refine_views(first, second, matches)
+        trace.matches = matches
+        trace.keep_views(refined)
+        moved = judge_heights(refined, matches)
+        if moved is not None:
+            return moved
+        trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
+        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+        if isinstance(epipolar, Failure):
+            return epipolar
+        moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
+        if moved is not None:
+            return moved
+        trace.epipolar = epipolar
+    return Placement(refined, "marker", trace.focal)
+
+
+def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+    """The rig's views over the table that the scene shows, its relative pose adjusted by the matches.
+
+    A plain scene without matches leaves the pose as calibrated. Colours stay, as nothing is known to be white.
+    """
+    trace.colours = UNCORRECTED, UNCORRECTED
+    with trace.stage("camera"):
+        views = views_of_rig(pair, rig, np.random.default_rng(options.seed))
+    if isinstance(views, Failure):
+        return views
+    first, second = _in_order(views, trace)
+    with trace.stage("match"):
+        matches = match_features(first, second)
+        if isinstance(matches, Failure):
+            matches = NO_MATCHES
+        refined = refine_rig(first, second, matches, rig.source)
+        trace.matches = matches
+        trace.keep_views(refined)
+        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+        if not isinstance(epipolar, Failure):
+            trace.epipolar = epipolar
+            mismatch = judge_matches(matches, epipolar.is_good, placed_by=rig.source)
+            if mismatch is not None:
+                return mismatch
+    return Placement(refined, rig.source)
+
+
+def _by_poses(pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+    """By the rig that the pair's poses make. Failures also: focal_unknown (no intrinsics), camera_mismatch."""
+    if options.camera is None:
+        return Failure(
+            "focal_unknown",
+            "Known poses need the camera's intrinsics, and neither the meal nor a calibration gives any.",
+            "Send the camera's intrinsics with the poses; ARKit and ARCore tell them of each photograph.",
+        )
+    (left_h, left_w), (right_h, right_w) = (photo.pixels_bgr.shape[:2] for photo in pair.both)
+    orientations = (pair.both[0].orientation, pair.both[1].orientation)
+    rig = rig_of_poses(poses, options.camera, ((left_w, left_h), (right_w, right_h)), orientations)
+    return rig if isinstance(rig, Failure) else _by_rig(pair, rig, options, trace)
+
+
+def _by_depth(photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+    """The left photograph's view over the table that its depth map shows; colours stay as with a rig."""
+    trace.colours = UNCORRECTED, UNCORRECTED
+    with trace.stage("camera"):
+        camera = camera_from_exif(photo)
+        if options.camera is not None:
+            adapted = adapt_camera(options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0])
+            if isinstance(adapted, Failure):
+                return adapted
+            camera = adapted
+        view = place_by_depth(photo, camera, depth, np.random.default_rng(options.seed))
+    if isinstance(view, Failure):
+        return view
+    trace.keep_single(view)
+    return Placement(view, "depth")
+
+
+def _find_markers(
+    pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace
+) -> tuple[MarkerObservation, MarkerObservation | None] | Failure:
+    """The marker in both photographs, or in the left one alone, which is then measured alone (decision 0030)."""
+    left = find_marker(pair.left, marker, "left")
+    right = find_marker(pair.right, marker, "right") if pair.right is not None else None
+    if isinstance(left, Failure):
+        trace.markers = (None, None if isinstance(right, Failure) else right)
+        return left
+    if pair.right is None or right is None or isinstance(right, Failure):
+        trace.markers = (left, None)
+        if isinstance(right, Failure) and (right.code not in MARKER_UNSEEN or options.method != "shape"):
+            return right
+        trace.colours = measure_colour(pair.left, left), UNCORRECTED
+        return left, None
+    trace.markers = observations = agree_on_corners(pair, left, right)
+    trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
+    return observations
+
+
+def _in_order(views: tuple[View, View], trace: Trace) -> tuple[View, View]:
+    """The left and the right view, (first, second) by where they stand."""
+    trace.views, trace.is_swapped = views, is_swapped(*views)
+    return (views[1], views[0]) if trace.is_swapped else views

@@ -1,0 +1,116 @@
+"""From placed views to the scene's points over the table: rectified pair, disparity, depth, and depth maps with it.
+
+A single view's parallax is its depth map's, if it has one. Depth maps and a further view join a pair's parallax if the
+table that they show is the reference's; else they are left out, with the flag "depth_ignored". The scale stays that of
+the marker or the rig.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.vision.model import MaskArray, View
+from app.vision.shape.tuning import TUNING
+from app.vision.stereo.depth_fusion import agree_with_table, fuse_depths
+from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
+from app.vision.stereo.disparity import DisparityMap, match_dense, unmatched
+from app.vision.stereo.features import shows_sheet
+from app.vision.stereo.marker_thickness import find_thickness, on_plaque
+from app.vision.stereo.other_views import second_partner
+from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
+from app.vision.stereo.rectification import RectifiedPair, rectify_alone, rectify_by_poses
+from app.vision.stereo.relative_pose import RefinedViews
+from app.vision.stereo.single_view import SingleView
+from app.vision.trace import Reconstruction, Stages, Trace
+
+TABLE_MM = 8.0  # over or under the marker's plane: where a pair's points tell how far the table is
+
+
+def reconstruct_over_table(
+    views: RefinedViews | SingleView, trace: Trace
+) -> tuple[RefinedViews | SingleView, Reconstruction]:
+    """The scene, and the views in its table's frame, which lies deeper where a plaque turns out to carry the print."""
+    scene = _reconstruct(views, trace.stage)
+    marker = views.first.marker
+    if isinstance(views, SingleView) or marker is None or marker.spec.thick_mm != 0:
+        return views, scene
+    with trace.stage("depth"):
+        thick_mm = find_thickness(marker.spec, scene.table_points())
+    if thick_mm <= 0:
+        return views, scene
+    views = on_plaque(views, thick_mm)
+    trace.keep_views(views)
+    return views, _reconstruct(views, trace.stage)
+
+
+def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]) -> Reconstruction:
+    """A pair's scene with its depth maps and its first view's parallax with a further one; a single view's as it is."""
+    if isinstance(refined, SingleView):
+        return scene
+    pair, match = scene.rectified, scene.disparity
+    views = (refined.first, refined.second)
+    maps = [parallax_of_depth(pair, view, view.photo.depth) for view in views if view.photo.depth is not None]
+    is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
+    agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
+    flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
+    matches: tuple[DisparityMap, ...] = ()
+    partner = second_partner(refined.first, others)
+    if partner is not None:
+        own = rectify_by_poses(refined.first, partner)
+        further = match_dense(*own.both_bgr, own.parallax_range_px, own.is_seen)
+        shown = parallax_of_match(pair, own, further, TUNING.dense_sd_px)
+        further_agreed = agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)
+        matches = () if further_agreed is None else (further_agreed,)
+    measured = tuple(each for each in agreed if each is not None)
+    depths = (*measured, *matches)
+    if not depths:
+        return replace(scene, flags=flags)
+    fused = fuse_depths(pair, match, matches, TUNING.dense_sd_px, is_averaged=True)
+    fused = fuse_depths(pair, fused, measured, TUNING.dense_sd_px, is_averaged=False)
+    points = back_project(pair, scene.depth.depth_mm(pair.disparity_from_parallax(fused.parallax_px)))
+    return replace(scene, disparity=fused, points_table=points, depths=depths, flags=flags)
+
+
+def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruction:
+    """Points in the views' table frame; of a single view without a depth map, none."""
+    marker = views.first.marker
+    with stage("rectify"):
+        if isinstance(views, RefinedViews):
+            rectified = rectify_by_poses(views.first, views.second)
+        else:
+            rectified = rectify_alone(views.first)
+    with stage("disparity"):
+        plane = plane_points(rectified)
+        sheet = np.zeros(rectified.shape, np.bool_)
+        if marker is not None:
+            sheet = shows_sheet(marker, plane, rectified.first_centre_mm)
+        flags: tuple[str, ...] = ()
+        if rectified.second_bgr is None:
+            disparity, flags = _parallax_alone(rectified, views.first, sheet)
+        else:
+            disparity = match_dense(*rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen)
+    with stage("depth"):
+        if isinstance(views, RefinedViews) and marker is not None:
+            depth = fit_to_marker(rectified, views)
+        else:
+            depth = ideal_depth(rectified)
+        depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
+        points = back_project(rectified, depth_mm)
+    return Reconstruction(rectified, disparity, depth, points, plane, sheet | ~rectified.is_seen, flags=flags)
+
+
+def _parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[DisparityMap, tuple[str, ...]]:
+    """The parallax of a single view by its depth map, in the scale of the marker if there is one, and flags.
+
+    sheet: (H, W) where the marker is seen; nowhere without one.
+    """
+    if view.photo.depth is None:
+        return unmatched(pair.shape), ()
+    shown = parallax_of_depth(pair, view, view.photo.depth)
+    if view.marker is None:
+        return shown, ()
+    print_share = pair.first_centre_mm[2] / (pair.first_centre_mm[2] - view.marker.spec.thick_mm)
+    print_px = pair.parallax_from_disparity(pair.plane_disparity_px() * np.float32(print_share))
+    agreed = agree_with_table(pair, shown, print_px, sheet, has_tilt=False)
+    return (unmatched(pair.shape), ("depth_ignored",)) if agreed is None else (agreed, ())
