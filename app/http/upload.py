@@ -28,6 +28,7 @@ from app.core.errors import (
     UnsupportedMediaError,
 )
 from app.http.state import ApiState
+from app.photos.slots import image_name
 
 WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
@@ -175,7 +176,7 @@ def _body_too_large(most: int) -> TooLargeError:
 
 def _photo_too_large(slot: str, limit: int) -> TooLargeError:
     return TooLargeError(
-        f"The {slot} photograph is larger than {limit} bytes, the limit.",
+        f"The {image_name(slot)} is larger than {limit} bytes, the limit.",
         code="image_too_large",
         slot=slot,
         limit_bytes=limit,

@@ -17,7 +17,7 @@ from typing import TypeVar
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.children.api_children import ApiChildren, Whose
+from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.children.decoding_cost import is_costly
 from app.core.errors import (
     GoneError,
@@ -35,11 +35,11 @@ from app.meals.models import DepthCameraDetails, MealImage
 from app.people import privacy_queries as privacy
 from app.people.access.caller import DeviceCaller
 from app.people.location_policy import LocationPolicy
-from app.photos.depth import MAX_MAP_PIXELS, inspect_depth
+from app.photos.depth import DEPTH_ADVICE, MAX_MAP_PIXELS, inspect_depth
 from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo
 from app.photos.location import read_location, remove_location
-from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS
+from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, image_name
 from app.storage.blob_store import BlobStore
 
 Result = TypeVar("Result")
@@ -167,20 +167,20 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
 
 def _prepare_image(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
     if file.bytes == 0:
-        raise InvalidInputError(f"The {slot} photograph is empty: send its bytes.", code="part_empty", slot=slot)
+        raise InvalidInputError(f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot)
     is_map = slot in DEPTH_SLOTS
     if is_map:
         facts, max_pixels = inspect_depth(file.path, is_confidence=slot in CONFIDENCE_SLOTS), MAX_MAP_PIXELS
     else:
         facts = inspect_photo(file.path)
     if not isinstance(facts, PhotoFacts):
-        message = f"The {slot} photograph: {facts.message}" + (f" {facts.advice}" if facts.advice else "")
+        message = f"The {image_name(slot)}: {facts.message}" + (f" {facts.advice}" if facts.advice else "")
         if facts.code == "not_an_image":
             raise UnsupportedMediaError(message, code=facts.code, slot=slot)
         raise InvalidInputError(message, code=facts.code, slot=slot)
     if facts.pixels_to_decode > max_pixels:
         raise TooLargeError(
-            f"The {slot} photograph has {facts.pixels_to_decode} pixels; at most {max_pixels} are allowed.",
+            f"The {image_name(slot)} has {facts.pixels_to_decode} pixels; at most {max_pixels} are allowed.",
             code="image_too_many_pixels",
             slot=slot,
             limit_pixels=max_pixels,
@@ -221,11 +221,17 @@ def _require_whole(
             photograph_sha256=photo.stored_sha256,
             is_costly=not is_map and is_costly([photo.path]),
         )
+    except PhotographError as error:  # reading it needs too much memory or time, or breaks the reader
+        if not is_map:  # a photograph is decoded again in the estimate, where a failure is kept with the meal
+            return
+        raise InvalidInputError(
+            f"The {image_name(slot)} cannot be read here. {DEPTH_ADVICE}", code="depth_unreadable", slot=slot
+        ) from error
     except TadaError:  # no child was free, or it failed by a bug, which is logged: neither may cost a meal
         return
     if result["failure"] is not None:
         raise InvalidInputError(
-            f"The {slot} photograph: {result['failure']['message']} {result['failure']['advice']}",
+            f"The {image_name(slot)}: {result['failure']['message']} {result['failure']['advice']}",
             code=result["failure"]["code"],
             slot=slot,
         )

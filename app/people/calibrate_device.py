@@ -36,6 +36,7 @@ MAX_RMS_PX_AT_12MP = 1.0  # twice the error of phones and flat boards (vision/bo
 LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
 MAX_PER_DEVICE = 100
+MAX_STUDY_RIGS = 100  # in use: one per model of phone, and some to spare
 AUTHOR_PHONE = "device"  # not the participant's alias, which only the audit log and the participant's row hold
 MAX_LISTED = 1000
 PHOTOGRAPH_AGAIN = (
@@ -166,11 +167,17 @@ def keep_study_rig(
 ) -> CameraCalibration:
     """Keep a rig for a study's phones of a model, or for all of them.
 
-    Raises NotFoundError, InvalidInputError (`rig_invalid`, `camera_invalid`).
+    Raises NotFoundError, InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError (`rigs_too_many`).
     """
     row = _rig_row(rig, caller.name)
     with database.write() as session:
-        row.study_id, row.model = load_study(session, study_code).id, model
+        row.study_id, row.model = load_study(session, study_code, lock=True).id, model
+        if calibrations.count_rigs_of_study(session, row.study_id) >= MAX_STUDY_RIGS:
+            raise ConflictError(
+                f"The study has {MAX_STUDY_RIGS} rigs in use, the limit: withdraw some first.",
+                code="rigs_too_many",
+                limit=MAX_STUDY_RIGS,
+            )
         session.add(row)
         audit.note(session, caller, "calibration.create", study_id=row.study_id, calibration=str(row.id), kind="rig")
     return row

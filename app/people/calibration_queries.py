@@ -120,5 +120,13 @@ def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration
 
 def count_of_device(session: Session, device_id: uuid.UUID) -> int:
     """Count the calibrations that a phone has sent."""
-    query = sa.select(sa.func.count()).select_from(CameraCalibration).where(CameraCalibration.device_id == device_id)
-    return session.execute(query).scalar_one()
+    return _count(session, CameraCalibration.device_id == device_id)
+
+
+def count_rigs_of_study(session: Session, study_id: uuid.UUID) -> int:
+    """Count the rigs that staff sent for the study's phones and did not withdraw."""
+    return _count(session, CameraCalibration.study_id == study_id, CameraCalibration.withdrawn_at.is_(None))
+
+
+def _count(session: Session, *conditions: sa.ColumnElement[bool]) -> int:
+    return session.execute(sa.select(sa.func.count()).select_from(CameraCalibration).where(*conditions)).scalar_one()

@@ -115,7 +115,7 @@ def post_own_rig(body: RigIn, state: State, caller: CurrentDevice) -> Calibratio
     return CalibrationOut(**_fields(calibrate_device.keep_own_rig(state.database, caller, body)))
 
 
-@router.post("/v1/studies/{study}/rigs", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
+@router.post("/v1/studies/{study}/rigs", status_code=201, responses=problem_responses(401, 403, 404, 409, 413, 422))
 def post_study_rig(
     study: StudyCode,
     body: RigIn,

@@ -15,6 +15,11 @@ CONFIDENCE_SLOTS = DEPTH_SLOTS[2:]
 SLOTS = (*VIEW_SLOTS, *DEPTH_SLOTS, *AFTER_SLOTS)
 
 
+def image_name(slot: str) -> str:
+    """The name of a slot's image in messages: left photograph, left depth map, left confidence map."""
+    return f"{slot.replace('_', ' ')} map" if slot in DEPTH_SLOTS else f"{slot} photograph"
+
+
 def depth_slot(view: str) -> str:
     """The slot of the depth map of this view."""
     return f"{view}_depth"

@@ -31,7 +31,7 @@ from app.meals.record_models import Run, RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
-from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS
+from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, image_name
 from app.records import queries as records
 from app.records.read_meal import find_meal
 from app.storage.blob_store import BlobMissingError, BlobStore
@@ -105,7 +105,7 @@ def find_photo(
         run = None if as_taken or slot in DEPTH_SLOTS else _run_on(session, meal, slot)
         kept = records.artefacts_of(session, run.id) if run is not None else []
     if image is None:
-        raise NotFoundError(f"This meal has no photograph {slot!r}.")
+        raise NotFoundError(f"This meal has no {image_name(slot)}.")
     if image.erased_at is not None:
         raise _erased()
     thumbnail = next((one for one in kept if one.name == thumbnail_name(slot)), None)

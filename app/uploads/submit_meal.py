@@ -46,7 +46,7 @@ from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
-from app.photos.slots import DEPTH_SLOTS
+from app.photos.slots import DEPTH_SLOTS, image_name
 from app.records.read_meal import MealView
 from app.vision.depth_camera import depth_camera_from_mapping, size_mismatch
 
@@ -198,7 +198,7 @@ class SubmitMeal:
         for slot, photo in photos.items():
             if slot in stored and stored[slot].received_sha256 != photo.received_sha256:
                 raise ConflictError(
-                    f"A meal with this id already has another {slot} photograph. Use a new id for a new meal.",
+                    f"A meal with this id already has another {image_name(slot)}. Use a new id for a new meal.",
                     code="meal_id_reused",
                     slot=slot,
                     stored_sha256=stored[slot].received_sha256,
@@ -308,7 +308,9 @@ def _require_announced(details: MealDetails, photos: Mapping[str, SealablePhoto]
             continue
         mismatch = size_mismatch(photo.width_px, photo.height_px, camera)
         if mismatch is not None:
-            raise InvalidInputError(f"{slot}: {mismatch.message} {mismatch.advice}", code=mismatch.code, slot=slot)
+            raise InvalidInputError(
+                f"The {image_name(slot)}: {mismatch.message} {mismatch.advice}", code=mismatch.code, slot=slot
+            )
 
 
 def _new_meal(caller: DeviceCaller, upload: _Upload, now: datetime) -> Meal:

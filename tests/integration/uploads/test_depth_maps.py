@@ -10,7 +10,8 @@ import zlib
 import numpy as np
 import pytest
 
-from app.children.child_pool import ChildResult
+from app.children.api_children import ApiChildren
+from app.children.child_pool import ChildPool, ChildResult
 from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import MealImage
@@ -153,6 +154,41 @@ def test_map_that_is_empty_or_cannot_be_decoded_is_refused_by_a_child(phone):
         sent = phone.post(pair() | {"left_depth": content}, depth_camera=CAMERA)
         assert (sent.status_code, sent.json()["code"], sent.json()["slot"]) == (422, code, "left_depth")
     assert phone.post(with_depth(), depth_camera=CAMERA).status_code == 202
+
+
+@pytest.mark.parametrize("outcome", ["out_of_memory", "crashed", "timed_out"])
+def test_map_that_breaks_the_child_that_reads_it_is_refused(phone, monkeypatch, outcome):
+    monkeypatch.setattr(ApiChildren, "are_up", True)
+    monkeypatch.setattr(ChildPool, "run", lambda *_, **__: ChildResult(outcome))
+    sent = phone.post(with_depth(), depth_camera=CAMERA)
+    assert (sent.status_code, sent.json()["code"], sent.json()["slot"]) == (422, "depth_unreadable", "left_depth")
+    assert "left depth map" in sent.json()["detail"]
+
+
+@pytest.mark.parametrize("outcome", ["killed", "stalled", "raised"])
+def test_map_is_kept_where_the_machine_or_the_program_failed(phone, monkeypatch, outcome):
+    monkeypatch.setattr(ApiChildren, "are_up", True)
+    monkeypatch.setattr(ChildPool, "run", lambda *_, **__: ChildResult(outcome))
+    assert phone.post(with_depth(), depth_camera=CAMERA).status_code == 202
+
+
+def test_refusals_of_maps_speak_of_maps(phone):
+    metadata = meal_metadata(depth_camera=CAMERA, depth_maps=["left_depth", "left_confidence"])
+    path = f"/v1/meals/{metadata.pop('id')}"
+    phone.put(path, json=metadata)
+    missing = phone.get(f"{path}/images/left_depth")
+    phone.put(f"{path}/images/left_depth", content=depth_png())
+    refusals = [
+        (missing, "left depth map"),
+        (phone.put(f"{path}/images/left_depth", content=depth_png(9)), "left depth map"),
+        (phone.put(f"{path}/images/left_confidence", content=b""), "left confidence map"),
+        (phone.put(f"{path}/images/left_confidence", content=confidence_png(size=(48, 64))), "left confidence map"),
+        (phone.put(f"{path}/images/left_depth", content=bytes(400_001)), "left depth map"),
+    ]
+    for refusal, name in refusals:
+        assert refusal.status_code >= 400
+        assert name in refusal.json()["detail"]
+        assert "photograph" not in refusal.json()["detail"]
 
 
 def test_map_that_is_last_of_all_after_an_after_meal_photograph_completes_the_meal(phone):

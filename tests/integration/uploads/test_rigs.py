@@ -137,6 +137,19 @@ def test_rig_is_chosen_from_meal_phone_model_and_study_in_this_order(no_marker, 
     ]
 
 
+def test_study_has_so_many_rigs_in_use_and_no_more(client, phone, enrol, admin, monkeypatch):
+    monkeypatch.setattr("app.people.calibrate_device.MAX_STUDY_RIGS", 2)
+    other = enrol("P009", "second")
+    path = "/v1/studies/{}/rigs"
+    first, _ = (client.post(path.format("pilot"), headers=admin, json=rig()).json()["id"] for _ in range(2))
+    refused = client.post(path.format("pilot"), headers=admin, json=rig())
+    assert (*code(refused), refused.json()["limit"]) == (409, "rigs_too_many", 2)
+    assert client.post(path.format("second"), headers=admin, json=rig()).status_code == 201
+    assert send(other, **rig()).status_code == 201  # a phone's own does not count
+    assert client.post(f"/v1/calibrations/{first}/withdrawal", headers=admin).status_code == 200
+    assert client.post(path.format("pilot"), headers=admin, json=rig()).status_code == 201
+
+
 def test_marker_of_the_meal_or_another_picture_size_leaves_a_stored_rig_aside(phone, state, settings):
     send(phone, **rig())
     for metadata, size in (({"marker": "plain:9x7:11"}, (640, 480)), ({}, (480, 640)), ({"views": 1}, (640, 480))):
