@@ -91,8 +91,8 @@ def doubt_volumes(
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
-    focal_flags = ("focal_unknown",) if doubt.focal_sd > FLAG_SD else ()
-    return doubt.sd, (*SCALE_FLAGS[placed.scale], *focal_flags)
+    flags = ("focal_unknown",) if doubt.focal_sd > FLAG_SD else ()
+    return doubt.sd, (*SCALE_FLAGS[placed.scale], *flags)
 
 
 def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:

@@ -88,6 +88,8 @@ def flags_in_the_source():
                 told = node.args[0]
             elif isinstance(node, ast.keyword) and node.arg == "flags":
                 told = node.value
+            elif isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "SCALE_FLAGS":
+                told = ast.Module(node.value.values, [])
             elif isinstance(node, ast.FunctionDef) and node.name == "flags":
                 told = ast.Module(node.body[1:], [])  # without its docstring
             else:
