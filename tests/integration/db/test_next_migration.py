@@ -81,12 +81,50 @@ def test_schema_goes_down_to_nothing_and_up_again(full):
     assert is_current(full)
 
 
-def test_way_back_behind_rigs_is_refused_while_a_run_has_no_marker(full):
-    execute(full, "UPDATE run SET marker = NULL")
+@pytest.mark.parametrize(
+    ("change", "behind", "reason"),
+    [
+        ("UPDATE run SET marker = NULL", "20261127_reshape", "no place for runs without a marker"),
+        ("UPDATE camera_calibration SET rms_px = NULL", "20261127_reshape", "no place for rigs"),
+        ("UPDATE meal_image SET slot = 'left_depth'", "20261127_rigs", "no place for depth maps"),
+        ("UPDATE meal_image SET slot = 'right_confidence'", "20261127_rigs", "no place for depth maps"),
+    ],
+)
+def test_way_back_is_refused_while_the_older_schema_has_no_place_for_a_row(full, change, behind, reason):
+    execute(full, change)
     before = rows_of(full)
-    with pytest.raises(ConflictError, match="no place for runs without a marker"):
-        downgrade(full, "20261127_reshape")
+    with pytest.raises(ConflictError, match=reason):
+        downgrade(full, behind)
     assert rows_of(full) == before
+    assert is_current(full)
+
+
+def test_depth_maps_are_refused_behind_their_migration_and_allowed_again(full):
+    before = rows_of(full)
+    downgrade(full, "20261127_rigs")
+    assert rows_of(full) == before
+    with pytest.raises(sa.exc.IntegrityError):
+        execute(full, "UPDATE meal_image SET slot = 'left_depth'")
+    upgrade(full)
+    execute(full, "UPDATE meal_image SET slot = 'left_depth'")
+
+
+def test_rigs_go_and_come_with_their_migration(full):
+    before = rows_of(full)
+    downgrade(full, "20261127_reshape")
+    assert {"rig", "study_id"}.isdisjoint(rows_of(full)["camera_calibration"][0])
+    upgrade(full)
+    assert rows_of(full) == before
+
+
+def test_form_by_hand_stays_as_the_volume_that_it_set_on_the_way_back(full):
+    execute(full, "UPDATE meal_event SET kind = 'reshape'")
+    downgrade(full, "20261124_baseline")
+    assert [row["kind"] for row in rows_of(full)["meal_event"]] == ["set_volume"]
+    with pytest.raises(sa.exc.IntegrityError):
+        execute(full, "UPDATE meal_event SET kind = 'reshape'")
+    upgrade(full)
+    execute(full, "UPDATE meal_event SET kind = 'reshape'")
 
 
 @pytest.mark.parametrize(
