@@ -12,6 +12,7 @@ SHADE_WEIGHT = 0.15
 BIN_COUNTS = (24, 32, 32)
 LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
 CHROMA_GAIN = 2.0
+MAX_STEEPNESS = 12.0
 MIN_CHROMA_APART = 4.0  # of two sides, to speak of a direction
 
 
@@ -36,6 +37,18 @@ def fine_texture(image_bgr: ImageArray) -> Float32Array:
     """(H, W) mean absolute difference of grey from its surroundings, grey levels: what grain a surface has."""
     grey = grey_of(image_bgr).astype(np.float32)
     return blurred(np.abs(grey - blurred(grey, 2.0)), 2.0)
+
+
+def outline_steepness(image_bgr: ImageArray) -> Float32Array:
+    """(H, W) steepest change of colour within a pixel of each, CIELAB bytes a pixel: high along a food's outline.
+
+    At most MAX_STEEPNESS, so that a short run against a bright support does not outweigh the rest of an outline. A
+    shadow's border is blurred by the size of the lamp.
+    """
+    smooth = blurred(lab_bytes(image_bgr), 1.0)
+    slopes = [cv2.Scharr(smooth, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
+    change = np.sqrt(np.sum(np.square(slopes), axis=(0, 3)))
+    return np.minimum(cv2.dilate(change, np.ones((3, 3), np.uint8)), MAX_STEEPNESS).astype(np.float32)
 
 
 def colour_bins(lab: Float32Array) -> NDArray[np.int64]:

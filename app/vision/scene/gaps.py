@@ -1,13 +1,16 @@
 """Through which gaps in what is raised the support shows: the hole of a ring, a space that foods enclose.
 
-Raised parts with heights and colour's evidence -> the middle of each gap. A window of the disparity that is wider than
+Raised parts with heights and colour's evidence -> the middle of each gap; of one photograph, a mask and its picture ->
+the hole in its middle. A window of the disparity that is wider than
 a gap can only fill it, never dig one: a low height in a gap counts whatever its window.
 """
 
 import numpy as np
 
-from app.vision.geometry.masks import dilated, inward_px, labelled
-from app.vision.model import Float32Array, MaskArray
+from app.vision.geometry.masks import dilated, distance_px, filled, inward_px, labelled, opened
+from app.vision.geometry.pictures import blurred, lab_bytes
+from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.scene.colour_bins import colour_bins, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
 LOW_SHARE = 0.5  # of the height around a gap, below which it is one and not a dent
@@ -15,6 +18,14 @@ MAX_FOOD_NATS = 1.0  # of colour for the food, above which a gap is food in shad
 MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the rest is for the image's edges to tell
 AROUND_PX = 4
 MIN_POINTS = 5
+COLOUR_NATS = 4.0
+UNSEEN = 3e-5  # probability of a colour that a model has not seen
+LEAST_DEPTH_PX = 6.0  # of a food in which a hole is sought by colour
+OUTER_SHARE = 0.5  # of that depth: a ring's food lies farther out than that, if anywhere
+HOLE_DEPTH_SHARE = 0.25  # of that depth, within which a hole lies
+SUPPORT_NATS = 0.5  # of colour for the support, above which it shows
+HOLE_SHARE = 0.015  # of the food's outline, that a hole covers at least
+OFF_MIDDLE = 0.3  # of a disc's radius as large as the food, by which a hole may lie off its middle
 
 
 def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float32Array, pixel_mm: float) -> MaskArray:
@@ -42,3 +53,31 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
             depth = inward_px(part, 3)
             gaps[window] |= depth > MIDDLE_SHARE * float(depth.max())
     return gaps
+
+
+def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) -> MaskArray:
+    """(H, W) the hole in a food's middle through which its support shows; empty without one.
+
+    others: (H, W) what lies beside the food and is no support. Without heights only a ring's hole is told from a spot.
+    """
+    whole = filled(mask)
+    depth = inward_px(whole, 3)
+    deepest = float(depth.max())
+    hole = np.zeros(mask.shape, np.bool_)
+    beside_px = distance_px(whole)
+    support = (beside_px > 3) & (beside_px < max(8.0, OUTER_SHARE * deepest)) & ~others
+    food = whole & (depth > 2) & (depth < OUTER_SHARE * deepest)
+    if deepest < LEAST_DEPTH_PX or not support.any() or not food.any():
+        return hole
+    bins = colour_bins(lab_bytes(image_bgr))
+    of_food = colour_histogram([bins], food)
+    of_support = colour_histogram([bins, *shaded_bins(image_bgr)], support)
+    nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[bins]
+    nats = blurred(np.asarray(nats, np.float32), 1.5)
+    labels, stats, middles = labelled(opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3))
+    area = float(np.count_nonzero(whole))
+    middle = np.argwhere(whole).mean(axis=0)[::-1]
+    off = np.linalg.norm(middles - middle, axis=1) / np.sqrt(area / np.pi)
+    is_hole = (stats[:, 4] > HOLE_SHARE * area) & (off < OFF_MIDDLE)
+    is_hole[0] = False
+    return np.asarray(is_hole[labels], np.bool_)

@@ -11,16 +11,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import dilated, distance_px, largest_part, touching
-from app.vision.geometry.min_cut import cut_in_two
-from app.vision.geometry.pictures import lab_bytes
+from app.vision.geometry.masks import dilated
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import (
-    colour_bins,
-    colour_histogram,
-    contrast_features,
-    shaded_bins,
-)
+from app.vision.scene.cut_out import BIAS_NATS, MAX_BIASES, cut_around, cut_out
 from app.vision.scene.foods_apart import divide
 from app.vision.scene.places import Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
@@ -31,15 +24,8 @@ SPAN = 0.85  # of the box's sides, which its food reaches across
 AROUND_SHARE = 0.2  # of the box's sides: the margin whose colours are the surroundings'
 MIN_RAISED_SHARE = 0.15  # of a box, to learn the food's colours there rather than in the box's middle
 CORE_SHARE = 0.6  # of the box's sides: the ellipse in its middle
-POINT_REACH_MM = 60.0  # from a point, beyond which its food is not looked for
-POINT_MARGIN_MM = 15.0
 FLAT_MM = 2.5
 RAISED_NATS, FLAT_NATS = 2.0, -3.0
-COLOUR_NATS = 4.0
-UNSEEN = 3e-5  # probability of a colour that a model has not seen
-BIAS_NATS = 0.8  # towards food, added until the box is spanned
-MAX_BIASES = 6
-ROUNDS = 2
 
 
 def hinted_masks(
@@ -75,7 +61,7 @@ def hinted_masks(
         elif is_box[number]:
             out.append(_in_box(hints[number], found_masks, taken, scene, places))
         else:
-            out.append(_cut_around(hints[number], taken, scene, places))
+            out.append(cut_around(hints[number], taken, scene, _height_nats(scene, places))[0])
         taken |= out[-1]
     return out
 
@@ -118,55 +104,13 @@ def _cut_in_box(box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence
     raised = _raised(places, box.shape) & allowed
     is_known = np.count_nonzero(raised) > MIN_RAISED_SHARE * np.count_nonzero(box)
     food = raised if is_known else (core > 0) & allowed
-    mask = food
+    mask, evidence = food, _height_nats(scene, places)
     for step in range(MAX_BIASES):
-        mask = _cut(food, around, allowed, scene, places, step * BIAS_NATS)
+        mask = cut_out(food, around, allowed, scene, evidence, step * BIAS_NATS)
         _, _, across, down = cv2.boundingRect(mask.astype(np.uint8))
         if across >= SPAN * width and down >= SPAN * height:
             return mask, True
     return mask, False
-
-
-def _cut_around(point: MaskArray, taken: MaskArray, scene: Scene, places: Sequence[Place]) -> MaskArray:
-    """The food that a point lies in. point: (h, w) a small disc."""
-    from_point = distance_px(point) * scene.pixel_mm
-    allowed = (from_point < POINT_REACH_MM) & ~taken & ~scene.is_ignored
-    around = (from_point >= POINT_REACH_MM) & (from_point < POINT_REACH_MM + POINT_MARGIN_MM) & ~scene.is_ignored
-    mask = _cut(point & allowed, around, allowed, scene, places, 0.0, point & allowed)
-    return touching(mask, point)
-
-
-def _cut(
-    food: MaskArray,
-    around: MaskArray,
-    allowed: MaskArray,
-    scene: Scene,
-    places: Sequence[Place],
-    bias_nats: float,
-    always: MaskArray | None = None,
-) -> MaskArray:
-    """The largest part of the minimum cut between what food and around teach of colours."""
-    lab = lab_bytes(scene.image_bgr)
-    bins, features = colour_bins(lab), contrast_features(lab)
-    shaded = shaded_bins(scene.image_bgr)
-    evidence = _height_nats(scene, places)
-    mask = food
-    for _ in range(ROUNDS):
-        if not (mask.any() and around.any()):
-            break
-        inside, outside = (
-            colour_histogram([bins], mask),
-            colour_histogram([bins, *shaded], around | (allowed & ~mask & ~food)),
-        )
-        ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
-        nothing = np.zeros(mask.shape, np.bool_)
-        cut = cut_in_two(
-            (ratio + evidence + bias_nats).astype(np.float32), features, ~allowed, nothing if always is None else always
-        )
-        if not cut.any():
-            break
-        mask = largest_part(cut)
-    return mask & allowed
 
 
 def _height_nats(scene: Scene, places: Sequence[Place]) -> Float32Array:

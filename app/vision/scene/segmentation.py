@@ -22,6 +22,7 @@ from app.vision.scene.food_checks import is_food
 from app.vision.scene.food_outline import correct_outlines, tidy_outlines
 from app.vision.scene.food_pixels import FLAT_MM, find_food_pixels
 from app.vision.scene.foods_apart import tell_apart
+from app.vision.scene.gaps import hole_by_colour
 from app.vision.scene.hinted import hinted_masks
 from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
 from app.vision.scene.places import Place, find_places
@@ -220,9 +221,17 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray,
             taken = taken | each.mask
         seen += own
     masks = hinted_masks(drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places)
+    if not has_heights:
+        seen = [replace(each, mask=_without_hole(each.mask, taken, scene)) for each in seen]
+        masks = [_without_hole(mask, taken, scene) for mask in masks]
     hinted = [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
     others = [] if is_complete else _others(seen, [region.mask for region in hinted])
     return hinted + sorted(others, key=lambda region: -int(np.count_nonzero(region.mask)))
+
+
+def _without_hole(mask: MaskArray, taken: MaskArray, scene: Scene) -> MaskArray:
+    """(h, w) the mask of a food without the hole that it may have. taken: all foods and what is ignored."""
+    return mask & ~hole_by_colour(mask, taken & ~mask, scene.image_bgr) if mask.any() else mask
 
 
 def _others(seen: Sequence["_Seen"], answered: Sequence[MaskArray]) -> list[Region]:

@@ -1,0 +1,84 @@
+"""A food cut out of the picture by its colours against those around it: one that a person or a seed points at.
+
+Seed or first guess, surroundings -> the food's mask by a minimum cut, and how clear its outline is.
+"""
+
+import numpy as np
+
+from app.vision.geometry.masks import dilated, distance_px, eroded, largest_part, touching
+from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import lab_bytes
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    outline_steepness,
+    shaded_bins,
+)
+from app.vision.scene.scene import Scene
+
+POINT_REACH_MM = 60.0  # from a point, beyond which its food is not looked for
+POINT_MARGIN_MM = 15.0
+COLOUR_NATS = 4.0
+UNSEEN = 3e-5  # probability of a colour that a model has not seen
+BIAS_NATS = 0.8  # towards food, of each try
+MAX_BIASES = 6
+ROUNDS = 2
+
+
+def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array) -> tuple[MaskArray, float]:
+    """The food that a point lies in, and its outline's mean steepness, see colour_bins.outline_steepness.
+
+    point: (h, w) a small disc. taken: (h, w) other foods. evidence: see cut_out. The point's few colours are not all
+    that the food has, and may be those of a shadow on its support: of the cuts with more and more favour for food, the
+    one of the steepest outline is taken.
+    """
+    from_point = distance_px(point) * scene.pixel_mm
+    allowed = (from_point < POINT_REACH_MM) & ~taken & ~scene.is_ignored
+    around = (from_point >= POINT_REACH_MM) & (from_point < POINT_REACH_MM + POINT_MARGIN_MM) & ~scene.is_ignored
+    steepness, is_free = outline_steepness(scene.image_bgr), ~dilated(taken | scene.is_ignored, 3)
+    seed = point & allowed
+    best, steepest = seed, 0.0
+    for step in range(MAX_BIASES):
+        mask = touching(cut_out(seed, around, allowed, scene, evidence, step * BIAS_NATS, seed), point)
+        outline = mask & ~eroded(mask, 3) & is_free
+        steep = float(steepness[outline].mean()) if outline.any() else 0.0
+        if steep > steepest:
+            best, steepest = mask, steep
+    return best, steepest
+
+
+def cut_out(
+    food: MaskArray,
+    around: MaskArray,
+    allowed: MaskArray,
+    scene: Scene,
+    evidence: Float32Array,
+    bias_nats: float,
+    always: MaskArray | None = None,
+) -> MaskArray:
+    """The largest part of the minimum cut between what food and around teach of colours.
+
+    evidence: (h, w) what else speaks for food, nats. always: (h, w) what is food for certain.
+    """
+    lab = lab_bytes(scene.image_bgr)
+    bins, features = colour_bins(lab), contrast_features(lab)
+    shaded = shaded_bins(scene.image_bgr)
+    mask = food
+    for _ in range(ROUNDS):
+        if not (mask.any() and around.any()):
+            break
+        inside, outside = (
+            colour_histogram([bins], mask),
+            colour_histogram([bins, *shaded], around | (allowed & ~mask & ~food)),
+        )
+        ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
+        nothing = np.zeros(mask.shape, np.bool_)
+        cut = cut_in_two(
+            (ratio + evidence + bias_nats).astype(np.float32), features, ~allowed, nothing if always is None else always
+        )
+        if not cut.any():
+            break
+        mask = largest_part(cut)
+    return mask & allowed
