@@ -1,6 +1,6 @@
 import numpy as np
 
-from app.vision.scene.gaps import find_gaps
+from app.vision.scene.gaps import find_gaps, hole_by_colour
 
 SHAPE = (80, 100)
 MM = 1.0
@@ -69,3 +69,45 @@ def test_inputs_are_not_changed():
     before = [array.copy() for array in (is_raised, height, colour)]
     find_gaps(is_raised, height, colour, MM)
     assert all(np.array_equal(a, b) for a, b in zip(before, (is_raised, height, colour), strict=True))
+
+
+def painted(hole_bgr, hole_radius=10, middle=(40, 50)):
+    """A grained brown disc on a white support, with a spot of a colour."""
+    rows, columns = np.indices(SHAPE)
+    spot = np.hypot(rows - middle[0], columns - middle[1]) < hole_radius
+    picture = np.full((*SHAPE, 3), (210, 215, 220), np.float32)
+    picture[disc(30)] = (60, 90, 140)
+    picture[spot] = hole_bgr
+    grain = np.random.default_rng(0).normal(0, 3, picture.shape)
+    return np.clip(picture + grain, 0, 255).astype(np.uint8), spot
+
+
+NOTHING = np.zeros(SHAPE, np.bool_)
+
+
+def test_single_views_ring_has_the_hole_through_which_its_support_shows():
+    picture, spot = painted((210, 215, 220))
+    hole = hole_by_colour(disc(30), NOTHING, picture)
+    shared, either = np.count_nonzero(hole & spot), np.count_nonzero(hole | spot)
+    assert shared > 0.75 * either
+
+
+def test_hole_in_shade_is_one_as_well():
+    picture, spot = painted((158, 162, 166))  # the support by half of its light
+    hole = hole_by_colour(disc(30), NOTHING, picture)
+    assert np.count_nonzero(hole & spot) > 0.75 * np.count_nonzero(spot)
+
+
+def test_spot_of_another_colour_is_no_hole():
+    picture, _ = painted((40, 160, 60))
+    assert not hole_by_colour(disc(30), NOTHING, picture).any()
+
+
+def test_spot_of_the_supports_colour_beside_the_middle_is_no_hole():
+    picture, _ = painted((210, 215, 220), middle=(40, 66))
+    assert not hole_by_colour(disc(30), NOTHING, picture).any()
+
+
+def test_food_that_is_a_few_pixels_wide_has_no_hole():
+    picture, _ = painted((210, 215, 220), hole_radius=2)
+    assert not hole_by_colour(disc(5), NOTHING, picture).any()
