@@ -25,7 +25,8 @@ FINEST_REACH_PX = 5.0
 OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
 UNEXPLAINED_SD = 0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
-MOST_SINGLE_SD = math.log(2.0) / NORMAL_90  # of a single view: the interval then spans from half to double
+# Of a single view: the interval then spans from a third to three times. All foods on plates have a spread of 1.1.
+MOST_SINGLE_SD = math.log(3.0) / NORMAL_90
 HELD_FORMS = frozenset({"liquid", "in_vessel"})  # what holds them is not seen in a single view
 LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
 

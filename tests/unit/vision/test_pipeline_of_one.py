@@ -108,13 +108,13 @@ def test_what_a_vessel_holds_has_no_volume_in_one_photograph(pair, estimate, fac
     assert {"single_view", "not_measurable"} <= set(item.flags)
 
 
-def test_volume_whose_interval_spans_more_than_half_to_double_is_not_given():
+def test_volume_whose_interval_spans_more_than_a_third_to_three_times_is_not_given():
     def item(sd):
         return MeasuredItem(REGION, np.empty((0, 3)), 0.0, SimpleNamespace(relative_sd={"pair": 0.1, "item": sd}), ())
 
-    assert of_single_view(item(0.3), None).volume is not None
-    assert of_single_view(item(0.45), None).volume is None
-    assert of_single_view(item(0.45), None).flags == ("single_view", "not_measurable")
+    assert of_single_view(item(0.6), None).volume is not None
+    assert of_single_view(item(0.7), None).volume is None
+    assert of_single_view(item(0.7), None).flags == ("single_view", "not_measurable")
 
 
 def test_pose_of_one_view_doubts_a_volume_far_from_the_marker_more(pair):
