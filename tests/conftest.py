@@ -23,6 +23,7 @@ from app.operations.prepare import prepare
 from tests.reused_database import ReusedDatabases
 from tests.s3_places import s3_settings
 from tests.s3_server import S3Server
+from tests.shared_statements import share_statements
 
 MEMORY = pathlib.Path("/dev/shm")
 MEMORY_BYTES = 2**32  # enough for a whole session: a passed test's files are deleted at once
@@ -33,6 +34,7 @@ def pytest_configure():
     """Keep temporary files in memory where there is room: a sync to disk takes milliseconds, and they need not last."""
     if "TMPDIR" not in os.environ and _has_room(MEMORY):
         os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)  # also for the processes that tests start
+    share_statements()
 
 
 def _has_room(folder):

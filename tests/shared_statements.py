@@ -1,0 +1,44 @@
+"""Statements compiled once for all databases of a worker's tests: each test's engines would compile them anew.
+
+SQLAlchemy keeps compiled statements by engine and by dialect. Tests open a database each, of two dialects in all: here
+dialects of a class are equal, and their engines keep what they compile in one place.
+"""
+
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import registry
+from sqlalchemy.dialects.postgresql.psycopg import PGDialect_psycopg
+from sqlalchemy.dialects.sqlite.pysqlite import SQLiteDialect_pysqlite
+
+
+class _Shared:
+    supports_statement_cache = True
+    statements: dict[Any, Any]
+
+    @classmethod
+    def engine_created(cls, engine: sa.Engine) -> None:
+        engine.update_execution_options(compiled_cache=cls.statements)
+
+    def __eq__(self, other):
+        return type(self) is type(other)
+
+    def __hash__(self):
+        return hash(type(self))
+
+
+class SharedSqlite(_Shared, SQLiteDialect_pysqlite):
+    supports_statement_cache = True
+    statements: dict[Any, Any] = {}  # noqa: RUF012  # shared is the point
+
+
+class SharedPostgres(_Shared, PGDialect_psycopg):
+    supports_statement_cache = True
+    statements: dict[Any, Any] = {}  # noqa: RUF012
+
+
+def share_statements() -> None:
+    """Have all engines of this process that are made from now on share what they compile."""
+    for name in ("sqlite", "sqlite.pysqlite"):
+        registry.register(name, __name__, SharedSqlite.__name__)
+    registry.register("postgresql.psycopg", __name__, SharedPostgres.__name__)
