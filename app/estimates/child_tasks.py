@@ -18,7 +18,9 @@ from app.estimates.camera_json import camera_to_json
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
-from app.photos.inspect import PhotoFacts, inspect_photo
+from app.photos.heic_depth import read_heic_depth
+from app.photos.heif import read_heif_layout
+from app.photos.inspect import HEIC, PhotoFacts, inspect_photo, sniff
 from app.photos.slots import PAIR_SLOTS
 from app.vision import precheck
 from app.vision.board.calibration import calibrate
@@ -26,6 +28,7 @@ from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.depth_camera import depth_camera_from_mapping
 from app.vision.depth_map import read_confidence, read_depth
+from app.vision.heic_depth import decode_heic_depth
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings
@@ -202,7 +205,8 @@ def run_estimate(
     photos: list[Photo] = []
     unused: tuple[str, ...] = ()
     for side, path in photographs.items():
-        photo = read_photo(path.read_bytes(), max_pixels=max_pixels)
+        data = path.read_bytes()
+        photo = read_photo(data, max_pixels=max_pixels)
         if isinstance(photo, Failure):
             failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
             stages = {"read": time.perf_counter() - started}
@@ -217,6 +221,12 @@ def run_estimate(
                 return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
             else:
                 unused = ("depth_ignored",)
+        elif options.method == "shape":
+            inner = _depth_inside(data)
+            if isinstance(inner, Failure):
+                unused = ("depth_ignored",)
+            else:
+                photo = replace(photo, depth=inner)
         if options.poses is not None:  # they are of the picture as it is stored
             facts = inspect_photo(path)
             photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
@@ -232,6 +242,24 @@ def run_estimate(
     if want_artefacts:
         estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos[:2], estimate)])
     return answer, estimate
+
+
+def _depth_inside(data: bytes) -> DepthMap | Failure | None:
+    """The depth map that the photograph's own file holds, as an iPhone's HEIC does; None if there is none."""
+    if sniff(data) != HEIC:
+        return None
+    told = read_heic_depth(data, read_heif_layout(data))
+    if told is None or isinstance(told, Failure):
+        return told
+    return decode_heic_depth(
+        data,
+        size=(told.width, told.height),
+        orientation=told.orientation,
+        level_range=told.level_range,
+        value_range=told.value_range,
+        is_inverse=told.is_inverse,
+        is_metric=told.is_metric,
+    )
 
 
 def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefact]:

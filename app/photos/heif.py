@@ -12,6 +12,7 @@ from app.photos.byte_file import Data, Extent
 from app.photos.layout import DamageError, Layout, Part, damage_recorded, truncated, unreadable
 
 MAX_STEPS = 50_000  # boxes, items, extents and properties together; a 48 MP photograph of 512 px tiles has some 2,000
+MAX_URN = 256
 MAX_DEPTH = 2  # of pictures made of others: a turned copy of a grid of tiles
 PRIMARY_TYPES = frozenset({b"hvc1", b"hev1", b"grid", b"iden", b"iovl"})
 
@@ -37,15 +38,31 @@ class HeifItem:
     extents: tuple[Extent, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class HeifAuxiliary:
+    """A picture that belongs to the primary one, such as a depth map: its size upright, px, and its orientation.
+
+    urn: what it is (auxC). pixels_to_decode: as of the layout. packets: where metadata that describe it stand.
+    """
+
+    urn: bytes
+    width: int
+    height: int
+    orientation: int
+    pixels_to_decode: int
+    packets: tuple[tuple[Extent, ...], ...]
+
+
 @dataclass(slots=True)
 class HeifLayout(Layout):
-    """Boxes, and what their `meta` box tells: items, and the primary item's picture.
+    """Boxes, and what their `meta` box tells: items, the primary item's picture and what is auxiliary to it.
 
     width, height: as stored and cropped. orientation: EXIF's. pixels_to_decode: before cropping, and of all pictures
     that it is put together from, each as often as it is named.
     """
 
     items: tuple[HeifItem, ...] = ()
+    auxiliaries: tuple[HeifAuxiliary, ...] = ()
     orientation: int = 1
     pixels_to_decode: int = 0
 
@@ -84,6 +101,8 @@ class _File:
     properties: list[Part] = field(default_factory=list)
     associations: dict[int, list[int]] = field(default_factory=dict)
     parts: dict[int, list[int]] = field(default_factory=dict)  # of derived pictures: grids, overlays
+    auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
+    descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
 
     def spend(self) -> None:
         self.steps_left -= 1
@@ -136,6 +155,8 @@ def read_heif_layout(data: Data) -> HeifLayout:
     with damage_recorded(layout):
         _read_meta(file, meta)
         _read_primary_picture(file, layout)
+    with damage_recorded(Layout()):  # the photograph is sound without them
+        layout.auxiliaries = tuple(_auxiliary(file, item_id) for item_id in file.auxiliaries.get(file.primary or 0, []))
     layout.items = tuple(
         HeifItem(*file.types.get(item_id, (b"", b"")), extents) for item_id, extents in file.extents.items()
     )
@@ -161,7 +182,7 @@ def _read_meta(file: _File, meta: Part) -> None:
         elif box.kind == b"ipma":
             _read_associations(file, box)
     if b"iref" in children:
-        _read_parts(file, children[b"iref"])
+        _read_references(file, children[b"iref"])
 
 
 def _read_item_types(file: _File, iinf: Part) -> None:
@@ -227,16 +248,21 @@ def _read_associations(file: _File, ipma: Part) -> None:
             file.associations.setdefault(item_id, []).append(index)
 
 
-def _read_parts(file: _File, iref: Part) -> None:
+def _read_references(file: _File, iref: Part) -> None:
     version, _ = file.reader(iref).version_and_flags()
     size = 2 if version == 0 else 4
+    of_target = {b"auxl": file.auxiliaries, b"cdsc": file.descriptions}
     for box in file.boxes(iref.start + 4, iref.end):
-        if box.kind != b"dimg":
+        if box.kind != b"dimg" and box.kind not in of_target:
             continue
         reader = file.reader(box)
-        whole = reader.number(size)
+        source = reader.number(size)
         for _ in file.counted(reader.number(2)):
-            file.parts.setdefault(whole, []).append(reader.number(size))
+            target = reader.number(size)
+            if box.kind == b"dimg":
+                file.parts.setdefault(source, []).append(target)
+            else:
+                of_target[box.kind].setdefault(target, []).append(source)
 
 
 def _pixels_of_parts(file: _File, item_id: int, depth: int = 0) -> int:
@@ -270,8 +296,28 @@ def _read_primary_picture(file: _File, layout: HeifLayout) -> None:
     if 0 in size:
         raise unreadable("the HEIC's main picture has no size")
     pixels_to_decode = _pixels_of_parts(file, file.primary)
+    size, layout.orientation = _turned(file, file.primary, size)
+    layout.pixels_to_decode = pixels_to_decode
+    layout.width, layout.height = size if layout.orientation <= 4 else (size[1], size[0])
+
+
+def _auxiliary(file: _File, item_id: int) -> HeifAuxiliary:
+    size, orientation = _turned(file, item_id, _declared_size(file, item_id))
+    urn = b""
+    for box in _properties(file, item_id):
+        if box.kind == b"auxC":
+            reader = file.reader(box)
+            reader.version_and_flags()
+            urn = reader.take(min(MAX_URN, box.end - reader.position)).split(b"\0")[0]
+    packets = [each for each in file.descriptions.get(item_id, []) if file.types.get(each, (b"",))[0] == b"mime"]
+    places = tuple(file.extents[each] for each in packets if each in file.extents)
+    return HeifAuxiliary(urn, *size, orientation, _pixels_of_parts(file, item_id), places)
+
+
+def _turned(file: _File, item_id: int, size: tuple[int, int]) -> tuple[tuple[int, int], int]:
+    """An item's size upright, and EXIF's orientation of the same turn."""
     turn = (1, 0, 0, 1)
-    for box in _properties(file, file.primary):
+    for box in _properties(file, item_id):
         reader = file.reader(box)
         if box.kind == b"clap":
             size = _cropped(reader, size)
@@ -282,8 +328,7 @@ def _read_primary_picture(file: _File, layout: HeifLayout) -> None:
         elif box.kind == b"imir":
             is_left_right = reader.number(1) & 1
             turn = (-turn[0], -turn[1], *turn[2:]) if is_left_right else (*turn[:2], -turn[2], -turn[3])
-    layout.orientation, layout.pixels_to_decode = ORIENTATIONS[turn], pixels_to_decode
-    layout.width, layout.height = size if layout.orientation <= 4 else (size[1], size[0])
+    return size, ORIENTATIONS[turn]
 
 
 def _declared_size(file: _File, item_id: int) -> tuple[int, int]:

@@ -43,21 +43,29 @@ def read_depth(data: bytes, camera: DepthCamera, confidence: bytes | None = None
     unit_mm = camera.unit_mm if pixels.dtype == np.uint16 else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
         depth_mm = pixels.astype(np.float32) * np.float32(unit_mm)
-        is_measured = (depth_mm > DEPTH_MM[0]) & (depth_mm < DEPTH_MM[1])
     if confidence is not None:
         is_sure = read_confidence(confidence, camera)
         if isinstance(is_sure, Failure):
             return is_sure
-        is_measured &= is_sure
+        depth_mm[~is_sure] = np.nan
+    measured = keep_measured(depth_mm)
+    if isinstance(measured, Failure):
+        return measured
+    sd_share, area_px = measure_noise(measured)
+    return DepthMap(measured, camera.fx, camera.fy, camera.cx, camera.cy, sd_share, area_px)
+
+
+def keep_measured(depth_mm: Float32Array) -> Float32Array | Failure:
+    """(h, w) with NaN outside DEPTH_MM. Failure "depth_empty" of a map that has little else."""
+    with np.errstate(invalid="ignore"):
+        is_measured = (depth_mm > DEPTH_MM[0]) & (depth_mm < DEPTH_MM[1])
     if np.mean(is_measured) < MIN_MEASURED_SHARE:
         return Failure(
             "depth_empty",
             f"Only {np.mean(is_measured):.0%} of the depth map lie between {DEPTH_MM[0]:g} and {DEPTH_MM[1]:g} mm.",
             "Check the unit; 0 stands for no measurement, and what a confidence map calls unsure counts as none.",
         )
-    depth_mm = np.where(is_measured, depth_mm, np.float32(np.nan)).astype(np.float32)
-    sd_share, area_px = _noise(depth_mm)
-    return DepthMap(depth_mm, camera.fx, camera.fy, camera.cx, camera.cy, sd_share, area_px)
+    return np.where(is_measured, depth_mm, np.float32(np.nan)).astype(np.float32)
 
 
 def read_confidence(data: bytes, camera: DepthCamera) -> MaskArray | Failure:
@@ -82,7 +90,7 @@ def read_confidence(data: bytes, camera: DepthCamera) -> MaskArray | Failure:
     return np.asarray(pixels >= least, np.bool_)
 
 
-def _noise(depth_mm: Float32Array) -> tuple[float, float]:
+def measure_noise(depth_mm: Float32Array) -> tuple[float, float]:
     """Noise per depth, and the area over which its errors are one, px of the map; from blocks that are nearly planes.
 
     Residuals of a plane in inverse depth, in which a plane is one; the median over blocks leaves out edges.

@@ -34,6 +34,8 @@ class DepthMap:
     """Depth along the optical axis of a pinhole in its photograph's pose. depth_mm: (h, w), NaN: not measured.
 
     fx, fy, cx, cy: px of the map. sd_share: noise over depth. error_area_px: of the map, over which errors are one.
+    is_aligned: its pixels are the photograph's, reduced; fx, fy, cx, cy count for nothing until the photograph's camera
+    is known (stereo/aligned_depth.py). is_relative: 1 / depth_mm is an unknown affine function of the inverse depth.
     """
 
     depth_mm: Float32Array
@@ -43,6 +45,8 @@ class DepthMap:
     cy: float
     sd_share: float
     error_area_px: float
+    is_aligned: bool = False
+    is_relative: bool = False
 
 
 @dataclass(frozen=True, slots=True)

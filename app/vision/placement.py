@@ -60,7 +60,7 @@ class Placement:
 def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Placement | Failure:
     """Return the views by the rig, the marker, the poses or the depth map, whichever the options name first.
 
-    A depth map also gives the scale where the marker is not seen. Raises ValueError for options without any source.
+    A metric depth map also gives the scale where the marker is not seen. Raises ValueError for options without any.
     """
     depth = pair.left.depth
     if options.rig is not None:
@@ -68,7 +68,7 @@ def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Plac
     if options.marker is not None:
         placed = _by_marker(pair, options.marker, options, trace)
         is_unseen = isinstance(placed, Failure) and placed.code in MARKER_UNSEEN
-        if depth is None or options.method != "shape" or not is_unseen:
+        if depth is None or depth.is_relative or options.method != "shape" or not is_unseen:
             return placed
     elif options.poses is not None and pair.right is not None:
         return _by_poses(pair, options.poses, options, trace)

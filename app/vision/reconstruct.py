@@ -12,6 +12,7 @@ import numpy as np
 
 from app.vision.model import MaskArray, View
 from app.vision.shape.tuning import TUNING
+from app.vision.stereo.aligned_depth import depth_in_view
 from app.vision.stereo.depth_fusion import agree_with_table, fuse_depths
 from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
 from app.vision.stereo.disparity import DisparityMap, match_dense, unmatched
@@ -49,10 +50,15 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
     if isinstance(refined, SingleView):
         return scene
     pair, match = scene.rectified, scene.disparity
-    views = (refined.first, refined.second)
-    maps = [parallax_of_depth(pair, view, view.photo.depth) for view in views if view.photo.depth is not None]
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
-    agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
+    agreed: list[DisparityMap | None] = []
+    for view in (refined.first, refined.second):
+        if view.photo.depth is not None:
+            depth = depth_in_view(view.photo.depth, view)
+            shown = parallax_of_depth(pair, view, depth) if depth is not None else None
+            agreed.append(
+                None if shown is None else agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)
+            )
     flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
     matches: tuple[DisparityMap, ...] = ()
     partner = second_partner(refined.first, others)
@@ -107,7 +113,10 @@ def _parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[
     """
     if view.photo.depth is None:
         return unmatched(pair.shape), ()
-    shown = parallax_of_depth(pair, view, view.photo.depth)
+    depth = depth_in_view(view.photo.depth, view)
+    if depth is None:
+        return unmatched(pair.shape), ("depth_ignored",)
+    shown = parallax_of_depth(pair, view, depth)
     if view.marker is None:
         return shown, ()
     print_share = pair.first_centre_mm[2] / (pair.first_centre_mm[2] - view.marker.spec.thick_mm)

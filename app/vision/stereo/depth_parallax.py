@@ -13,6 +13,7 @@ from app.vision.depth_map import MIN_NOISE_MM
 from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.model import DepthMap, Float32Array, Float64Array, Photo, View
+from app.vision.stereo.aligned_depth import follow_camera
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.single_view import SingleView
@@ -99,7 +100,8 @@ def _seen_from_first(disparity_px: Float32Array) -> Float32Array:
 
 
 def place_by_depth(photo: Photo, camera: Camera, depth: DepthMap, rng: np.random.Generator) -> SingleView | Failure:
-    """The view over the lowest large plane of its depth map. Failure "table_not_found"."""
+    """The view over the lowest large plane of its metric depth map. Failure "table_not_found"."""
+    depth = follow_camera(depth, camera)
     rows, columns = np.nonzero(np.isfinite(depth.depth_mm))
     chosen = rng.choice(len(rows), min(SAMPLES, len(rows)), replace=False)
     pixels = homogeneous(np.column_stack([columns[chosen], rows[chosen]]).astype(np.float64))

@@ -62,11 +62,16 @@ def test_depth_without_a_marker_gives_the_scale(photo, by_marker):
     assert "scale_from_depth" not in by_marker.items[0].flags
 
 
-def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo):
+def with_covered_marker(photo):
+    """The photograph with a napkin over the board's squares."""
     pixels = photo.pixels_bgr.copy()
     corners = np.rint(rendered_views(BALL)[0].required_marker.corners_px).astype(np.int32)
-    cv2.fillConvexPoly(pixels, cv2.convexHull(corners), (90, 110, 130))  # a napkin over its squares
-    covered = replace(photo, pixels_bgr=pixels)
+    cv2.fillConvexPoly(pixels, cv2.convexHull(corners), (90, 110, 130))
+    return replace(photo, pixels_bgr=pixels)
+
+
+def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo):
+    covered = with_covered_marker(photo)
     assert estimate_meal(PhotoPair(replace(covered, depth=None)), OPTIONS).failure.code in MARKER_UNSEEN
     estimate = estimate_meal(PhotoPair(covered), OPTIONS)
     assert volumes_ml(estimate)
@@ -148,3 +153,29 @@ def test_left_photograph_with_a_depth_map_is_measured_where_the_pair_fails(photo
     [item] = estimate_meal(failing, OPTIONS).items
     assert item.volume_ml == by_marker.items[0].volume_ml
     assert "single_view" in item.flags
+
+
+def as_of_two_cameras(photo, scale=0.62, offset=-0.4e-3):
+    """The photograph with its map as an iPhone's pair of cameras gives it: scale and offset unknown."""
+    depth_mm = (1.0 / (scale / photo.depth.depth_mm + offset)).astype(np.float32)
+    return replace(photo, depth=replace(photo.depth, depth_mm=depth_mm, is_aligned=True, is_relative=True))
+
+
+def test_relative_map_takes_scale_and_offset_from_the_markers_table(photo, by_marker):
+    [item] = estimate_meal(PhotoPair(as_of_two_cameras(photo)), OPTIONS).items
+    assert item.volume_ml == pytest.approx(by_marker.items[0].volume_ml, rel=0.03)  # of the same noise
+    assert item.flags == by_marker.items[0].flags
+    [other] = estimate_meal(PhotoPair(as_of_two_cameras(photo, 2.0, 1e-3)), OPTIONS).items
+    assert other.volume_ml == pytest.approx(item.volume_ml, rel=0.03)
+
+
+def test_relative_map_gives_no_scale_where_the_marker_is_not_seen(photo):
+    covered = with_covered_marker(as_of_two_cameras(photo))
+    assert estimate_meal(PhotoPair(covered), OPTIONS).failure.code in MARKER_UNSEEN
+
+
+@pytest.mark.slow
+def test_pair_with_a_relative_map_is_no_worse_than_the_pair(pair, by_pair):
+    both = estimate_meal(replace(pair, left=as_of_two_cameras(pair.left)), OPTIONS)
+    assert error(both) < max(error(by_pair), 0.03)
+    assert "depth_ignored" not in both.items[0].flags
