@@ -51,14 +51,13 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
         return scene
     pair, match = scene.rectified, scene.disparity
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
-    agreed: list[DisparityMap | None] = []
-    for view in (refined.first, refined.second):
-        if view.photo.depth is not None:
-            depth = depth_in_view(view.photo.depth, view)
-            shown = parallax_of_depth(pair, view, depth) if depth is not None else None
-            agreed.append(
-                None if shown is None else agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)
-            )
+    # What a phone made of its own two lenses knows less than the pair does, and may be smoothed.
+    maps = [
+        parallax_of_depth(pair, view, view.photo.depth)
+        for view in (refined.first, refined.second)
+        if view.photo.depth is not None and not view.photo.depth.is_aligned
+    ]
+    agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
     flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
     matches: tuple[DisparityMap, ...] = ()
     partner = second_partner(refined.first, others)
