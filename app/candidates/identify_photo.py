@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from app.candidates.likely_forms import identifier_of
 from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
 from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import open_index
-from app.identification.identifier import Circumstances, Identification, Identifier
+from app.identification.identifier import Circumstances, Identification
 from app.meals.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
 from app.vision.board.colour_correction import apply_colour, measure_colour
@@ -70,7 +71,7 @@ def identify_photo(
 
 def identify_items(items: Iterable[dict[str, Any]], index: Path | None = None) -> None:
     """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates. index: see identify_photo."""
-    identifier = _identifier(index, None)
+    identifier = identifier_of(index)
     for item in items:
         vcm = item.pop("vcm")
         if vcm is None:
@@ -131,17 +132,12 @@ def _identify(
 ) -> list[tuple[Identification, Box]]:
     """Candidates are all foods of the index, so that their probabilities and that of none of them sum to 1."""
     regions = [(region_of_box(pixels, box), box) for box in boxes]
-    identifier, most = _identifier(index, none_prior), len(open_index(index).foods)
+    identifier, most = identifier_of(index, none_prior), len(open_index(index).foods)
     return [
         (identifier.identify(describe(region).astype(np.float64), most=most), box)
         for region, box in regions
         if region is not None
     ]
-
-
-@cache
-def _identifier(index: Path | None, none_prior: float | None) -> Identifier:
-    return Identifier(open_index(index), none_prior=none_prior)
 
 
 @cache

@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import overload
 
@@ -12,10 +13,12 @@ import numpy as np
 from pydantic import BaseModel, JsonValue
 
 from app.candidates.classifier_file import read_model
+from app.candidates.likely_forms import likely_forms
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
+from app.identification.food_index import open_index
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.photos.heic_depth import read_heic_depth
@@ -99,6 +102,7 @@ class _EstimateRequest(BaseModel):
     max_pixels: int
     output_dir: Path
     options: Json
+    food_index: Path | None = None
 
 
 class _CheckRequest(_PairRequest):
@@ -169,6 +173,7 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
         want_artefacts=True,
         depths=request.depths,
         is_depth_needed=options.marker is None and options.rig is None and options.poses is None,
+        index=request.food_index,
     )
     answer.artefacts = []
     for artefact in estimate.artefacts if estimate is not None else ():
@@ -193,11 +198,13 @@ def run_estimate(
     want_artefacts: bool,
     depths: Mapping[str, DepthFiles] | None = None,
     is_depth_needed: bool = True,
+    index: Path | None = None,
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
     photographs: by name, left, right, then others. depths: depth maps of some. is_depth_needed: otherwise a map that
-    cannot be used is left out, with the flag depth_ignored: it is one more measurement.
+    cannot be used is left out, with the flag depth_ignored: it is one more measurement. index: of foods, whose
+    candidates tell a single view's forms; None: the shipped one.
     Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
@@ -232,11 +239,14 @@ def run_estimate(
             photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
         photos.append(photo)
     read_seconds = time.perf_counter() - started
+    options = replace(options, forms_by_looks=partial(likely_forms, index=index))
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     items = tuple(replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items)
     estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)
+    if answer.parameters.get("views") == 1:
+        answer.parameters["form_index"] = open_index(index).version
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:

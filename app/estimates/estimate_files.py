@@ -90,6 +90,7 @@ def estimate_files(
             on_stage=on_stage or (lambda _: None),
             want_artefacts=debug is not None,
             depths=depth_files,
+            index=index,
         )
     except OSError as error:
         raise InvalidInputError(f"{error.filename} cannot be read: {error.strerror}.") from None

@@ -236,6 +236,7 @@ class EstimateMeal:
                 "options": options_to_json(options),
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,
+                "food_index": str(self._settings.food_index) if self._settings.food_index is not None else None,
             },
             is_costly=job.is_background,
         )

@@ -3,7 +3,7 @@
 Frozen dataclasses only, no behaviour beyond what their fields define; frames and signs: CONVENTIONS.md.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -175,6 +175,9 @@ class Hint:
         return self.point is not None or self.box is not None or self.polygon is not None
 
 
+FormsByLooks = Callable[[Float64Array], Mapping[str, float]]
+
+
 @dataclass(frozen=True, slots=True)
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
@@ -182,6 +185,8 @@ class EstimateOptions:
     marker, rig: where the scale comes from; with a rig, no marker is looked for and camera is not used. poses: give it
     where there is no rig, and no marker or none is seen. camera: for upright pixels; None: from EXIF. is_complete: the
     hints are all that there is, and no other food is looked for. vessels: the study's library. seed: for its draws.
+    forms_by_looks: what an index of foods says of a food's form, by its description (d,) of looks/vcm.py: probability
+    of each form, for a single view.
     """
 
     marker: MarkerSpec | None
@@ -193,6 +198,7 @@ class EstimateOptions:
     seed: int = 0
     rig: StereoRig | None = None
     poses: KnownPoses | None = None
+    forms_by_looks: FormsByLooks | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,13 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.figures import draw_artefacts
 from app.vision.looks.vcm import describe_rings
-from app.vision.model import EstimateOptions, Float64Array, Hint, ItemEstimate, MealEstimate, PhotoPair
+from app.vision.model import EstimateOptions, Float32Array, Float64Array, Hint, ItemEstimate, MealEstimate, PhotoPair
 from app.vision.placement import MARKER_UNSEEN, Placement, doubt_volumes, place_views
 from app.vision.reconstruct import add_depths, reconstruct_over_table
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.shape.depth_slices import measure_as_printed
+from app.vision.shape.form_prior import LikelyForms
 from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
@@ -135,7 +136,8 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
         if isinstance(foods, Failure):
             return foods
     with trace.stage("volume"):
-        measured = _measure(foods, placed, scene, options, trace)
+        likely = _likely_forms(foods, places, pair, options, trace) if isinstance(views, SingleView) else []
+        measured = _measure(foods, placed, scene, options, trace, likely)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
@@ -145,8 +147,27 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
         return items + _missed(options.hints, items)
 
 
+def _likely_forms(
+    foods: Foods, places: Float32Array, pair: PhotoPair, options: EstimateOptions, trace: Trace
+) -> list[LikelyForms | None]:
+    """The forms that each region may have by its looks in a single view, where its outline hardly tells."""
+    if options.forms_by_looks is None:
+        return []
+    rings = (rings_of(region.mask, places, is_swapped=False) for region in foods.regions)
+    looks = (describe_rings(pair.left.pixels_bgr, each, trace.colour_of(0)) for each in rings)
+    return [
+        LikelyForms(options.forms_by_looks(vector.astype(np.float64))) if vector is not None else None
+        for vector in looks
+    ]
+
+
 def _measure(
-    foods: Foods, placed: Placement, scene: Reconstruction, options: EstimateOptions, trace: Trace
+    foods: Foods,
+    placed: Placement,
+    scene: Reconstruction,
+    options: EstimateOptions,
+    trace: Trace,
+    likely: Sequence[LikelyForms | None],
 ) -> list[MeasuredItem] | Failure:
     """Volumes by the method asked for, with the doubt that poses, lenses and scale leave; a single view's by shapes."""
     doubt = doubt_volumes(placed, scene, foods.mask)
@@ -159,7 +180,7 @@ def _measure(
         trace.table = foods.table
         others = [undistorted_view(view, pair.focal_px) for view in trace.others]
         measured = measure_shapes(
-            foods, pair, disparity, points, pose_sd=sd, hints=hints, others=others, depths=scene.depths
+            foods, pair, disparity, points, pose_sd=sd, hints=hints, others=others, depths=scene.depths, likely=likely
         )
     elif options.method == "paper":
         measured = measure_items(foods.regions, pair, disparity, points, scene.is_ignored, hints, pose_sd=sd)

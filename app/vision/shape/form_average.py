@@ -13,7 +13,7 @@ from app.vision.geometry.slices import Slice
 from app.vision.geometry.symmetry import SymmetryAxis
 from app.vision.model import Float64Array
 from app.vision.shape.form_fit import FormFit
-from app.vision.shape.form_prior import FAMILIES_OF_FORM, FormPrior
+from app.vision.shape.form_prior import FAMILIES_OF_FORM, FormPrior, LikelyForms
 from app.vision.shape.forms import EXACT
 from app.vision.shape.tuning import SINGLE_TUNING, TUNING
 from app.vision.shape.volume import NORMAL_90, Volume
@@ -22,11 +22,17 @@ Flags = tuple[str, ...]  # stable codes
 
 
 def average_forms(
-    fits: Sequence[FormFit], pair_sd: float, prior: FormPrior | None, *, is_single: bool
+    fits: Sequence[FormFit],
+    pair_sd: float,
+    prior: FormPrior | None,
+    likely: LikelyForms | None = None,
+    *,
+    is_single: bool,
 ) -> tuple[Volume, float, Flags]:
     """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices.
 
     Also the height that it rests at, mm, and flags. pair_sd: relative, what all foods of the photographs share.
+    likely: of a single view's food of which prior says nothing.
     """
     costs = np.array([fit.evidence for fit in fits])
     misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
@@ -35,6 +41,8 @@ def average_forms(
     if is_single:
         weights *= _equal_forms([fit.form.name for fit in fits])
     flags: Flags = ()
+    if prior is None and likely is not None:
+        weights *= [likely.factor(fit.form.name) for fit in fits]
     if prior is not None:
         names = [fit.form.name for fit in fits]
         weights *= [prior.factor(name) if not is_single else prior.share(name) for name in names]

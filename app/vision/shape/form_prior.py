@@ -1,6 +1,7 @@
 """What is known of a food's form beforehand, as odds of the families: a person's word strongly, a food table weakly.
 
-A hint -> the factor of each family's weight, and whether the picture speaks against what a person said.
+A hint, or the foods that one photograph may show -> the factor of each family's weight, and whether the picture speaks
+against what a person said.
 """
 
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ FAMILIES_OF_FORM: Mapping[FoodForm, frozenset[str]] = {
     "slab": frozenset({"slab", "block", "wedge"}),
     "heap": frozenset({"heap"}),
 }
+FORMS: tuple[FoodForm, ...] = ("whole", "slab", "heap")  # between which one outline hardly decides
 PERSON_ODDS = 100.0  # that a person who says how a food lies means one of that form's families
 TABLE_ODDS = 4.0  # that a food lies as its kind usually does: an apple is eaten whole more often than in slices
 SINGLE_TABLE_ODDS = 20.0  # the same where one outline, which hardly tells forms apart, is all that speaks against it
@@ -47,6 +49,20 @@ class FormPrior:
             return False
         of_form = [value for name, value in log_evidence.items() if name in self.families]
         return not of_form or max(log_evidence.values()) - max(of_form) > float(np.log(self.odds))
+
+
+@dataclass(frozen=True, slots=True)
+class LikelyForms:
+    """probabilities: of the forms that a food's candidates usually have, 0 to 1; their sum may be less than 1."""
+
+    probabilities: Mapping[str, float]
+
+    def factor(self, family: str) -> float:
+        """Of a family's weight: the candidates' share of its form, and of the unknown rest as much as others have."""
+        own = sum(self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form])
+        known = sum(self.probabilities.get(form, 0.0) for form in FORMS)
+        rest, others = max(1.0 - known, 0.0), len(FORMS) - 1
+        return rest / len(FORMS) + own * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + (known - own) / (SINGLE_TABLE_ODDS * others)
 
 
 def form_prior(hint: Hint | None) -> FormPrior | None:

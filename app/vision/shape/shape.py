@@ -21,7 +21,7 @@ from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import families
 from app.vision.shape.form_average import Flags, average_forms, log_normal_volume
 from app.vision.shape.form_fit import FormFit, Seen, fit_form
-from app.vision.shape.form_prior import FormPrior, form_prior
+from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.shape.prism_starts import begin_prisms
@@ -79,12 +79,13 @@ def measure_shapes(
     hints: Sequence[Hint] = (),
     others: Sequence[PinholeView] = (),
     depths: Sequence[DisparityMap] = (),
+    likely: Sequence[LikelyForms | None] = (),
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
-    depths: maps on the pair's grid and in its scale.
+    depths: maps on the pair's grid and in its scale. likely: of each region, in a single view.
     """
     scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths))
     measured: list[MeasuredItem | None] = []
@@ -98,7 +99,8 @@ def measure_shapes(
             continue
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
-        measured.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
+        forms = likely[number] if likely else None
+        measured.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint), forms))
     return without_clutter(measured)
 
 
@@ -332,7 +334,12 @@ def _outline_in(food: _Food, view: int, covered: MaskArray) -> Outline | None:
 
 
 def _measured(
-    region: Region, food: _Food, scene: _Scene, pose_sd: float, prior: FormPrior | None
+    region: Region,
+    food: _Food,
+    scene: _Scene,
+    pose_sd: float,
+    prior: FormPrior | None,
+    likely: LikelyForms | None,
 ) -> MeasuredItem | None:
     """One food: what fills a bowl by the bowl, everything else by its form."""
     pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
@@ -341,7 +348,7 @@ def _measured(
         fits = _fit_families(food, prior)
         if not fits:
             return None
-        result = average_forms(fits, pair_sd, prior, is_single=food.is_single)
+        result = average_forms(fits, pair_sd, prior, likely if food.is_single else None, is_single=food.is_single)
     volume, support_mm, flags = result
     if not food.is_single and is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")

@@ -1,0 +1,45 @@
+"""How a food probably lies by its looks: the candidates of an index, each as its kind usually does.
+
+A description and an index's file -> probability of each form; what the index does not know is left over.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from app.identification.food_index import open_index
+from app.identification.identifier import Identifier
+from app.identification.metric import Vectors
+from app.nutrition.foods import load_starter_table
+
+WHOLE = frozenset({"whole", "lying"})
+
+
+@cache
+def identifier_of(index: Path | None, none_prior: float | None = None) -> Identifier:
+    """Return the identifier of an index's file, kept for the process; None: of the shipped one.
+
+    Raises InvalidInputError, code `food_index_unreadable`.
+    """
+    return Identifier(open_index(index), none_prior=none_prior)
+
+
+def likely_forms(vector: Vectors, index: Path | None) -> Mapping[str, float]:
+    """Return the probability of each form of a food, by its description (d,). They may sum to less than 1.
+
+    Foods of another form than `whole`, `slab` and `heap`, and those that the starter table lacks, say nothing.
+    Raises ValueError and InvalidInputError as Identifier.identify and identifier_of do.
+    """
+    forms = _usual_forms()
+    shares: dict[str, float] = {}
+    for candidate in identifier_of(index).identify(vector, most=len(open_index(index).foods)).candidates:
+        form = forms.get(candidate.food_key)
+        if form is not None:
+            kept = "whole" if form in WHOLE else form
+            shares[kept] = shares.get(kept, 0.0) + candidate.probability
+    return shares
+
+
+@cache
+def _usual_forms() -> Mapping[str, str | None]:
+    return {food.key: food.form for food in load_starter_table().foods}
