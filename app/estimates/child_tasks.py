@@ -13,12 +13,11 @@ import numpy as np
 from pydantic import BaseModel, JsonValue
 
 from app.candidates.classifier_file import read_model
-from app.candidates.likely_forms import likely_forms
+from app.candidates.likely_forms import form_index_version, likely_forms
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
-from app.identification.food_index import open_index
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.photos.heic_depth import read_heic_depth
@@ -209,36 +208,12 @@ def run_estimate(
     """
     started = time.perf_counter()
     on_stage("read")
-    photos: list[Photo] = []
-    unused: tuple[str, ...] = ()
-    for side, path in photographs.items():
-        data = path.read_bytes()
-        photo = read_photo(data, max_pixels=max_pixels)
-        if isinstance(photo, Failure):
-            failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
-            stages = {"read": time.perf_counter() - started}
-            return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
-        if depths is not None and side in depths:
-            height, width = photo.pixels_bgr.shape[:2]
-            depth = depths[side].read(is_landscape=None if width == height else width > height)
-            if not isinstance(depth, Failure):
-                photo = replace(photo, depth=depth)
-            elif is_depth_needed:
-                stages = {"read": time.perf_counter() - started}
-                return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=depth), options), None
-            else:
-                unused = ("depth_ignored",)
-        elif options.method == "shape":
-            inner = _depth_inside(data)
-            if isinstance(inner, Failure):
-                unused = ("depth_ignored",)
-            else:
-                photo = replace(photo, depth=inner)
-        if options.poses is not None:  # they are of the picture as it is stored
-            facts = inspect_photo(path)
-            photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
-        photos.append(photo)
+    read = _read_photographs(photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed)
     read_seconds = time.perf_counter() - started
+    if isinstance(read, Failure):
+        stages = {"read": read_seconds}
+        return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=read), options), None
+    photos, unused = read
     options = replace(options, forms_by_looks=partial(likely_forms, index=index))
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
@@ -246,7 +221,7 @@ def run_estimate(
     estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)
     if answer.parameters.get("views") == 1:
-        answer.parameters["form_index"] = open_index(index).version
+        answer.parameters["form_index"] = form_index_version(index)
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:
@@ -254,21 +229,56 @@ def run_estimate(
     return answer, estimate
 
 
+def _read_photographs(
+    photographs: Mapping[str, Path],
+    options: EstimateOptions,
+    max_pixels: int,
+    depths: Mapping[str, DepthFiles],
+    *,
+    is_depth_needed: bool,
+) -> tuple[list[Photo], tuple[str, ...]] | Failure:
+    """The photographs with their depth maps, and flags for maps that are left out. See run_estimate."""
+    photos: list[Photo] = []
+    unused: tuple[str, ...] = ()
+    for side, path in photographs.items():
+        data = path.read_bytes()
+        photo = read_photo(data, max_pixels=max_pixels)
+        if isinstance(photo, Failure):
+            return Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
+        depth: DepthMap | Failure | None = None
+        if side in depths:
+            height, width = photo.pixels_bgr.shape[:2]
+            depth = depths[side].read(is_landscape=None if width == height else width > height)
+            if isinstance(depth, Failure) and is_depth_needed:
+                return depth
+        elif options.method == "shape":
+            depth = _depth_inside(data)
+        if isinstance(depth, Failure):
+            unused = ("depth_ignored",)
+        else:
+            photo = replace(photo, depth=depth)
+        if options.poses is not None:  # they are of the picture as it is stored
+            facts = inspect_photo(path)
+            photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
+        photos.append(photo)
+    return photos, unused
+
+
 def _depth_inside(data: bytes) -> DepthMap | Failure | None:
     """The depth map that the photograph's own file holds, as an iPhone's HEIC does; None if there is none."""
     if sniff(data) != HEIC:
         return None
-    told = read_heic_depth(data, read_heif_layout(data))
-    if told is None or isinstance(told, Failure):
-        return told
+    facts = read_heic_depth(data, read_heif_layout(data))
+    if facts is None or isinstance(facts, Failure):
+        return facts
     return decode_heic_depth(
         data,
-        size=(told.width, told.height),
-        orientation=told.orientation,
-        level_range=told.level_range,
-        value_range=told.value_range,
-        is_inverse=told.is_inverse,
-        is_metric=told.is_metric,
+        size=(facts.width, facts.height),
+        orientation=facts.orientation,
+        level_range=facts.level_range,
+        value_range=facts.value_range,
+        is_inverse=facts.is_inverse,
+        is_metric=facts.is_metric,
     )
 
 

@@ -55,6 +55,29 @@ def test_ball_of_one_photograph_has_its_volume_within_a_wide_interval(estimate):
     assert high / low > 1.2
 
 
+def test_candidates_of_an_index_say_which_form_a_single_view_shows(pair, estimate):
+    photo = PhotoPair(on_plain_table(pair.left))
+    as_ball, as_heap = (
+        estimate_meal(photo, replace(OPTIONS, forms_by_looks=lambda _, form=form: {form: 0.95})).items[0]
+        for form in ("whole", "heap")
+    )
+    assert as_ball.volume_ml == pytest.approx(BALL.volume_ml, rel=0.1)
+    assert as_heap.volume_ml < estimate.items[0].volume_ml < as_ball.volume_ml
+    assert as_ball.relative_sd["item"] < estimate.items[0].relative_sd["item"]
+
+
+def test_what_a_hint_says_of_the_form_counts_rather_than_candidates(pair, estimate):
+    [ring] = estimate.items[0].rings
+    x, y = ring.mean(axis=0)
+    options = replace(OPTIONS, hints=(Hint(point=(float(x), float(y)), form="whole"),))
+    photo = PhotoPair(on_plain_table(pair.left))
+    said, contradicted = (
+        estimate_meal(photo, replace(options, forms_by_looks=forms)).items[0]
+        for forms in (None, lambda _: {"heap": 1.0})
+    )
+    assert said.volume_ml == contradicted.volume_ml
+
+
 def test_one_view_is_recorded_and_drawn(estimate):
     assert estimate.parameters["views"] == 1
     assert estimate.views[1] is None

@@ -1,7 +1,7 @@
 import pytest
 
 from app.vision.model import Hint
-from app.vision.shape.form_prior import PERSON_ODDS, TABLE_ODDS, form_prior
+from app.vision.shape.form_prior import PERSON_ODDS, TABLE_ODDS, LikelyForms, form_prior
 
 
 def test_persons_form_goes_before_lies_as_and_both_before_the_usual_form():
@@ -34,3 +34,20 @@ def test_form_is_unlikely_where_none_of_its_families_fits_at_all():
 
 def test_food_tables_form_is_never_called_unlikely():
     assert not form_prior(Hint(usual_form="slab")).is_unlikely({"ball": 0.0})
+
+
+def test_nothing_known_favours_no_form():
+    nothing = LikelyForms({})
+    assert {nothing.factor(family) for family in ("ball", "lying", "slab", "block", "heap")} == {1 / 3}
+
+
+def test_certain_candidate_favours_its_form_by_the_food_tables_odds():
+    whole = LikelyForms({"whole": 1.0})
+    assert whole.factor("ball") == whole.factor("bent") == pytest.approx(0.95)
+    assert whole.factor("heap") == whole.factor("wedge") == pytest.approx(0.025)
+
+
+def test_what_the_index_does_not_know_is_shared_alike():
+    half = LikelyForms({"slab": 0.5})
+    assert half.factor("slab") == pytest.approx(0.5 / 3 + 0.5 * 0.95)
+    assert sum(half.factor(family) for family in ("ball", "slab", "heap")) == pytest.approx(1.0)
