@@ -4,6 +4,7 @@ Two Views in -> matched points in each photograph, px. Which matches are good is
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -177,17 +178,23 @@ def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64
     pairs = _mutual_matches(features[0][1], features[1][1], is_near)
     at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
     jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
-    at_second = _aligned((grey, grey_second), at, at_second, jacobians)
+    # Without a marker the poses are a rig's, which are surer than what the largest patches say.
+    factors = ALIGNMENT_FACTORS if first.marker is not None else ALIGNMENT_FACTORS[:-1]
+    at_second = _aligned((grey, grey_second), at, at_second, jacobians, factors)
     is_aligned = np.isfinite(at_second).all(axis=1)
     return _at_full_size(at[is_aligned], factor), _at_full_size(at_second[is_aligned], factor_second)
 
 
 def _aligned(
-    pictures: tuple[ImageArray, ImageArray], at: Float64Array, at_second: Float64Array, jacobians: Float64Array
+    pictures: tuple[ImageArray, ImageArray],
+    at: Float64Array,
+    at_second: Float64Array,
+    jacobians: Float64Array,
+    factors: Sequence[int],
 ) -> Float64Array:
-    """(n, 2) px in the second picture, NaN where no patch of any size agrees."""
+    """(n, 2) px in the second picture, NaN where no patch of any size agrees. factors: of ALIGNMENT_FACTORS."""
     aligned = np.full_like(at_second, np.nan)
-    for factor in ALIGNMENT_FACTORS:
+    for factor in factors:
         left = ~np.isfinite(aligned).all(axis=1)
         if factor == ALIGNMENT_FACTORS[-1] and np.count_nonzero(~left) >= FEW_ALIGNED:
             break
