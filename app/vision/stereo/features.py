@@ -4,7 +4,6 @@ Two Views in -> matched points in each photograph, px. Which matches are good is
 """
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -26,8 +25,7 @@ MIN_CONTRASTS = (0.01, 0.003)  # SIFT's default is 0.04: food and plates are pal
 FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 GATE_SHARE = 0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
-ALIGNMENT_FACTORS = (1, 2, 4)  # reductions of the aligned size: faint texture shows in larger patches only
-FEW_ALIGNED = 20  # matches, from which on the largest patches, which follow a surface worst, are not needed
+ALIGNMENT_FACTORS = (1, 2)  # reductions of the aligned size: faint texture shows in larger patches only
 NOISE_BLUR_PX = 0.8  # before alignment; the noise of phones is finer than what the lens resolves
 MAX_MOVE_PX = 4.0  # at the aligned size: SIFT's own error at its size
 FOOD_MIN_HEIGHT_MM = 8.0  # over the marker's plane; what lies lower may be table, sheet or plate
@@ -178,26 +176,18 @@ def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64
     pairs = _mutual_matches(features[0][1], features[1][1], is_near)
     at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
     jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
-    # Without a marker the poses are a rig's, which are surer than what the largest patches say.
-    factors = ALIGNMENT_FACTORS if first.marker is not None else ALIGNMENT_FACTORS[:-1]
-    at_second = _aligned((grey, grey_second), at, at_second, jacobians, factors)
+    at_second = _aligned((grey, grey_second), at, at_second, jacobians)
     is_aligned = np.isfinite(at_second).all(axis=1)
     return _at_full_size(at[is_aligned], factor), _at_full_size(at_second[is_aligned], factor_second)
 
 
 def _aligned(
-    pictures: tuple[ImageArray, ImageArray],
-    at: Float64Array,
-    at_second: Float64Array,
-    jacobians: Float64Array,
-    factors: Sequence[int],
+    pictures: tuple[ImageArray, ImageArray], at: Float64Array, at_second: Float64Array, jacobians: Float64Array
 ) -> Float64Array:
-    """(n, 2) px in the second picture, NaN where no patch of any size agrees. factors: of ALIGNMENT_FACTORS."""
+    """(n, 2) px in the second picture, NaN where neither a small patch nor one of twice its size agrees."""
     aligned = np.full_like(at_second, np.nan)
-    for factor in factors:
+    for factor in ALIGNMENT_FACTORS:
         left = ~np.isfinite(aligned).all(axis=1)
-        if factor == ALIGNMENT_FACTORS[-1] and np.count_nonzero(~left) >= FEW_ALIGNED:
-            break
         reduced = [
             reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor) for grey in pictures
         ]
