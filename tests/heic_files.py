@@ -48,10 +48,11 @@ def heic_with_map(
     exif: bytes | None = None,
     is_map_turned: bool = True,
     quality: int = 95,
+    times: int = 1,
 ) -> bytes:
     """A HEIC of the picture, (H, W, 3), with the levels, (h, w) or (h, w, 3) of 8 or 16 bits, as auxiliary image.
 
-    exif: its orientation turns the picture and, if is_map_turned, the map.
+    exif: its orientation turns the picture and, if is_map_turned, the map. times: that the map is referred to.
     """
     file = pillow_heif.HeifFile()
     for pixels in (rgb, levels):
@@ -64,7 +65,7 @@ def heic_with_map(
         file[1].info["xmp"] = xmp
     stream = io.BytesIO()
     file.save(stream, quality=quality, primary_index=0)
-    return _second_as_auxiliary(stream.getvalue(), urn)
+    return _second_as_auxiliary(stream.getvalue(), urn, times)
 
 
 def _boxes(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, bytes]]:
@@ -79,7 +80,7 @@ def _box(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">L4s", len(content) + 8, kind) + content
 
 
-def _second_as_auxiliary(data: bytes, urn: bytes) -> bytes:
+def _second_as_auxiliary(data: bytes, urn: bytes, times: int) -> bytes:
     """The file of two pictures with the second as auxiliary to the first: properties, references, moved places."""
     parts = dict(_boxes(data, 0, len(data)))
     children = dict(_boxes(parts[b"meta"], 4, len(parts[b"meta"])))
@@ -90,7 +91,7 @@ def _second_as_auxiliary(data: bytes, urn: bytes) -> bytes:
     properties[b"ipma"] = _with_property(properties[b"ipma"], second, count + 1)
     children[b"iprp"] = b"".join(_box(kind, content) for kind, content in properties.items())
     references = children.get(b"iref", b"\0\0\0\0")
-    children[b"iref"] = references + _box(b"auxl", struct.pack(">HHH", second, 1, first))
+    children[b"iref"] = references + _box(b"auxl", struct.pack(">HHH", second, 1, first)) * times
     length = 4 + sum(len(content) + 8 for content in children.values())
     children[b"iloc"] = _moved(children[b"iloc"], length - len(parts[b"meta"]))
     parts[b"meta"] = parts[b"meta"][:4] + b"".join(_box(kind, content) for kind, content in children.items())

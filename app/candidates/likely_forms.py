@@ -1,4 +1,4 @@
-"""How a food probably lies by its looks: the candidates of an index, each as its kind usually does.
+"""Probable forms of a food by its looks: the candidates of an index, each as its kind usually lies.
 
 A description and an index's file -> probability of each form; what the index does not know is left over.
 """

@@ -251,7 +251,7 @@ def _read_photographs(
             depth = depths[side].read(is_landscape=None if width == height else width > height)
             if isinstance(depth, Failure) and is_depth_needed:
                 return depth
-        elif options.method == "shape":
+        elif options.method == "shape" and len(photographs) == 1:  # of two, the pair knows more
             depth = _depth_inside(data)
         if isinstance(depth, Failure):
             unused = ("depth_ignored",)
@@ -268,7 +268,7 @@ def _depth_inside(data: bytes) -> DepthMap | Failure | None:
     """The depth map that the photograph's own file holds, as an iPhone's HEIC does; None if there is none."""
     if sniff(data) != HEIC:
         return None
-    facts = read_heic_depth(data, read_heif_layout(data))
+    facts = read_heic_depth(data, read_heif_layout(data, has_auxiliaries=True))
     if facts is None or isinstance(facts, Failure):
         return facts
     return decode_heic_depth(

@@ -1,4 +1,4 @@
-"""What a HEIC tells of the depth map beside its photograph, as an iPhone writes it. bytes -> facts.
+"""The depth map beside a HEIC's photograph, as an iPhone writes it. bytes -> facts.
 
 The map is an auxiliary image of 8 bits; its XMP says which numbers the levels stand for: disparity in 1/m or depth in
 m, measured (absolute) or only right up to scale and offset (relative). Mattes and gain maps are no depth. Pixels are
@@ -43,7 +43,7 @@ class HeicDepth:
 def read_heic_depth(data: Data, layout: HeifLayout) -> HeicDepth | Failure | None:
     """The depth map beside the photograph; None if there is none. Failure "depth_unreadable" of one of no use."""
     maps = [each for each in layout.auxiliaries if each.urn in DEPTH_URNS]
-    if not maps:
+    if not maps or layout.damage is not None:
         return None
     if len(maps) > 1:
         return _unreadable("it holds several")
@@ -56,7 +56,7 @@ def read_heic_depth(data: Data, layout: HeifLayout) -> HeicDepth | Failure | Non
     if native is not None and int(native) not in FORMATS:
         return None  # a matte that calls itself depth: its format is grey
     if native is None or None in numbers:
-        return _unreadable("nothing tells what its levels stand for")
+        return _unreadable("its metadata do not define its levels")
     low_level, high_level, low, high = (number for number in numbers if number is not None)
     if not (0 <= low_level < high_level <= 255 and -LARGEST <= low < high <= LARGEST):
         return _unreadable("its levels stand for no range of numbers")

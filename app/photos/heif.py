@@ -4,7 +4,7 @@ The size is that of the primary item's `ispe`, cropped by its `clap`; the orient
 written as the EXIF orientation of the same effect. EXIF's own orientation tag does not count in HEIC.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from app.core.errors import Failure
@@ -13,6 +13,7 @@ from app.photos.layout import DamageError, Layout, Part, damage_recorded, trunca
 
 MAX_STEPS = 50_000  # boxes, items, extents and properties together; a 48 MP photograph of 512 px tiles has some 2,000
 MAX_URN = 256
+MAX_AUXILIARIES = 16  # of a picture, and descriptions of each: an iPhone has some five
 MAX_DEPTH = 2  # of pictures made of others: a turned copy of a grid of tiles
 PRIMARY_TYPES = frozenset({b"hvc1", b"hev1", b"grid", b"iden", b"iovl"})
 
@@ -103,6 +104,7 @@ class _File:
     parts: dict[int, list[int]] = field(default_factory=dict)  # of derived pictures: grids, overlays
     auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
     descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
+    has_auxiliaries: bool = False
 
     def spend(self) -> None:
         self.steps_left -= 1
@@ -136,9 +138,12 @@ class _File:
             position += size
 
 
-def read_heif_layout(data: Data) -> HeifLayout:
-    """Walk the boxes of the file and the items of its `meta` box. The file begins with `ftyp`."""
-    file = _File(data)
+def read_heif_layout(data: Data, *, has_auxiliaries: bool = False) -> HeifLayout:
+    """Walk the boxes of the file and the items of its `meta` box. The file begins with `ftyp`.
+
+    has_auxiliaries: read what is auxiliary to the primary picture, too, which nobody needs on arrival.
+    """
+    file = _File(data, has_auxiliaries=has_auxiliaries)
     layout = HeifLayout()
     with damage_recorded(layout):
         for box in file.boxes(0, len(data)):
@@ -155,8 +160,10 @@ def read_heif_layout(data: Data) -> HeifLayout:
     with damage_recorded(layout):
         _read_meta(file, meta)
         _read_primary_picture(file, layout)
-    with damage_recorded(Layout()):  # the photograph is sound without them
-        layout.auxiliaries = tuple(_auxiliary(file, item_id) for item_id in file.auxiliaries.get(file.primary or 0, []))
+    if has_auxiliaries and layout.damage is None:
+        with damage_recorded(Layout()):  # the photograph is sound without them
+            ids = _unique(file.auxiliaries.get(file.primary or 0, []))
+            layout.auxiliaries = tuple(_auxiliary(file, item_id) for item_id in ids)
     layout.items = tuple(
         HeifItem(*file.types.get(item_id, (b"", b"")), extents) for item_id, extents in file.extents.items()
     )
@@ -251,7 +258,7 @@ def _read_associations(file: _File, ipma: Part) -> None:
 def _read_references(file: _File, iref: Part) -> None:
     version, _ = file.reader(iref).version_and_flags()
     size = 2 if version == 0 else 4
-    of_target = {b"auxl": file.auxiliaries, b"cdsc": file.descriptions}
+    of_target = {b"auxl": file.auxiliaries, b"cdsc": file.descriptions} if file.has_auxiliaries else {}
     for box in file.boxes(iref.start + 4, iref.end):
         if box.kind != b"dimg" and box.kind not in of_target:
             continue
@@ -301,6 +308,11 @@ def _read_primary_picture(file: _File, layout: HeifLayout) -> None:
     layout.width, layout.height = size if layout.orientation <= 4 else (size[1], size[0])
 
 
+def _unique(item_ids: Sequence[int]) -> list[int]:
+    """At most MAX_AUXILIARIES items, each once: a file may name one thousands of times."""
+    return list(dict.fromkeys(item_ids))[:MAX_AUXILIARIES]
+
+
 def _auxiliary(file: _File, item_id: int) -> HeifAuxiliary:
     size, orientation = _turned(file, item_id, _declared_size(file, item_id))
     urn = b""
@@ -309,7 +321,8 @@ def _auxiliary(file: _File, item_id: int) -> HeifAuxiliary:
             reader = file.reader(box)
             reader.version_and_flags()
             urn = reader.take(min(MAX_URN, box.end - reader.position)).split(b"\0")[0]
-    packets = [each for each in file.descriptions.get(item_id, []) if file.types.get(each, (b"",))[0] == b"mime"]
+    descriptions = _unique(file.descriptions.get(item_id, []))
+    packets = [each for each in descriptions if file.types.get(each, (b"",))[0] == b"mime"]
     places = tuple(file.extents[each] for each in packets if each in file.extents)
     return HeifAuxiliary(urn, *size, orientation, _pixels_of_parts(file, item_id), places)
 

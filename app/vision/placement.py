@@ -74,6 +74,12 @@ def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Plac
         return _by_poses(pair, options.poses, options, trace)
     if depth is None:
         raise ValueError("Options need a marker or a rig: one of them gives the scale.")
+    if depth.is_relative:
+        return Failure(
+            "scale_missing",
+            "The depth map inside the photograph's file is only relative, and nothing else gives the scale.",
+            "Place the marker beside the plate, or send both photographs.",
+        )
     return _by_depth(pair.left, depth, options, trace)
 
 

@@ -40,6 +40,8 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
     steepness, is_free = outline_steepness(scene.image_bgr), ~dilated(taken | scene.is_ignored, 3)
     seed = point & allowed
     best, steepest = seed, 0.0
+    if not seed.any():
+        return best, steepest
     for step in range(MAX_BIASES):
         mask = touching(cut_out(seed, around, allowed, scene, evidence, step * BIAS_NATS, seed), point)
         outline = mask & ~eroded(mask, 3) & is_free

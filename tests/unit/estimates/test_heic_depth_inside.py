@@ -66,10 +66,10 @@ def test_map_of_no_use_is_left_out_with_a_flag_and_a_matte_without_one(rgb, per_
 
 
 def test_map_that_is_sent_takes_the_place_of_the_one_inside(rgb, per_m, tmp_path):
-    levels = quantised(per_m)[0]
+    levels, low, high = quantised(per_m)
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros(SIZE[::-1], np.uint16))
     camera = {"width": SIZE[0], "height": SIZE[1], "fx": 245.0, "fy": 245.0, "cx": 127.5, "cy": 95.5}
-    data = heic_with_map(rgb, levels, packet(1, 2, accuracy="absolute"))
+    data = heic_with_map(rgb, levels, packet(low, high, accuracy="absolute"))
     items = items_of(tmp_path, data, depths={"left": DepthFiles(tmp_path / "empty.png", camera)})
     assert all("depth_ignored" in item.flags for item in items)  # the sent one is empty
     assert len(items) > 0

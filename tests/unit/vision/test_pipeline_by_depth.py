@@ -174,6 +174,11 @@ def test_relative_map_gives_no_scale_where_the_marker_is_not_seen(photo):
     assert estimate_meal(PhotoPair(covered), OPTIONS).failure.code in MARKER_UNSEEN
 
 
+def test_relative_map_alone_gives_no_scale_and_says_so(photo):
+    estimate = estimate_meal(PhotoPair(as_of_two_cameras(photo)), replace(OPTIONS, marker=None))
+    assert estimate.failure.code == "scale_missing"
+
+
 @pytest.mark.slow
 def test_map_inside_a_heic_takes_no_part_beside_a_usable_pair(pair, by_pair):
     both = estimate_meal(replace(pair, left=as_of_two_cameras(pair.left)), OPTIONS)
