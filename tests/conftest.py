@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pathlib
+import re
 import shutil
 import tempfile
 import uuid
@@ -26,7 +27,7 @@ from tests.s3_server import S3Server
 from tests.shared_statements import share_statements
 
 MEMORY = pathlib.Path("/dev/shm")
-MEMORY_BYTES = 2**32  # enough for a whole session: a passed test's files are deleted at once
+MEMORY_BYTES = 2**33  # more than a whole session and its processes take: a passed test's files are deleted at once
 SHARED_DATA = pathlib.Path(os.environ.get("TADA_SHARED_DATA", pathlib.Path(__file__).parents[2] / "shared"))
 
 
@@ -38,9 +39,11 @@ def pytest_configure():
 
 
 def _has_room(folder):
-    if not folder.is_dir() or os.statvfs(folder).f_flag & os.ST_NOEXEC:
+    if not os.access(folder, os.W_OK) or os.statvfs(folder).f_flag & os.ST_NOEXEC:
         return False
-    return shutil.disk_usage(folder).free > MEMORY_BYTES
+    available = re.search(r"^MemAvailable: +(\d+) kB", pathlib.Path("/proc/meminfo").read_text(), re.MULTILINE)
+    is_free = available is not None and int(available[1]) * 1024 > MEMORY_BYTES
+    return is_free and shutil.disk_usage(folder).free > MEMORY_BYTES / 2
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""Decode the depth map inside a HEIC file, whose levels photos/heic_depth.py has told. bytes -> DepthMap.
+"""Decode the depth map inside a HEIC file, whose levels photos/heic_depth.py explains. bytes -> DepthMap.
 
 The map's pixels are the photograph's, reduced. A relative map holds any affine function of inverse depth; the table
 under the marker makes it metric later (stereo/aligned_depth.py).

@@ -1,4 +1,4 @@
-"""Where a run begins: its views over the table in mm, from the source that gives the scene its scale.
+"""The beginning of a run: its views over the table in mm, from the source that gives the scene its scale.
 
 Photographs and options -> Placement. There are four sources, each with one function here: the marker, a calibrated rig,
 the poses of a phone's tracking, and the left photograph's depth map. place_views chooses between them.

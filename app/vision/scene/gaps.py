@@ -1,8 +1,8 @@
-"""Through which gaps in what is raised the support shows: the hole of a ring, a space that foods enclose.
+"""Gaps in what is raised, through which the support shows: the hole of a ring, a space that foods enclose.
 
 Raised parts with heights and colour's evidence -> the middle of each gap; of one photograph, a mask and its picture ->
-the hole in its middle. A window of the disparity that is wider than
-a gap can only fill it, never dig one: a low height in a gap counts whatever its window.
+the hole in its middle. A window of the disparity that is wider than a gap can only fill it, never dig one: a low height
+in a gap counts whatever its window.
 """
 
 import numpy as np
@@ -77,7 +77,7 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     labels, stats, middles = labelled(opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3))
     area = float(np.count_nonzero(whole))
     middle = np.argwhere(whole).mean(axis=0)[::-1]
-    off = np.linalg.norm(middles - middle, axis=1) / np.sqrt(area / np.pi)
-    is_hole = (stats[:, 4] > HOLE_SHARE * area) & (off < OFF_MIDDLE)
+    off_middle = np.linalg.norm(middles - middle, axis=1) / np.sqrt(area / np.pi)
+    is_hole = (stats[:, 4] > HOLE_SHARE * area) & (off_middle < OFF_MIDDLE)
     is_hole[0] = False
     return np.asarray(is_hole[labels], np.bool_)

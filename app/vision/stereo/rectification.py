@@ -103,7 +103,7 @@ def to_rectified_px(pair: RectifiedPair, view: View, pixels: Float64Array) -> Fl
 
 
 def is_swapped(left: View, right: View) -> bool:
-    """Whether the view named left stands on the right, so that its grid would be upside down.
+    """Return whether the view named left stands on the right, so that its grid would be upside down.
 
     Of a pair one above the other, the grid lies on its side either way, and the view named left is the first.
     """

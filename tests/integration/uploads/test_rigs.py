@@ -137,7 +137,7 @@ def test_rig_is_chosen_from_meal_phone_model_and_study_in_this_order(no_marker, 
     ]
 
 
-def test_study_has_so_many_rigs_in_use_and_no_more(client, phone, enrol, admin, monkeypatch):
+def test_more_rigs_of_a_study_than_the_limit_are_refused(client, phone, enrol, admin, monkeypatch):
     monkeypatch.setattr("app.people.calibrate_device.MAX_STUDY_RIGS", 2)
     other = enrol("P009", "second")
     path = "/v1/studies/{}/rigs"

@@ -58,7 +58,7 @@ def test_parallax_range_covers_what_stands_on_the_table():
     assert parallax.max() < pair.parallax_range_px[1]
 
 
-def test_swapped_views_are_told_from_ordered_ones():
+def test_swapped_views_are_distinguished_from_ordered_ones():
     left, right = blank_views()
     assert is_swapped(right, left)
     assert not is_swapped(left, right)
