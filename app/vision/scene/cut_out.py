@@ -3,12 +3,15 @@
 Seed or first guess, surroundings -> the food's mask by a minimum cut, and how clear its outline is.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from app.vision.geometry.masks import dilated, distance_px, eroded, largest_part, touching
 from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
-from app.vision.model import Float32Array, MaskArray
+from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
     colour_bins,
     colour_histogram,
@@ -27,6 +30,21 @@ MAX_BIASES = 6
 ROUNDS = 2
 
 
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """Bins of a picture's colours, (H, W), those of the same pixels in shadow, and its contrasts: colour_bins.py."""
+
+    bins: NDArray[np.int64]
+    shaded: list[NDArray[np.int64]]
+    features: ImageArray
+
+
+def palette_of(image_bgr: ImageArray) -> Palette:
+    """Return the palette of a picture, for all cuts of it."""
+    lab = lab_bytes(image_bgr)
+    return Palette(colour_bins(lab), shaded_bins(image_bgr), contrast_features(lab))
+
+
 def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array) -> tuple[MaskArray, float]:
     """The food that a point lies in, and its outline's mean steepness, see colour_bins.outline_steepness.
 
@@ -42,8 +60,9 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
     best, steepest = seed, 0.0
     if not seed.any():
         return best, steepest
+    palette = palette_of(scene.image_bgr)
     for step in range(MAX_BIASES):
-        mask = touching(cut_out(seed, around, allowed, scene, evidence, step * BIAS_NATS, seed), point)
+        mask = touching(cut_out(seed, around, allowed, palette, evidence, step * BIAS_NATS, seed), point)
         outline = mask & ~eroded(mask, 3) & is_free
         steep = float(steepness[outline].mean()) if outline.any() else 0.0
         if steep > steepest:
@@ -55,7 +74,7 @@ def cut_out(
     food: MaskArray,
     around: MaskArray,
     allowed: MaskArray,
-    scene: Scene,
+    palette: Palette,
     evidence: Float32Array,
     bias_nats: float,
     always: MaskArray | None = None,
@@ -64,21 +83,22 @@ def cut_out(
 
     evidence: (h, w) what else speaks for food, nats. always: (h, w) what is food for certain.
     """
-    lab = lab_bytes(scene.image_bgr)
-    bins, features = colour_bins(lab), contrast_features(lab)
-    shaded = shaded_bins(scene.image_bgr)
+    bins = palette.bins
     mask = food
     for _ in range(ROUNDS):
         if not (mask.any() and around.any()):
             break
         inside, outside = (
             colour_histogram([bins], mask),
-            colour_histogram([bins, *shaded], around | (allowed & ~mask & ~food)),
+            colour_histogram([bins, *palette.shaded], around | (allowed & ~mask & ~food)),
         )
         ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
         nothing = np.zeros(mask.shape, np.bool_)
         cut = cut_in_two(
-            (ratio + evidence + bias_nats).astype(np.float32), features, ~allowed, nothing if always is None else always
+            (ratio + evidence + bias_nats).astype(np.float32),
+            palette.features,
+            ~allowed,
+            nothing if always is None else always,
         )
         if not cut.any():
             break

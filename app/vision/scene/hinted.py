@@ -13,7 +13,7 @@ import numpy as np
 
 from app.vision.geometry.masks import dilated
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.cut_out import BIAS_NATS, MAX_BIASES, cut_around, cut_out
+from app.vision.scene.cut_out import BIAS_NATS, MAX_BIASES, cut_around, cut_out, palette_of
 from app.vision.scene.foods_apart import divide
 from app.vision.scene.places import Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
@@ -104,9 +104,9 @@ def _cut_in_box(box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence
     raised = _raised(places, box.shape) & allowed
     is_known = np.count_nonzero(raised) > MIN_RAISED_SHARE * np.count_nonzero(box)
     food = raised if is_known else (core > 0) & allowed
-    mask, evidence = food, _height_nats(scene, places)
+    mask, evidence, palette = food, _height_nats(scene, places), palette_of(scene.image_bgr)
     for step in range(MAX_BIASES):
-        mask = cut_out(food, around, allowed, scene, evidence, step * BIAS_NATS)
+        mask = cut_out(food, around, allowed, palette, evidence, step * BIAS_NATS)
         _, _, across, down = cv2.boundingRect(mask.astype(np.uint8))
         if across >= SPAN * width and down >= SPAN * height:
             return mask, True

@@ -222,6 +222,7 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray,
         seen += own
     masks = hinted_masks(drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places)
     if not has_heights:
+        taken = np.asarray(np.any([taken, *masks], axis=0), np.bool_)
         seen = [replace(each, mask=_without_hole(each.mask, taken, scene)) for each in seen]
         masks = [_without_hole(mask, taken, scene) for mask in masks]
     hinted = [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
