@@ -4,7 +4,7 @@ SQLAlchemy keeps compiled statements by engine and by dialect. Tests open a data
 dialects of a class are equal, and their engines keep what they compile in one place.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import registry
@@ -14,7 +14,7 @@ from sqlalchemy.dialects.sqlite.pysqlite import SQLiteDialect_pysqlite
 
 class _Shared:
     supports_statement_cache = True
-    statements: dict[Any, Any]
+    statements: ClassVar[dict[Any, Any]]
 
     @classmethod
     def engine_created(cls, engine: sa.Engine) -> None:
@@ -29,12 +29,12 @@ class _Shared:
 
 class SharedSqlite(_Shared, SQLiteDialect_pysqlite):
     supports_statement_cache = True
-    statements: dict[Any, Any] = {}  # noqa: RUF012  # shared is the point
+    statements: ClassVar[dict[Any, Any]] = {}
 
 
 class SharedPostgres(_Shared, PGDialect_psycopg):
     supports_statement_cache = True
-    statements: dict[Any, Any] = {}  # noqa: RUF012
+    statements: ClassVar[dict[Any, Any]] = {}
 
 
 def share_statements() -> None:

@@ -100,8 +100,7 @@ def _fallbacks(
     failure: Failure, pair: PhotoPair, options: EstimateOptions
 ) -> Iterator[tuple[PhotoPair, EstimateOptions]]:
     """The left photograph alone by its depth map where the pair is unusable; the poses where no marker is seen."""
-    depth = pair.left.depth
-    has_depth = depth is not None and not depth.is_aligned and options.marker is not None and options.method == "shape"
+    has_depth = pair.left.depth is not None and options.marker is not None and options.method == "shape"
     if failure.code in PAIR_UNUSABLE and has_depth:
         yield PhotoPair(pair.left), options
     if failure.code in MARKER_UNSEEN and options.poses and pair.right is not None:

@@ -1,6 +1,6 @@
 """A food cut out of the picture by its colours against those around it: one that a person or a seed points at.
 
-Seed or first guess, surroundings -> the food's mask by a minimum cut, and how clear its outline is.
+Seed or first guess, surroundings -> the food's mask by a minimum cut.
 """
 
 from dataclasses import dataclass
@@ -45,12 +45,12 @@ def palette_of(image_bgr: ImageArray) -> Palette:
     return Palette(colour_bins(lab), shaded_bins(image_bgr), contrast_features(lab))
 
 
-def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array) -> tuple[MaskArray, float]:
-    """The food that a point lies in, and its outline's mean steepness, see colour_bins.outline_steepness.
+def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array) -> MaskArray:
+    """The food that a point lies in.
 
     point: (h, w) a small disc. taken: (h, w) other foods. evidence: see cut_out. The point's few colours are not all
     that the food has, and may be those of a shadow on its support: of the cuts with more and more favour for food, the
-    one of the steepest outline is taken.
+    one of the steepest outline (colour_bins.outline_steepness) is taken.
     """
     from_point = distance_px(point) * scene.pixel_mm
     allowed = (from_point < POINT_REACH_MM) & ~taken & ~scene.is_ignored
@@ -59,7 +59,7 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
     seed = point & allowed
     best, steepest = seed, 0.0
     if not seed.any():
-        return best, steepest
+        return best
     palette = palette_of(scene.image_bgr)
     for step in range(MAX_BIASES):
         mask = touching(cut_out(seed, around, allowed, palette, evidence, step * BIAS_NATS, seed), point)
@@ -67,7 +67,7 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
         steep = float(steepness[outline].mean()) if outline.any() else 0.0
         if steep > steepest:
             best, steepest = mask, steep
-    return best, steepest
+    return best
 
 
 def cut_out(

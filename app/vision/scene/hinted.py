@@ -61,7 +61,7 @@ def hinted_masks(
         elif is_box[number]:
             out.append(_in_box(hints[number], found_masks, taken, scene, places))
         else:
-            out.append(cut_around(hints[number], taken, scene, _height_nats(scene, places))[0])
+            out.append(cut_around(hints[number], taken, scene, _height_nats(scene, places)))
         taken |= out[-1]
     return out
 

@@ -58,11 +58,16 @@ class LikelyForms:
     probabilities: Mapping[str, float]
 
     def factor(self, family: str) -> float:
-        """Of a family's weight: the candidates' share of its form, and of the unknown rest as much as others have."""
+        """Return the factor of a family's weight.
+
+        It sums the probability of the family's own form, a small share of the other forms' probability, and a third of
+        what no candidate accounts for.
+        """
         own = sum(self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form])
-        known = sum(self.probabilities.get(form, 0.0) for form in FORMS)
-        rest, others = max(1.0 - known, 0.0), len(FORMS) - 1
-        return rest / len(FORMS) + own * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + (known - own) / (SINGLE_TABLE_ODDS * others)
+        candidates = sum(self.probabilities.get(form, 0.0) for form in FORMS)
+        unknown, other_forms = max(1.0 - candidates, 0.0), len(FORMS) - 1
+        of_others = (candidates - own) / (SINGLE_TABLE_ODDS * other_forms)
+        return own * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + of_others + unknown / len(FORMS)
 
 
 def form_prior(hint: Hint | None) -> FormPrior | None:

@@ -83,18 +83,18 @@ def flags_in_the_source():
     for path in (DOCS.parent / "app" / "vision").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["flags"]:
-                told = node.value
+                value = node.value
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":
-                told = node.args[0]
+                value = node.args[0]
             elif isinstance(node, ast.keyword) and node.arg == "flags":
-                told = node.value
+                value = node.value
             elif isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "SCALE_FLAGS":
-                told = ast.Module(node.value.values, [])
+                value = ast.Module(node.value.values, [])
             elif isinstance(node, ast.FunctionDef) and node.name == "flags":
-                told = ast.Module(node.body[1:], [])  # without its docstring
+                value = ast.Module(node.body[1:], [])  # without its docstring
             else:
                 continue
-            words = [each.value for each in ast.walk(told) if isinstance(each, ast.Constant)]
+            words = [each.value for each in ast.walk(value) if isinstance(each, ast.Constant)]
             flags |= {word for word in words if isinstance(word, str)}
     return flags
 

@@ -31,11 +31,12 @@ def per_m():
     return 1000 / depth * (1 + 0.01 * np.random.default_rng(0).standard_normal(depth.shape))
 
 
-def items_of(folder, data, **options):
-    path = folder / "left.heic"
-    path.write_bytes(data)
+def items_of(folder, data, right=None, **options):
+    files = {"left": data} | ({"right": right} if right is not None else {})
+    for side, content in files.items():
+        (folder / side).write_bytes(content)
     answer, _ = run_estimate(
-        {"left": path},
+        {side: folder / side for side in files},
         EstimateOptions(SPEC, CAMERA),
         max_pixels=10**8,
         on_stage=lambda _: None,
@@ -73,3 +74,14 @@ def test_map_that_is_sent_takes_the_place_of_the_one_inside(rgb, per_m, tmp_path
     items = items_of(tmp_path, data, depths={"left": DepthFiles(tmp_path / "empty.png", camera)})
     assert all("depth_ignored" in item.flags for item in items)  # the sent one is empty
     assert len(items) > 0
+
+
+def test_map_inside_is_not_read_of_a_pair(rgb, per_m, tmp_path):
+    levels, low, high = quantised(3.0 * per_m)
+    right = cv2.imencode(".png", rendered_views(BALL)[1].photo.pixels_bgr)[1].tobytes()
+    xmp = packet(low, high, accuracy="absolute")
+    contradicting, matte = (
+        items_of(tmp_path, heic_with_map(rgb, levels, xmp, **options), right) for options in ({}, {"urn": MATTE})
+    )
+    assert [(item.volume_ml, item.flags) for item in contradicting] == [(item.volume_ml, item.flags) for item in matte]
+    assert len(contradicting) > 0

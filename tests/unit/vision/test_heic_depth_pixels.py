@@ -14,14 +14,14 @@ STEP_PER_M = 2.0 / 255
 
 
 def decoded(levels=LEVELS, size=(128, 96), **changes):
-    told = {
+    description = {
         "orientation": 1,
         "level_range": (0.0, 255.0),
         "value_range": (1.0, 3.0),
         "is_inverse": True,
         "is_metric": True,
     }
-    return decode_heic_depth(heic_with_map(RGB, levels, None, quality=-1), size=size, **told | changes)
+    return decode_heic_depth(heic_with_map(RGB, levels, None, quality=-1), size=size, **description | changes)
 
 
 def test_disparity_gives_depth_in_mm():

@@ -71,11 +71,11 @@ def test_what_a_hint_says_of_the_form_counts_rather_than_candidates(pair, estima
     x, y = ring.mean(axis=0)
     options = replace(OPTIONS, hints=(Hint(point=(float(x), float(y)), form="whole"),))
     photo = PhotoPair(on_plain_table(pair.left))
-    said, contradicted = (
+    by_hint, contradicted = (
         estimate_meal(photo, replace(options, forms_by_looks=forms)).items[0]
         for forms in (None, lambda _: {"heap": 1.0})
     )
-    assert said.volume_ml == contradicted.volume_ml
+    assert by_hint.volume_ml == contradicted.volume_ml
 
 
 def test_one_view_is_recorded_and_drawn(estimate):
