@@ -115,6 +115,7 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
     placed = place_views(pair, options, trace)
     if isinstance(placed, Failure):
         return placed
+    trace.scale = placed.scale
     views, scene = reconstruct_over_table(placed.views, trace)
     placed, trace.scene = replace(placed, views=views), scene
     if placed.marker is not None:

@@ -6,7 +6,6 @@ the poses of a phone's tracking, and the left photograph's depth map. place_view
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -29,9 +28,8 @@ from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.rig_pose import refine_rig, views_of_rig
 from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
 from app.vision.stereo.stillness import judge_heights, judge_matches
-from app.vision.trace import Reconstruction, Trace
+from app.vision.trace import Reconstruction, Scale, Trace
 
-Scale = Literal["marker", "rig", "poses", "depth"]
 SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "marker": (),
     "rig": ("scale_from_rig",),

@@ -2,7 +2,8 @@
 
 Trace -> JSON: points with their colours, each food's closed shape and slices, its outline in the right photograph, the
 board to scale, the cameras. Lengths in mm in the table frame, z up (CONVENTIONS.md), heights counted as the volumes'
-were. What the run did not reach is not in it. docs/volume.md, "The scene in 3D", describes each key.
+were. What the run did not reach or use is not in it, such as the board of a meal that a rig measured. docs/volume.md,
+"The scene in 3D", describes each key.
 """
 
 import base64
@@ -57,13 +58,15 @@ STEPS = 65_535  # of a coordinate in 16 bits
 
 
 def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) -> bytes | None:
-    """The file, or None where not even a marker was found.
+    """The file, or None where neither a marker was found nor a photograph placed over the table.
 
     items: the answer's: first those of trace.items, in their order, then missed hints, which nothing is drawn of.
     """
-    observation = next((marker for marker in trace.markers if marker is not None), None)
-    if observation is None:
+    spec = next((marker.spec for marker in trace.markers if marker is not None), None)
+    if spec is None and trace.views is None:
         return None
+    if trace.scale not in (None, "marker"):  # a board that was seen has no place in the table frame of another source
+        spec = None
     content: Document = {
         "version": SCENE_VERSION,
         "units": "mm",
@@ -74,8 +77,11 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
             )
             if photo is not None and (name == "left" or trace.second_place == 1)
         },
-        "board": _board(observation),
     }
+    if trace.scale is not None:
+        content["scale_source"] = trace.scale
+    if spec is not None:
+        content["board"] = _board(spec)
     scene = trace.scene
     if scene is None or trace.views is None:
         return _encoded(content)
@@ -88,7 +94,7 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     ]
     content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
     room = (MAX_BYTES - len(_encoded(content))) // POINT_BYTES
-    content["points"], ranges = _points(trace, scene, observation.spec, min(MAX_POINTS, max(room, 0)))
+    content["points"], ranges = _points(trace, scene, spec, min(MAX_POINTS, max(room, 0)))
     for food, (start, count) in zip(foods, ranges, strict=True):
         food["points"] = {"start": start, "count": count}
     return _encoded(content)
@@ -118,9 +124,8 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
     return out
 
 
-def _board(marker: MarkerObservation) -> Document:
+def _board(spec: MarkerSpec) -> Document:
     """The board; the table frame is its own, so its pose is the identity but for its thickness."""
-    spec = marker.spec
     squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
     if spec.kind == "aruco":
         colours = [DARK_SQUARE for _ in squares]
@@ -221,7 +226,9 @@ def _right_rings(item: MeasuredItem, scene: Reconstruction, right: View, *, is_s
     return {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source} if rings else {}
 
 
-def _points(trace: Trace, scene: Reconstruction, spec: MarkerSpec, most: int) -> tuple[Document, list[tuple[int, int]]]:
+def _points(
+    trace: Trace, scene: Reconstruction, spec: MarkerSpec | None, most: int
+) -> tuple[Document, list[tuple[int, int]]]:
     """At most so many points, the foods' first; and (start, count) of each food's."""
     pair, usable = scene.rectified, _near(trace.items, scene, spec)
     foods = np.zeros(usable.shape, np.bool_)
@@ -269,11 +276,12 @@ def _over_the_table(table: TableTrend | None, scene: Reconstruction, index: IntA
     )
 
 
-def _near(items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec) -> MaskArray:
-    """(H, W) where a point over the table about the board and the foods was measured."""
-    half = np.array([spec.width_mm, spec.height_mm]) / 2
+def _near(items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec | None) -> MaskArray:
+    """(H, W) where a point over the table about the board and the foods was measured; of neither, about the origin."""
     seen = [item.points_table[:, :2] for item in items if len(item.points_table)]
-    corners = np.concatenate([[-half, half], *seen])
+    half = np.array([spec.width_mm, spec.height_mm]) / 2 if spec is not None else np.zeros(2)
+    board = [] if spec is None and seen else [np.array([-half, half])]
+    corners = np.concatenate([*board, *seen])
     margin = AROUND_MM if seen else AROUND_BOARD_MM
     low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
     x, y, z = (scene.points_table[..., axis] for axis in range(3))

@@ -19,6 +19,8 @@ from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.single_view import SingleView
 
+Scale = Literal["marker", "rig", "poses", "depth"]  # what gives a scene its scale
+
 
 @dataclass(frozen=True, slots=True)
 class Reconstruction:
@@ -71,7 +73,8 @@ class Trace:
     markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
-    photograph. second_place: which photograph stands for the right one, see MealEstimate.
+    photograph. second_place: which photograph stands for the right one, see MealEstimate. scale: where it comes from,
+    known once the views are placed.
     """
 
     stage: Stages = field(default_factory=Stages)
@@ -90,6 +93,7 @@ class Trace:
     others: list[View] = field(default_factory=list)
     printed: PrintedStereo | None = None
     second_place: int = 1
+    scale: Scale | None = None
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""

@@ -2,6 +2,7 @@
 
 import functools
 import http.server
+import json
 import pathlib
 import re
 import shutil
@@ -58,6 +59,10 @@ def address(tmp_path_factory):
         (folder / artefact.name).write_bytes(artefact.content)
     (folder / "meal.html").write_text(PAGE.format(scene="scene.json"))
     (folder / "none.html").write_text(PAGE.format(scene="gone.json"))
+    scene = json.loads((folder / "scene.json").read_text())
+    del scene["board"]  # as of a meal by a rig
+    (folder / "bare.json").write_text(json.dumps(scene))
+    (folder / "bare.html").write_text(PAGE.format(scene="bare.json"))
     shutil.copytree(STATIC, folder / "static")
     handler = functools.partial(_Files, directory=str(folder))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
@@ -73,10 +78,10 @@ def wait_until(page, expression):
     )
 
 
-def opened(open_page, address, **options):
+def opened(open_page, address, path="/meal.html", **options):
     watched = open_page(address, reduced_motion="reduce", **options)
     watched.expect("GPU stall due to ReadPixels")  # what drawing by software costs
-    watched.goto("/meal.html")
+    watched.goto(path)
     watched.page.wait_for_selector("canvas[data-frames]")
     watched.page.evaluate(REST)
     return watched.page
@@ -104,6 +109,15 @@ def test_food_and_board_are_drawn_and_told_in_a_table(open_page, address):
     assert [float(side) for side in re.findall(r"\d+", size)] == pytest.approx([66, 66, 66], abs=5)
     assert name == "1 · <img src=x onerror=alert(1)> orange"
     assert page.locator(".meal3d img").count() == 0
+
+
+def test_food_of_a_scene_without_a_board_is_drawn_with_its_ruler(open_page, address):
+    page = opened(open_page, address, "/bare.html")
+    assert orange(page) > 3000
+    assert "board" not in page.get_attribute("canvas", "aria-label")
+    before = picture(page)
+    page.uncheck("input[value=scale]")
+    assert np.count_nonzero(np.abs(picture(page) - before).max(axis=2) > 30) > 300
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -77,9 +77,10 @@ export function tableOf(scene, names) {
 /** A sentence for people who cannot see the picture. */
 export function sentenceOf(scene, names) {
   const items = scene.items ?? [];
-  if (!items.length) return `3D view of the table and the board ${scene.board.marker}; no food was measured.`;
+  const board = scene.board ? `the board ${scene.board.marker}` : null;
+  if (!items.length) return `3D view of the table${board ? ` and ${board}` : ""}; no food was measured.`;
   const foods = items.map((item) => nameOf(item, names)).join(", ");
-  return `3D view of ${foods} on the table beside the board ${scene.board.marker}. The table below has the sizes.`;
+  return `3D view of ${foods} on the table${board ? ` beside ${board}` : ""}. The table below has the sizes.`;
 }
 
 function volume(ml) {

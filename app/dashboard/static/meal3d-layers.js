@@ -18,13 +18,13 @@ export function buildLayers(scene, names, palette) {
   const layers = {};
   const add = (name, objects) => {
     layers[name] = new THREE.Group();
-    layers[name].add(...objects.filter(Boolean));
+    for (const object of objects.filter(Boolean)) layers[name].add(object);
     root.add(layers[name]);
   };
   const cloud = scene.points ? cloudOf(scene) : null;
   add("points", cloud ? [cloud.foods, cloud.table] : []);
   add("grid", [...gridOf(scene, cloud?.box, palette)]);
-  add("board", [...boardOf(scene.board)]);
+  add("board", scene.board ? [...boardOf(scene.board)] : []);
   layers.sheet = new THREE.Group(); // the board's points; the drawn board replaces them
   if (cloud) layers.sheet.add(cloud.sheet);
   layers.points.add(layers.sheet);
@@ -32,10 +32,11 @@ export function buildLayers(scene, names, palette) {
   add("shapes", meshes);
   add("slices", (scene.items ?? []).flatMap(slicesOf));
   add("cameras", Object.entries(scene.photographs).flatMap(([name, photo]) => cameraOf(name, photo, palette)));
-  add("scale", [...rulerOf(scene.board, palette), ...meshes.map((mesh) => badgeOf(mesh, names, palette))]);
   const seen = new THREE.Box3();
   for (const mesh of meshes) seen.expandByObject(mesh);
   seen.expandByObject(layers.board);
+  if (seen.isEmpty()) seen.expandByObject(layers.grid); // neither a shape nor a board
+  add("scale", [...rulerOf(scene.board, seen, palette), ...meshes.map((mesh) => badgeOf(mesh, names, palette))]);
   return {
     root,
     layers,
@@ -79,8 +80,7 @@ function cloudOf(scene) {
   const { values: places } = unpack(scene.points.positions);
   const { values: bytes } = unpack(scene.points.colours);
   const toLinear = Float32Array.from({ length: 256 }, (_, value) => linear([value, value, value]).r);
-  const { columns, rows, square_mm: side, margin_mm: margin } = scene.board;
-  const half = [(columns * side) / 2 + margin, (rows * side) / 2 + margin];
+  const half = scene.board ? sizeOf(scene.board).map((mm) => mm / 2 + scene.board.margin_mm) : [0, 0];
   const ofFoods = (scene.items ?? []).reduce((sum, item) => Math.max(sum, item.points.start + item.points.count), 0);
   const groups = { foods: { at: [], paint: [] }, table: { at: [], paint: [] }, sheet: { at: [], paint: [] } };
   for (let i = 0; i < places.length; i += 3) {
@@ -296,11 +296,10 @@ function cameraOf(name, photo, palette) {
   return [segments(at, { color: palette.ink }), label];
 }
 
-/** A ruler of 100 mm along the board's lower edge, with a height of 50 mm at its end. */
-function* rulerOf(board, palette) {
-  const [width, height] = sizeOf(board);
-  const left = -width / 2 - board.margin_mm;
-  const y = -height / 2 - board.margin_mm - 12;
+/** A ruler of 100 mm along the board's lower edge, or that of what is seen, with a height of 50 mm at its end. */
+function* rulerOf(board, seen, palette) {
+  const [left, low] = board ? sizeOf(board).map((mm) => -mm / 2 - board.margin_mm) : [seen.min.x, seen.min.y];
+  const y = low - 12;
   const tens = Array.from({ length: 10 }, (_, k) => [left + 10 * k, y, 10, 4, k % 2 ? [250, 250, 250] : [40, 44, 42]]);
   yield quadsOf(tens, 0.3);
   const upright = [];

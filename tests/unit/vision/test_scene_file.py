@@ -14,7 +14,6 @@ from app.vision.pipeline import estimate_meal
 from app.vision.scene.segmentation import Region
 from app.vision.scene_file import MAX_BYTES, write_scene
 from app.vision.shape.measure import MeasuredItem
-from app.vision.trace import Trace
 from tests.unit.vision.meshes import assert_watertight
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
@@ -174,26 +173,50 @@ def test_no_marker_no_scene(views):
     assert estimate.artefacts == []
 
 
-def test_content_of_a_bowl_has_the_outline_that_is_seen_and_without_a_measure_no_shape(views):
-    """The run's own trace, in which the ball is taken for the content of an opaque bowl."""
-    kept = {}
+@pytest.fixture
+def run(views):
+    """What write_scene is given of a run: (trace, pair, items)."""
+    kept = []
 
     def keep(trace, pair, items):
-        kept["trace"], kept["items"] = trace, items
+        kept.extend((trace, pair, items))
         return []
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.vision.pipeline.draw_artefacts", keep)
-        pair = pair_of(views)
-        estimate_meal(pair, EstimateOptions(SPEC, CAMERA), want_artefacts=True)
-    trace: Trace = kept["trace"]
+        estimate_meal(pair_of(views), EstimateOptions(SPEC, CAMERA), want_artefacts=True)
+    return kept
+
+
+def test_board_that_gave_no_scale_is_not_in_the_scene_but_the_points_are(run):
+    trace, pair, items = run
+    trace.markers, trace.scale = (None, trace.markers[1]), "depth"  # whose table frame is not the board's
+    scene = json.loads(write_scene(trace, pair, items))
+    assert "board" not in scene
+    assert "marker_corners_px" in scene["photographs"]["right"]
+    points = unpack(scene["points"]["positions"])
+    assert len(points) > 20_000
+    assert np.abs(points[:, :2] - BALL.centre_mm).max() < BALL.radius_mm + 65.0  # and no longer as far as the board
+
+
+def test_scene_without_board_and_food_has_the_points_around_its_origin(run):
+    trace, pair, _ = run
+    trace.items, trace.scale = [], "rig"
+    points = unpack(json.loads(write_scene(trace, pair, []))["points"]["positions"])
+    assert len(points) > 10_000
+    assert 200.0 < np.abs(points[:, :2]).max() < 251.0
+
+
+def test_content_of_a_bowl_has_the_outline_that_is_seen_and_without_a_measure_no_shape(run, views):
+    """The ball is taken for the content of an opaque bowl."""
+    trace, pair, items = run
     (item,) = trace.items
     trace.items = [replace(item, flags=("inside_guessed",))]
-    (told,) = json.loads(write_scene(trace, pair, kept["items"]))["items"]
+    (told,) = json.loads(write_scene(trace, pair, items))["items"]
     assert told["shape"]
     assert told["right_rings_from"] == "mask"  # a bowl's wall hides the shape below its top
     trace.items = [MeasuredItem(Region(item.region.mask), item.points_table, 0.0, None, ("not_measurable",))]
-    unknown = ItemEstimate(kept["items"][0].rings, None, None, {}, flags=("not_measurable",))
+    unknown = ItemEstimate(items[0].rings, None, None, {}, flags=("not_measurable",))
     (told,) = json.loads(write_scene(trace, pair, [unknown]))["items"]
     assert not {"shape", "slices", "size_mm", "mesh_volume_ml"} & set(told)
     assert (told["volume_ml"], told["volume_interval_ml"], told["flags"]) == (None, None, ["not_measurable"])
