@@ -1,6 +1,7 @@
 """What all tests share: the data beside the checkout, throwaway databases of both kinds, and no silent skips in CI."""
 
 import contextlib
+import gc
 import os
 import pathlib
 import re
@@ -36,6 +37,17 @@ def pytest_configure():
     if "TMPDIR" not in os.environ and _has_room(MEMORY):
         os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)  # also for the processes that tests start
     share_statements()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect tests without garbage collection: modules and tests stay, so it need not look through them ever again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _has_room(folder):
