@@ -1,5 +1,6 @@
 """A whole API on a throwaway database and store, without a worker; and a phone that is enrolled in it."""
 
+import functools
 import json
 import uuid
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from app.main import create_app
 from app.people.access import passwords
 from app.people.access.staff import create_admin
 from tests.integration.http.declared_answers import declared_answers
+from tests.integration.kept_children import KeptChildren
 from tests.next_migration import next_migration
 
 __all__ = ["next_migration"]  # a fixture
@@ -65,7 +67,27 @@ def app() -> FastAPI:
 @pytest.fixture(scope="module")
 def require_declared(app):
     """Raises for an answer that the OpenAPI document does not declare: see declared_answers.py."""
+    return _require_declared(app)
+
+
+@functools.cache
+def _require_declared(app):
     return declared_answers(app.openapi())
+
+
+@pytest.fixture(scope="session")
+def kept_children() -> Iterator[KeptChildren]:
+    kept = KeptChildren()
+    yield kept
+    kept.close()
+
+
+@pytest.fixture(autouse=True)
+def reuse_children(kept_children) -> Iterator[None]:
+    """Have pools take over the children of pools that ended without work: see kept_children.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.children.child_pool._Child", kept_children.start)
+        yield
 
 
 @pytest.fixture
