@@ -36,6 +36,13 @@ def estimate(pair):
     return estimate_meal(pair, OPTIONS, want_artefacts=True)
 
 
+@pytest.fixture(scope="module")
+def again(pair):
+    """The same once more without artefacts, with the stages that were heard and the photograph as it was before."""
+    heard, before = [], pair.left.pixels_bgr.copy()
+    return estimate_meal(pair, OPTIONS, on_stage=heard.append), heard, before
+
+
 def ball_mask(pair):
     left = rendered_views(None)[0]
     middle = np.array([*BALL.centre_mm, BALL.radius_mm])
@@ -67,9 +74,8 @@ def test_outline_that_is_sent_back_as_it_was_given_measures_the_same_volume(esti
     assert again.volume_ml == pytest.approx(item.volume_ml, rel=0.03)  # 1.5 px of an outline 200 px across, twice
 
 
-def test_stages_are_told_and_timed_in_order(pair):
-    heard = []
-    estimate = estimate_meal(pair, OPTIONS, on_stage=heard.append)
+def test_stages_are_told_and_timed_in_order(again):
+    estimate, heard, _ = again
     assert heard == STAGES
     assert list(estimate.stages) == STAGES
     assert estimate.pipeline_version == PIPELINE_VERSION
@@ -98,8 +104,8 @@ def test_every_step_leaves_its_picture(estimate):
             assert each.content.startswith(b"ply\n" if name == "points.ply" else b'{"version":')
 
 
-def test_same_seed_gives_the_same_answer(estimate, pair):
-    again = estimate_meal(pair, OPTIONS)
+def test_same_seed_gives_the_same_answer(estimate, again):
+    again, _, _ = again
     assert again.items[0].volume_ml == estimate.items[0].volume_ml
     assert again.parameters == estimate.parameters
     assert again.parameters["tuning"] == asdict(TUNING)
@@ -180,9 +186,8 @@ def test_colours_are_corrected_for_each_photograph_and_do_not_follow_its_light(e
     assert np.abs(as_taken - untinted).max() > 20.0
 
 
-def test_photographs_are_not_modified(pair):
-    before = pair.left.pixels_bgr.copy()
-    estimate_meal(pair, OPTIONS)
+def test_photographs_are_not_modified(pair, again):
+    _, _, before = again
     assert np.array_equal(pair.left.pixels_bgr, before)
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.vision.figures import draw_artefacts
 from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.model import EstimateOptions, ItemEstimate, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
@@ -40,7 +41,17 @@ def views():
 
 @pytest.fixture(scope="module")
 def found(views):
-    return scene_of(pair_of(views))
+    """The scene, the run's answer, and what the scene was drawn of."""
+    drawn = []
+
+    def draw_and_keep(*arguments):
+        drawn.append(arguments)
+        return draw_artefacts(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.vision.pipeline.draw_artefacts", draw_and_keep)
+        scene, estimate = scene_of(pair_of(views))
+    return scene, estimate, drawn[0]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +86,7 @@ def overlap(rings, mask):
 
 
 def test_shape_is_closed_and_holds_the_volume_that_the_file_tells(found):
-    scene, estimate = found
+    scene, estimate, _ = found
     (item,) = scene["items"]
     vertices, faces = mesh_of(scene, item)
     assert_watertight(faces)
@@ -174,18 +185,10 @@ def test_no_marker_no_scene(views):
 
 
 @pytest.fixture
-def run(views):
-    """What write_scene is given of a run: (trace, pair, items)."""
-    kept = []
-
-    def keep(trace, pair, items):
-        kept.extend((trace, pair, items))
-        return []
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.vision.pipeline.draw_artefacts", keep)
-        estimate_meal(pair_of(views), EstimateOptions(SPEC, CAMERA), want_artefacts=True)
-    return kept
+def run(found):
+    """What write_scene is given of the run: (trace, pair, items). The trace is a copy that a test may change."""
+    trace, pair, items = found[2]
+    return replace(trace), pair, items
 
 
 def test_board_that_gave_no_scale_is_not_in_the_scene_but_the_points_are(run):
