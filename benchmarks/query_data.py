@@ -7,6 +7,7 @@ the order of time, as they would have arrived. Or, by a Shape, as one large stud
 """
 
 import io
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date, datetime
@@ -260,6 +261,7 @@ def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:
         "share": 1.0,
         "flags": np.array(["[]", '["estimated_from_one_view"]'], "S")[rng.choice(2, count, p=(0.9, 0.1))],
         "doubt": rng.random(count),
+        "details": '{"rings": null, "served": null, "left": [], "open_probes": []}',
     }
     for name, factor in (("mass_g", 1.0), ("mass_low_g", 0.75), ("mass_high_g", 1.25), ("edible_g", 0.95),
                          ("consumed_g", 0.95), ("consumed_low_g", 0.7), ("consumed_high_g", 1.2)):  # fmt: skip
@@ -315,7 +317,7 @@ class Loader:
         filled = dict(columns)
         for column in table.columns:
             if column.name not in filled and not column.nullable and column.default is not None:
-                filled[column.name] = column.default.arg
+                filled[column.name] = _default(column.default)
         count = max(len(values) for values in filled.values() if isinstance(values, list | np.ndarray))
         arrays = {name: _array(values, count) for name, values in filled.items()}
         cursor, names = self._connection.cursor(), ", ".join(arrays)
@@ -347,6 +349,11 @@ class Loader:
                 cursor.execute("SET statement_timeout = 0")
                 cursor.execute("VACUUM ANALYZE")
         self._connection.invalidate()
+
+
+def _default(default: Any) -> Any:
+    """The value of a model's default; an empty list or object as its JSON."""
+    return json.dumps(default.arg(None)) if default.is_callable else default.arg
 
 
 def _array(values: Any, count: int) -> pa.Array:

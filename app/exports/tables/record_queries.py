@@ -13,6 +13,7 @@ from datetime import date, datetime
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import numpy as np
 import sqlalchemy as sa
 from psycopg import Cursor, pq
 from sqlalchemy.dialects import postgresql
@@ -49,8 +50,9 @@ from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, Reco
 ROWS_A_BATCH = 2000
 MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an export
 OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE, DOUBT)  # parts that are read as they are stored
-KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
+KEYS = ("captured_at", "item_id", "meal_id", "food_id", "food_version", "run_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
+ID_PARTS = tuple(map(slice, (0, 8, 12, 16, 20), (8, 12, 16, 20, 32)))  # of its digits, between hyphens
 IDS = "ids"  # parameter of a look-up
 NOWHERE = (None, None)
 Rows = Sequence[tuple[Any, ...]]  # as the driver gives them: the columns KEYS and those of OWN
@@ -80,7 +82,8 @@ class Keys(NamedTuple):
     item_ids: Sequence[str]
     meal_ids: Sequence[str]
     food_ids: Sequence[int | None]
-    origins: Sequence[str]
+    food_versions: Sequence[int | None]
+    run_ids: Sequence[str | None]
     densities_g_per_ml: Sequence[float | None]
     consumed_g: Sequence[float | None]
 
@@ -125,11 +128,11 @@ def export_batches(
     flags, states = ConvertedOnce(_flags), ConvertedOnce(_state)
     for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
         own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
-        item_ids, meal_ids, food_ids = ([row[place] for row in rows] for place in (1, 2, 3))
+        item_ids, meal_ids, food_ids, food_versions, run_ids = ([row[place] for row in rows] for place in range(1, 6))
         of_meals, of_foods = meals(meal_ids), foods(food_ids)
         values: dict[Part, Cells] = {
             **own,
-            RECORD_ID: list(map(hyphenated, item_ids)),
+            RECORD_ID: all_hyphenated(item_ids),
             OF_MEAL: [meal.of_meal for meal in of_meals],
             STATE: states.of(own[STATE]),
             OF_FOOD: [food.of_food for food in of_foods],
@@ -138,8 +141,8 @@ def export_batches(
             OF_DAY: [meal.of_day for meal in of_meals],
             POINT: [meal.point for meal in of_meals],
         }
-        origins, densities = list(map(ORIGIN, own[STATE])), list(map(DENSITY, own[VOLUME]))
-        values |= more(Keys(item_ids, meal_ids, food_ids, origins, densities, list(map(CONSUMED, own[AMOUNTS]))))
+        densities, consumed_g = list(map(DENSITY, own[VOLUME])), list(map(CONSUMED, own[AMOUNTS]))
+        values |= more(Keys(item_ids, meal_ids, food_ids, food_versions, run_ids, densities, consumed_g))
         yield [PartOfBatch(part, values[part]) for part in parts]
 
 
@@ -156,7 +159,6 @@ def _places() -> dict[Part, slice | int]:
 
 PLACES = _places()
 CONSUMED = itemgetter(AMOUNTS.columns.index(CONSUMED_G))
-ORIGIN = itemgetter([column.name for column in STATE.columns].index("origin"))
 DENSITY = itemgetter([column.name for column in VOLUME.columns].index("density_g_per_ml"))
 COLUMNS = tuple(
     getattr(EffectiveRecord, name) for name in (*KEYS[2:], *(column.name for part in OWN for column in part.columns))
@@ -180,7 +182,7 @@ def _query_by_query(connection: sa.Connection, search: RecordSearch) -> Iterator
     """
     sa.event.listen(connection, "before_cursor_execute", _ask_for_binary)
     page = search.pages(ROWS_A_BATCH, *COLUMNS)
-    as_text = {"item_id", "meal_id", "flags"}
+    as_text = {"item_id", "meal_id", "run_id", "flags"}
     query = sa.select(*(sa.cast(column, sa.Text) if column.name in as_text else column for column in page.c))
     after = BEFORE_ALL
     while True:
@@ -231,7 +233,12 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
 
 
 def _meals(*, is_on_sqlite: bool, with_point: bool) -> AnyQuery:
-    of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+    # not joined: PostgreSQL would read the whole table for each batch
+    day_status = (
+        sa.select(DiaryDay.status)
+        .where(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+        .scalar_subquery()
+    )
     query: AnyQuery = (
         sa.select(
             stored_id(Meal.id),
@@ -242,10 +249,9 @@ def _meals(*, is_on_sqlite: bool, with_point: bool) -> AnyQuery:
             Meal.received_at,
             stored_id(Meal.study_id),
             stored_id(Meal.participant_id),
-            sa.func.coalesce(DiaryDay.status, "open"),
+            sa.func.coalesce(day_status, "open"),
         )
         .select_from(Meal)
-        .outerjoin(DiaryDay, of_day)
         .where(one_of(Meal.id, is_on_sqlite=is_on_sqlite))
     )
     return query.add_columns(*coordinates()).join(Study, Study.id == Meal.study_id) if with_point else query
@@ -298,6 +304,19 @@ def _day(value: str | date) -> tuple[str, int]:
 def hyphenated(text: str) -> str:
     """An id as everybody else writes it; a quarter of what uuid.UUID would take."""
     return text if len(text) > HEX_DIGITS else f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
+
+
+def all_hyphenated(ids: Sequence[str]) -> list[str]:
+    """The same of all ids of a batch."""
+    if not ids or len(ids[0]) > HEX_DIGITS:
+        return list(ids)
+    width = HEX_DIGITS + len(ID_PARTS) - 1
+    digits = np.frombuffer("".join(ids).encode(), np.uint8).reshape(len(ids), HEX_DIGITS)
+    text = np.full((len(ids), width), ord("-"), np.uint8)
+    for number, part in enumerate(ID_PARTS):
+        text[:, part.start + number : part.stop + number] = digits[:, part]
+    whole = text.tobytes().decode()
+    return [whole[start : start + width] for start in range(0, len(whole), width)]
 
 
 def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
