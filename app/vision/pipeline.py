@@ -89,22 +89,27 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
     if isinstance(run.outcome, Failure) and chosen.right is not pair.right:
         run = _run(pair, options, Trace(stage))
     if isinstance(run.outcome, Failure):
-        for other_pair, other_options in _fallbacks(run.outcome, pair, options):
-            fallback = _run(other_pair, other_options, Trace(stage))
+        for other_pair, other_options in _fallbacks(run.outcome, run.trace, pair, options):
+            fallback = _run(other_pair, other_options, Trace(stage, colours=run.trace.colours))
             if not isinstance(fallback.outcome, Failure):
                 return fallback
     return run
 
 
 def _fallbacks(
-    failure: Failure, pair: PhotoPair, options: EstimateOptions
+    failure: Failure, trace: Trace, pair: PhotoPair, options: EstimateOptions
 ) -> Iterator[tuple[PhotoPair, EstimateOptions]]:
-    """The left photograph alone by its depth map where the pair is unusable; the poses where no marker is seen."""
+    """The left photograph alone by its depth map where the pair is unusable; the poses where no marker is seen.
+
+    If the poses do not help, and the left photograph shows the marker, that one is measured alone.
+    """
     has_depth = pair.left.depth is not None and options.marker is not None and options.method == "shape"
     if failure.code in PAIR_UNUSABLE and has_depth:
         yield PhotoPair(pair.left), options
     if failure.code in MARKER_UNSEEN and options.poses and pair.right is not None:
         yield pair, replace(options, marker=None)
+        if trace.markers[0] is not None and options.method == "shape":
+            yield PhotoPair(pair.left), options
 
 
 def _run(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> _Run:

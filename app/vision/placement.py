@@ -138,9 +138,10 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
 def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Trace) -> Placement | Failure:
     """The rig's views over the table that the scene shows, its relative pose adjusted by the matches.
 
-    A plain scene without matches leaves the pose as calibrated. Colours stay, as nothing is known to be white.
+    A plain scene without matches leaves the pose as calibrated. Colours stay, as nothing is known to be white, unless
+    an attempt by the marker has measured them.
     """
-    trace.colours = UNCORRECTED, UNCORRECTED
+    trace.colours = trace.colours or (UNCORRECTED, UNCORRECTED)
     with trace.stage("camera"):
         views = views_of_rig(pair, rig, np.random.default_rng(options.seed))
     if isinstance(views, Failure):
@@ -196,7 +197,10 @@ def _by_depth(photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Tr
 def _find_markers(
     pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace
 ) -> tuple[MarkerObservation, MarkerObservation | None] | Failure:
-    """The marker in both photographs, or in the left one alone, which is then measured alone (decision 0030)."""
+    """The marker in both photographs, or in the left one alone, which is then measured alone (decision 0030).
+
+    With the photographs' poses it is the right one's failure, after which the pipeline measures the pair by them.
+    """
     left = find_marker(pair.left, marker, "left")
     right = find_marker(pair.right, marker, "right") if pair.right is not None else None
     if isinstance(left, Failure):
@@ -204,9 +208,10 @@ def _find_markers(
         return left
     if pair.right is None or right is None or isinstance(right, Failure):
         trace.markers = (left, None)
-        if isinstance(right, Failure) and (right.code not in MARKER_UNSEEN or options.method != "shape"):
-            return right
         trace.colours = measure_colour(pair.left, left), UNCORRECTED
+        has_poses = options.poses is not None and pair.left.depth is None  # marker and depth map are better than poses
+        if isinstance(right, Failure) and (right.code not in MARKER_UNSEEN or options.method != "shape" or has_poses):
+            return right
         return left, None
     trace.markers = observations = agree_on_corners(pair, left, right)
     trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)

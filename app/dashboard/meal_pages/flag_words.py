@@ -17,8 +17,9 @@ FLAGS: Mapping[str, str] = {
     "scale_from_rig": "A stereo rig took the photographs: its calibration gave the scale, and the table was found in "
     "the scene. Colours are as taken.",
     "depth_ignored": "A depth map contradicts the marker: its table lies elsewhere. It took no part.",
-    "scale_from_poses": "No marker was seen: the poses that the phone's tracking gave are the scale, good to a few "
-    "percent, and the table was found in the scene. Colours are as taken.",
+    "scale_from_poses": "The marker was not seen in both photographs: the poses that the phone's tracking gave are the "
+    "scale, good to a few percent, and the table was found in the scene. Unless the left photograph shows a marker, "
+    "colours are as taken.",
     "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
     "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "

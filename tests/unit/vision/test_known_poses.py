@@ -19,6 +19,7 @@ from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE, POSES_TURN_SD_RAD
 from tests.unit.vision.poses import arkit_poses, stored_turn
 from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, blank_views, rendered_views
+from tests.unit.vision.test_pipeline_of_one import on_plain_table
 
 BALL = Ball((115.0, 15.0), 33.0)
 UPRIGHT = {1: None, 3: cv2.ROTATE_180, 6: cv2.ROTATE_90_CLOCKWISE, 8: cv2.ROTATE_90_COUNTERCLOCKWISE}
@@ -200,6 +201,28 @@ def test_poses_give_the_scale_where_the_marker_is_not_seen(views, by_exact_poses
     ball = ball_of(measured(bare, arkit_poses(*views), SPEC))
     assert "scale_from_poses" in ball.flags
     assert ball.volume_ml == pytest.approx(by_exact_poses.volume_ml, rel=0.03)  # the same scene with less to match
+
+
+def test_poses_give_the_scale_where_the_marker_is_seen_in_the_left_photograph_only(views, by_exact_poses):
+    estimate = measured([views[0], covered(views[1])], arkit_poses(*views), SPEC)
+    ball = ball_of(estimate)
+    assert ball.flags == by_exact_poses.flags
+    assert "single_view" not in ball.flags
+    assert ball.volume_ml == pytest.approx(by_exact_poses.volume_ml, rel=0.03)  # the same scene with less to match
+    assert [colour.kind for colour in estimate.colours] == ["white", "none"]  # what the marker tells of colours stays
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", [CAMERA, None])
+def test_left_photograph_with_the_marker_is_measured_where_poses_do_not_help(views, camera):
+    photographs = [replace(views[0], photo=on_plain_table(views[0].photo)), covered(views[1])]
+    other = blank_views(roll_deg=25.0)
+    lost, without = (
+        measured(photographs, arkit_poses(views[0], other[1]), SPEC, camera=camera, **options)
+        for options in ({}, {"poses": None})
+    )
+    assert "single_view" in ball_of(lost).flags
+    assert ball_of(lost).volume_ml == ball_of(without).volume_ml
 
 
 def test_poses_without_intrinsics_fail(views):
