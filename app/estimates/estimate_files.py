@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
 
@@ -139,7 +138,8 @@ def _read_depths(
         return {}
     if camera is None:
         raise InvalidInputError("--depth needs --depth-camera FILE.", code="depth_camera_invalid")
-    intrinsics = asdict(depth_camera_from_mapping(_read_object(_text_of(camera), str(camera))))
+    intrinsics = _read_object(_text_of(camera), str(camera))
+    depth_camera_from_mapping(intrinsics)
     return {view: DepthFiles(path, intrinsics, confidence_maps.get(view)) for view, path in maps.items()}
 
 

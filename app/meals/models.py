@@ -9,7 +9,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.outline_json import Polygon
-from app.people.calibration_models import CameraDetails, RigDetails
+from app.people.calibration_models import CameraDetails, PinholeDetails, RigDetails
 from app.photos.slots import SLOTS, VIEW_SLOTS
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
@@ -89,15 +89,9 @@ class DeclaredItemDetails(TypedDict):
     share: float
 
 
-class DepthCameraDetails(TypedDict):
-    """A depth camera's pinhole, px of its map; unit_mm: of whole numbers in a PNG."""
+class DepthCameraDetails(PinholeDetails):
+    """A depth camera, px of its map; unit_mm: of whole numbers in a PNG."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     unit_mm: float
 
 

@@ -10,8 +10,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.base import Base, JsonValue, Personal
 
 
-class CameraDetails(TypedDict):
-    """Intrinsics of a camera for upright pixels, px. distortion: k1, k2, p1, p2, k3."""
+class PinholeDetails(TypedDict):
+    """Intrinsics of a camera for upright pixels, px."""
 
     width: int
     height: int
@@ -19,6 +19,11 @@ class CameraDetails(TypedDict):
     fy: float
     cx: float
     cy: float
+
+
+class CameraDetails(PinholeDetails):
+    """A phone's camera. distortion: k1, k2, p1, p2, k3."""
+
     distortion: list[float]
 
 

@@ -3,8 +3,7 @@
 board/camera.py finds the camera of photographs; the API, which keeps and chooses cameras, needs no NumPy for it.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
+LARGEST = 1e9  # of a number in a camera or rig file
 ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
 TOLERATED_RMS_PX = 0.5  # of a board's corners, reprojected: as good as phones and printed boards get
 
@@ -44,28 +44,39 @@ class Camera:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
-def camera_from_mapping(data: object) -> Camera:
+def _invalid(reason: str) -> InvalidInputError:
+    return InvalidInputError(f"The camera cannot be used: {reason}", code="camera_invalid")
+
+
+def number_from(value: object, key: str, invalid: Callable[[str], InvalidInputError] = _invalid) -> float:
+    """A finite number of JSON. Raises what `invalid` makes of the reason."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
+        raise invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
+    return float(value)
+
+
+def camera_from_mapping(data: object, invalid: Callable[[str], InvalidInputError] = _invalid) -> Camera:
     """A Camera from parsed JSON: width, height, fx, fy, cx, cy, distortion [k1, k2, p1, p2, k3].
 
-    Other keys are ignored. Raises InvalidInputError, code "camera_invalid".
+    Other keys are ignored. Raises what `invalid` makes of the reason: InvalidInputError, code "camera_invalid".
     """
     if not isinstance(data, Mapping):
-        raise _invalid("it must be an object with " + ", ".join(CAMERA_KEYS) + " and distortion.")
+        raise invalid("it must be an object with " + ", ".join(CAMERA_KEYS) + " and distortion.")
     if missing := [key for key in CAMERA_KEYS if key not in data]:
-        raise _invalid("it lacks " + ", ".join(missing) + ".")
-    width, height, fx, fy, cx, cy = (_number(data[key], key) for key in CAMERA_KEYS)
+        raise invalid("it lacks " + ", ".join(missing) + ".")
+    width, height, fx, fy, cx, cy = (number_from(data[key], key, invalid) for key in CAMERA_KEYS)
     for key, side in (("width", width), ("height", height)):
         if side != int(side) or not 1 <= side <= 100_000:
-            raise _invalid(f"{key} must be a whole number of pixels, not {side:g}.")
+            raise invalid(f"{key} must be a whole number of pixels, not {side:g}.")
     for key, focal in (("fx", fx), ("fy", fy)):
         if not 0.1 * max(width, height) <= focal <= 20.0 * max(width, height):
-            raise _invalid(f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px.")
+            raise invalid(f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px.")
     if not (0 <= cx < width and 0 <= cy < height):
-        raise _invalid(f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px.")
+        raise invalid(f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px.")
     listed = data.get("distortion", ())
     if not isinstance(listed, list | tuple) or len(listed) not in (0, 4, 5):
-        raise _invalid("distortion must be the list [k1, k2, p1, p2, k3].")
-    k1, k2, p1, p2, k3 = [_number(value, "distortion") for value in listed] + [0.0] * (5 - len(listed))
+        raise invalid("distortion must be the list [k1, k2, p1, p2, k3].")
+    k1, k2, p1, p2, k3 = [number_from(value, "distortion", invalid) for value in listed] + [0.0] * (5 - len(listed))
     return Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3), "given")
 
 
@@ -109,13 +120,3 @@ def _turned(camera: Camera) -> Camera:
     else:
         cx, cy, p1, p2 = camera.cy, camera.width - 1 - camera.cx, -p2, p1
     return Camera(camera.height, camera.width, camera.fy, camera.fx, cx, cy, (k1, k2, p1, p2, k3), camera.source)
-
-
-def _number(value: object, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
-    return float(value)
-
-
-def _invalid(reason: str) -> InvalidInputError:
-    return InvalidInputError(f"The camera cannot be used: {reason}", code="camera_invalid")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
+from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping, number_from
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 ORTHONORMAL = 1e-3  # by which a rotation's rows may differ from orthogonal unit vectors: written with four digits
 MAX_FORWARD_SHARE = 0.7  # of the baseline along the right camera's axis: beyond, no rows can be aligned
 MIN_BASELINE_MM, MAX_BASELINE_MM = 1.0, 1000.0
-LARGEST = 1e9  # of a number in such a file
 Row = tuple[float, float, float]
 
 
@@ -123,10 +122,7 @@ def numbers_from(value: object, count: int, key: str, invalid: Callable[[str], I
     """So many finite numbers of a JSON list. Raises what `invalid` makes of the reason."""
     if not isinstance(value, list | tuple) or len(value) != count:
         raise invalid(f"{key} must have {count} numbers in each list.")
-    for number in value:
-        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < LARGEST:
-            raise invalid(f"{key} must hold numbers, not {str(number)[:40]!r}.")
-    return tuple(float(number) for number in value)
+    return tuple(number_from(number, key, invalid) for number in value)
 
 
 def _triple(value: object, key: str) -> Row:

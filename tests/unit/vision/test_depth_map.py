@@ -88,8 +88,30 @@ def test_huge_map_is_refused_before_it_is_decoded():
     assert code_of(b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + header) == "depth_unreadable"
 
 
+INTRINSICS = {"width": 256, "height": 192, "fx": 244.0, "fy": 244.0, "cx": 128.0, "cy": 96.0}
+
+
+def test_depth_camera_is_a_camera_with_the_unit_of_its_maps():
+    assert depth_camera_from_mapping(INTRINSICS) == CAMERA
+    other = depth_camera_from_mapping(INTRINSICS | {"unit_mm": 1, "distortion": [0.1, 0.0, 0.0, 0.0, 0.0]})
+    assert (other.unit_mm, other.distortion) == (1.0, (0.0,) * 5)
+    assert np.array_equal(other.matrix, [[244.0, 0.0, 128.0], [0.0, 244.0, 96.0], [0.0, 0.0, 1.0]])
+
+
 @pytest.mark.parametrize(
-    "value", [{}, {"width": 256}, {**dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 1.0), "fx": -1.0}]
+    "value",
+    [
+        {},
+        {"width": 256},
+        INTRINSICS | {"fx": -1.0},
+        INTRINSICS | {"fx": 244.0 * 25},  # of the photograph
+        INTRINSICS | {"cx": 300.0},
+        INTRINSICS | {"width": 256.5},
+        INTRINSICS | {"unit_mm": 0.0},
+        INTRINSICS | {"unit_mm": 10**400},
+        INTRINSICS | {"unit_mm": None},
+        INTRINSICS | {"height": "192"},
+    ],
 )
 def test_camera_that_cannot_be_is_refused(value):
     with pytest.raises(InvalidInputError) as refused:
