@@ -18,8 +18,8 @@ from app.children.child_pool import ChildPool, StageListener
 from app.core.logs import configure_logging
 from app.core.settings import Settings
 from app.db.session import Database
-from app.estimates.child_tasks import estimate_task
 from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.run_estimate import estimate_task
 from app.jobs.queue import JobQueue
 from app.jobs.worker_process import run_jobs
 from app.remeasurements.feed_workers import FeedWorkers

@@ -25,7 +25,9 @@ from typing import Any, TextIO
 
 from app.children.process_life import die_with_parent
 
-Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, object]]
+Arguments = Mapping[str, Any]  # JSON, checked by each task
+StageListener = Callable[[str], None]
+Task = Callable[[Arguments, StageListener], Mapping[str, object]]
 Message = Mapping[str, object]
 
 COSTLY_NICENESS = 15  # some 3 % of a core beside an ordinary request, all of it on an idle machine

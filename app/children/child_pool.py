@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from app.children.child import StageListener
 from app.core.errors import Failure
 from app.core.settings import Settings
 from app.metrics import instruments
@@ -46,7 +47,6 @@ PATIENCE = 10.0  # limit by the clock, in limits of processor time: a child may 
 
 Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
 PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # a retry may succeed
-StageListener = Callable[[str], None]
 
 _AGAIN = "Take the two photographs again and send them as a new meal."
 _KEPT = "The photographs are kept. Ask the people who run the server to queue the meal again once it has more room."

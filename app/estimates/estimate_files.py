@@ -7,8 +7,9 @@ from typing import Any, get_args
 
 from app.candidates.identify_photo import identify_items
 from app.core.errors import InvalidInputError
-from app.estimates.child_tasks import DepthFiles, run_estimate
 from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
+from app.estimates.read_photographs import DepthFiles
+from app.estimates.run_estimate import run_estimate
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS

@@ -11,8 +11,8 @@ from PIL import Image
 
 from app.children.child_pool import ChildResult
 from app.core.errors import Failure
-from app.estimates.child_tasks import estimate_task
 from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.run_estimate import estimate_task
 from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from tests.estimates import answer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.estimates.camera_json import camera_to_json, rig_to_json
-from app.estimates.child_tasks import estimate_task
+from app.estimates.run_estimate import estimate_task
 from tests.depth_maps import depth_png
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.estimates.child_tasks import run_estimate
 from app.estimates.estimate_json import options_from_json
+from app.estimates.run_estimate import run_estimate
 from app.vision.board.marker import find_marker
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo

@@ -11,8 +11,8 @@ import pytest
 from app.children.child_pool import ChildResult
 from app.children.faults import JobFailure
 from app.estimates.camera_json import rig_to_json
-from app.estimates.child_tasks import estimate_task
 from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.run_estimate import estimate_task
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox

@@ -9,8 +9,9 @@ import pytest
 import sqlalchemy as sa
 from PIL import Image
 
-from app.estimates.child_tasks import estimate_task, picture_task
 from app.estimates.estimate_json import colour_to_json
+from app.estimates.picture_task import picture_task
+from app.estimates.run_estimate import estimate_task
 from app.meals.record_models import RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX
 from app.people.models import Study

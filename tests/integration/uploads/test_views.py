@@ -7,8 +7,8 @@ import cv2
 import pytest
 
 from app.children.child_pool import ChildResult
-from app.estimates.child_tasks import estimate_task
 from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.run_estimate import estimate_task
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from tests.estimates import answer

@@ -13,7 +13,7 @@ from app.candidates.classify import ClassifyFoods
 from app.children.child_pool import ChildPool, ChildResult
 from app.core.errors import Failure
 from app.core.settings import Settings
-from app.estimates.child_tasks import classify_task
+from app.estimates.describe_regions import classify_task
 from app.meals.run_answer import RunAnswer
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from app.core.errors import InvalidInputError
-from app.estimates.child_tasks import DepthFiles, run_estimate
 from app.estimates.estimate_files import estimate_files, read_options
+from app.estimates.read_photographs import DepthFiles
+from app.estimates.run_estimate import run_estimate
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 

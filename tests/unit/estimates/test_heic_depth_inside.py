@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.estimates.child_tasks import DepthFiles, run_estimate
+from app.estimates.read_photographs import DepthFiles
+from app.estimates.run_estimate import run_estimate
 from app.vision.model import EstimateOptions
 from tests.heic_files import MATTE, heic_with_map, packet, quantised
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
