@@ -4,7 +4,6 @@ import hashlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -18,7 +17,7 @@ from app.estimates.read_photographs import DepthFiles, read_photographs
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.photos.slots import PAIR_SLOTS
-from app.vision.model import Artefact, EstimateOptions, MealEstimate, Photo, PhotoPair
+from app.vision.model import Artefact, EstimateOptions, Float64Array, MealEstimate, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.version import PIPELINE_VERSION
 
@@ -91,13 +90,20 @@ def run_estimate(
         stages = {"read": read_seconds}
         return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=read), options), None
     photos, unused = read
-    options = replace(options, forms_by_looks=partial(likely_forms, index=index))
+    has_used_index = False
+
+    def forms_by_looks(vector: Float64Array) -> Mapping[str, float]:
+        nonlocal has_used_index
+        has_used_index = True
+        return likely_forms(vector, index)
+
+    options = replace(options, forms_by_looks=forms_by_looks)
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     items = tuple(replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items)
     estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)
-    if answer.parameters.get("views") == 1:
+    if has_used_index:
         answer.parameters["form_index"] = form_index_version(index)
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)

@@ -17,7 +17,7 @@ from app.vision.reconstruct import add_depths, reconstruct_over_table
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.shape.depth_slices import measure_as_printed
-from app.vision.shape.form_prior import LikelyForms
+from app.vision.shape.form_prior import LikelyForms, form_prior
 from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
@@ -156,15 +156,20 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
 def _likely_forms(
     foods: Foods, places: Float32Array, pair: PhotoPair, options: EstimateOptions, trace: Trace
 ) -> list[LikelyForms | None]:
-    """The forms that each region may have by its looks in a single view, where its outline hardly tells."""
+    """The forms that each region may have by its looks in a single view, where its outline hardly tells.
+
+    None where a hint tells, or nothing can be described.
+    """
     if options.forms_by_looks is None:
         return []
-    rings = (rings_of(region.mask, places, is_swapped=False) for region in foods.regions)
-    looks = (describe_rings(pair.left.pixels_bgr, each, trace.colour_of(0)) for each in rings)
-    return [
-        LikelyForms(options.forms_by_looks(vector.astype(np.float64))) if vector is not None else None
-        for vector in looks
-    ]
+    likely: list[LikelyForms | None] = []
+    for region in foods.regions:
+        hint, vector = options.hints[region.hint] if region.hint is not None else None, None
+        if form_prior(hint) is None:
+            rings = rings_of(region.mask, places, is_swapped=False)
+            vector = describe_rings(pair.left.pixels_bgr, rings, trace.colour_of(0))
+        likely.append(LikelyForms(options.forms_by_looks(vector.astype(np.float64))) if vector is not None else None)
+    return likely
 
 
 def _measure(

@@ -14,14 +14,11 @@ import pytest
 
 import app.dashboard
 from app.dashboard.answers import CONTENT_SECURITY_POLICY
-from app.vision.model import EstimateOptions, PhotoPair
-from app.vision.pipeline import estimate_meal
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+from tests.e2e.measured_ball import BALL, measured_ball
 
 pytestmark = pytest.mark.slow
 
 STATIC = pathlib.Path(app.dashboard.__file__).parent / "static"
-BALL = Ball((115.0, 15.0), 33.0)
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>A meal</title>
 <link rel="icon" href="/static/icon.svg"><link rel="stylesheet" href="/static/app.css">
 <script type="module" src="/static/meal3d.js"></script></head><body><main>
@@ -53,9 +50,7 @@ class _Files(http.server.SimpleHTTPRequestHandler):
 def address(tmp_path_factory):
     """A server of the pages' files, of pages with a scene, and of what a run left."""
     folder = tmp_path_factory.mktemp("site")
-    views = rendered_views(BALL)
-    pair = PhotoPair(views[0].photo, views[1].photo)
-    for artefact in estimate_meal(pair, EstimateOptions(SPEC, CAMERA), want_artefacts=True).artefacts:
+    for artefact in measured_ball()[1].artefacts:
         (folder / artefact.name).write_bytes(artefact.content)
     (folder / "meal.html").write_text(PAGE.format(scene="scene.json"))
     (folder / "none.html").write_text(PAGE.format(scene="gone.json"))

@@ -4,27 +4,12 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from tests import estimates
-from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.e2e.dashboard_server import PASSWORD
 from tests.estimates import found_item, identified_item
 
 pytestmark = pytest.mark.slow
 
 SQUARE = [[200.0, 150.0], [300.0, 150.0], [300.0, 250.0], [200.0, 250.0]]
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    server = dashboard_server(tmp_path_factory.mktemp("meal-page"))
-    server.make_study()
-    server.make_staff("ann", pilot="reviewer")
-    yield server
-    server.close()
-
-
-@pytest.fixture(scope="module")
-def phone(served):
-    with served.enrol() as phone:
-        yield phone
 
 
 @pytest.fixture

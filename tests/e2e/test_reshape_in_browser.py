@@ -7,23 +7,18 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from app.vision.hand_form import hand_form_ml
-from app.vision.model import EstimateOptions, PhotoPair
-from app.vision.pipeline import estimate_meal
 from tests import estimates
-from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.e2e.dashboard_server import PASSWORD
+from tests.e2e.measured_ball import BALL, measured_ball
 from tests.estimates import found_item, scene_artefact
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 pytestmark = pytest.mark.slow
-
-BALL = Ball((115.0, 15.0), 33.0)
 
 
 @pytest.fixture(scope="module")
 def measured():
     """Photographs by slot, the item and scene.json of a rendered ball."""
-    pair = PhotoPair(*(view.photo for view in rendered_views(BALL)))
-    estimate = estimate_meal(pair, EstimateOptions(SPEC, CAMERA), want_artefacts=True)
+    pair, estimate = measured_ball()
     photos = {
         slot: cv2.imencode(".jpg", photo.pixels_bgr)[1].tobytes()
         for slot, photo in (("left", pair.left), ("right", pair.right))
@@ -32,21 +27,6 @@ def measured():
     (item,) = estimate.items
     rings = [ring.tolist() for ring in item.rings]
     return photos, found_item(item.volume_ml, hint=0, polygon=rings), scene
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    server = dashboard_server(tmp_path_factory.mktemp("reshape"))
-    server.make_study()
-    server.make_staff("ann", pilot="reviewer")
-    yield server
-    server.close()
-
-
-@pytest.fixture(scope="module")
-def phone(served):
-    with served.enrol() as phone:
-        yield phone
 
 
 @pytest.fixture
