@@ -273,7 +273,7 @@ def no_food_found() -> Failure:
     """The failure where nothing stands on the support."""
     return Failure(
         "no_food_found",
-        "Nothing that stands out from the table or plate could be found beside the marker.",
+        "Nothing that stands out from the table or plate could be found.",
         "Photograph the meal at a slant of about 45 degrees with the whole plate in both views, or mark the food.",
     )
 

@@ -89,7 +89,7 @@ def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredIte
     if not items and all(item is not None for item in measured):
         return Failure(
             "no_food_found",
-            f"Nothing larger than {MIN_VOLUME_ML:g} ml was found beside the marker.",
+            f"Nothing larger than {MIN_VOLUME_ML:g} ml was found.",
             "If food lies there, photograph it at a slant of about 45 degrees with the whole plate in both views, or "
             "mark it.",
         )
