@@ -51,7 +51,7 @@ def _invalid(reason: str) -> InvalidInputError:
 def number_from(value: object, key: str, invalid: Callable[[str], InvalidInputError] = _invalid) -> float:
     """A finite number of JSON. Raises what `invalid` makes of the reason."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
-        raise invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
+        raise invalid(f"{key} takes numbers, not {str(value)[:40]!r}.")
     return float(value)
 
 
