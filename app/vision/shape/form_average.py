@@ -34,9 +34,7 @@ def average_forms(
     Also the height that it rests at, mm, and flags. pair_sd: relative, what all foods of the photographs share.
     likely: of a single view's food of which prior says nothing.
     """
-    costs = np.array([fit.evidence for fit in fits])
-    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
-    log_evidence = -0.5 * (costs - costs[0]) / ((SINGLE_TUNING.temper if is_single else TUNING.temper) * misfit)
+    log_evidence, misfit = _log_evidence(fits, SINGLE_TUNING.temper if is_single else TUNING.temper)
     weights = np.exp(log_evidence)
     if is_single:
         weights *= _equal_forms([fit.form.name for fit in fits])
@@ -65,6 +63,21 @@ def average_forms(
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
     shape = ClosedShape(rest, mesh.faces)
     return log_normal_volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
+
+
+def likely_fits(fits: Sequence[FormFit]) -> list[FormFit]:
+    """Of the fits, the best first, those whose weight is not negligible."""
+    if not fits:
+        return []
+    log_evidence, _ = _log_evidence(fits, TUNING.temper)
+    return [fit for fit, value in zip(fits, log_evidence.tolist(), strict=True) if value > np.log(TUNING.least_weight)]
+
+
+def _log_evidence(fits: Sequence[FormFit], temper: float) -> tuple[Float64Array, float]:
+    """(n,) logarithm of each fit's evidence over the best one's, which is the first, and the best one's misfit."""
+    costs = np.array([fit.evidence for fit in fits])
+    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
+    return -0.5 * (costs - costs[0]) / (temper * misfit), misfit
 
 
 def _equal_forms(names: Sequence[str]) -> Float64Array:

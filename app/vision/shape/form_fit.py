@@ -5,6 +5,7 @@ Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow take
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -60,26 +61,55 @@ class Seen:
         return self.others[view - PAIR].pixel_gradient(points_table)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FormFit:
     """unknowns: (k,) at the maximum. cost: -2 log of the posterior there.
 
-    observations: how many independent ones took part. volume_ml, volume_sd_ml: with the covariance's sd.
-    log_occam: log of the determinant of precision times prior variance, the price of what had to be fitted.
+    What a coarse fit never needs (the volume, its spread, the evidence) is computed when it is first asked for.
     """
 
     form: Form
-    unknowns: Float64Array
-    cost: float
-    observations: float
-    volume_ml: float
-    volume_sd_ml: float
-    log_occam: float
+    cells: int
+    misfit: "_Misfit"
 
     @property
+    def unknowns(self) -> Float64Array:
+        """(k,) at the maximum."""
+        return self.misfit.unknowns
+
+    @property
+    def cost(self) -> float:
+        """-2 log of the posterior at the maximum."""
+        return self.misfit.cost
+
+    @property
+    def observations(self) -> float:
+        """How many independent ones took part."""
+        return float(self.misfit.terms.weight.sum())
+
+    @cached_property
     def evidence(self) -> float:
-        """As a cost, -2 log."""
-        return self.cost + TUNING.occam_weight * self.log_occam
+        """As a cost, -2 log: with the price of what had to be fitted, log of det(precision times prior variance)."""
+        log_occam = float(np.linalg.slogdet(self._normal)[1]) - self.form.prior_log_determinant
+        return self.cost + TUNING.occam_weight * log_occam
+
+    @cached_property
+    def volume_ml(self) -> float:
+        """Of the form's finest mesh."""
+        vertices, mesh = self.form.vertices(self.unknowns, EXACT), self.form.topology(EXACT)
+        return ml_from_mm3(enclosed_mm3(vertices, mesh.faces))
+
+    @cached_property
+    def volume_sd_ml(self) -> float:
+        """By the covariance of the unknowns."""
+        vertices, mesh = self.form.vertices(self.unknowns, self.cells), self.form.topology(self.cells)
+        by_vertex = enclosed_gradient_mm2(vertices, mesh)
+        gradient = self.form.moves_along(self.unknowns, self.cells, np.arange(len(vertices)), by_vertex).sum(axis=1)
+        return ml_from_mm3(float(np.sqrt(max(float(gradient @ _solved(self._normal, gradient)), 0.0))))
+
+    @cached_property
+    def _normal(self) -> Float64Array:
+        return _linearised(self.form, self.misfit, self.cells)[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,37 +152,26 @@ def fit_form(
     outline_sd_px: None: what is seen tells it.
     """
     outline_sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
-    first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
-    if first is None:
+    best = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
+    if best is None:
         return None
-    best = _linearised(form, first, cells)
     damping, least, most = TUNING.damping
     converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
     for _ in range(rounds):
         before = best
+        normal, slope = _linearised(form, before, cells)
         for _ in range(TUNING.tries):
-            step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
+            step = -_solved(normal + damping * np.diag(np.diag(normal)), slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
             trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
             if trial is not None and trial.cost < before.cost:
-                best = _linearised(form, trial, cells)
+                best = trial
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
         if before.cost - best.cost < converged * before.cost:
             break
-    by_vertex = enclosed_gradient_mm2(form.vertices(best.unknowns, cells), form.topology(cells))
-    gradient = np.tensordot(form.jacobian(best.unknowns, cells), by_vertex, 2)
-    variance = float(gradient @ _solved(best.normal, gradient))
-    return FormFit(
-        form=form,
-        unknowns=best.unknowns,
-        cost=best.cost,
-        observations=best.observations,
-        volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(best.unknowns, EXACT), form.topology(EXACT).faces)),
-        volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
-        log_occam=float(np.linalg.slogdet(best.normal)[1]) - form.prior_log_determinant,
-    )
+    return FormFit(form, cells, best)
 
 
 def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
@@ -172,17 +191,6 @@ class _Misfit:
     cost: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Posterior:
-    """cost: see _Misfit. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
-
-    unknowns: Float64Array
-    cost: float
-    normal: Float64Array
-    slope: Float64Array
-    observations: float
-
-
 def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Misfit | None:
     terms = _terms(form, unknowns, cells, seen, outline_sd_px)
     if terms is None:
@@ -191,20 +199,13 @@ def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_
     return _Misfit(unknowns, terms, terms.loss + float(apart @ form.prior_precision @ apart))
 
 
-def _linearised(form: Form, misfit: _Misfit, cells: int) -> _Posterior:
-    """With derivatives, which take longer than the misfit itself and only accepted steps need."""
+def _linearised(form: Form, misfit: _Misfit, cells: int) -> tuple[Float64Array, Float64Array]:
+    """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the misfit itself."""
     terms, prior = misfit.terms, form.prior_precision
-    used, place = np.unique(terms.vertex, return_inverse=True)
-    moves = form.jacobian(misfit.unknowns, cells, used)[:, place]
-    jacobian = np.einsum("knb,nb->kn", moves, terms.by_point)
+    jacobian = form.moves_along(misfit.unknowns, cells, terms.vertex, terms.by_point)
     weighted = jacobian * terms.precision
-    return _Posterior(
-        unknowns=misfit.unknowns,
-        cost=misfit.cost,
-        normal=weighted @ jacobian.T + prior,
-        slope=weighted @ terms.residual_px + prior @ (misfit.unknowns - form.expected),
-        observations=float(terms.weight.sum()),
-    )
+    slope = weighted @ terms.residual_px + prior @ (misfit.unknowns - form.expected)
+    return weighted @ jacobian.T + prior, slope
 
 
 @dataclass(frozen=True, slots=True)

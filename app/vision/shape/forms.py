@@ -200,6 +200,14 @@ class Form(ABC):
             out[row] = (self.vertices(moved, cells) - at) / step
         return out if index is None else out[:, index]
 
+    def moves_along(
+        self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
+    ) -> Float64Array:
+        """(k, n) derivatives of the places of vertices (n,), each counted along a direction (n, 3)."""
+        used, place = np.unique(vertex, return_inverse=True)
+        moves = self.jacobian(unknowns, cells, used)[:, place]
+        return np.asarray(np.einsum("knb,nb->kn", moves, directions), np.float64)
+
 
 @lru_cache
 def harmonics(cells: int) -> Float64Array:
@@ -274,15 +282,31 @@ class Superellipsoid(Form):
 
     def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
+        moves = self._moves(unknowns, cells, np.arange(len(sphere(cells).places)) if index is None else index)
+        by_weight = moves.harmonics.T[:, :, None] * moves.normals
+        by_weight[:, :, 2] -= moves.lowest[:, None]
+        return np.concatenate([moves.by_parameter, by_weight])
+
+    def moves_along(
+        self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
+    ) -> Float64Array:
+        """See Form."""
+        used, place = np.unique(vertex, return_inverse=True)
+        moves = self._moves(unknowns, cells, used)
+        along = np.einsum("nb,nb->n", moves.normals[place], directions)
+        by_weight = moves.harmonics.T[:, place] * along - moves.lowest[:, None] * directions[:, 2]
+        by_parameter = np.einsum("knb,nb->kn", moves.by_parameter[:, place], directions)
+        return np.concatenate([by_parameter, by_weight])
+
+    def _moves(self, unknowns: Float64Array, cells: int, index: IntArray) -> "_Moves":
         p, weights = self.split(unknowns)
         plain = self._plain(p, cells)
-        normals = self._normals(plain, cells) if len(weights) else np.empty_like(plain.at)
+        normals = self._normals(plain, cells) if len(weights) else np.zeros_like(plain.at)
         at = self._displaced(p, weights, plain.at, normals, cells) if len(weights) else plain.at
         lowest = int(np.argmin(at[:, 2]))
-        places = sphere(cells).places
-        chosen = np.append(np.arange(len(places)) if index is None else index, lowest)
-        directions, turned = places[chosen], plain.turned[chosen]
-        out = np.zeros((len(unknowns), len(chosen), 3))
+        chosen = np.append(index, lowest)
+        directions, turned = sphere(cells).places[chosen], plain.turned[chosen]
+        out = np.zeros((len(self.free), len(chosen), 3))
         for row, free in enumerate(self.free):
             if free in (X, Y, SUPPORT):
                 out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
@@ -292,11 +316,9 @@ class Superellipsoid(Form):
             own = plain.own[chosen] if free in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, directions)
             out[row] = (own @ self._turn(moved).T - turned) / STEP[free]
             out[row, :, 2] -= out[row, -1, 2]
-        if len(weights):
-            moves = harmonics(cells)[chosen].T[:, :, None] * (_mean_radius(p) * normals[chosen])
-            moves[:, :, 2] -= moves[:, -1, 2, None]
-            out[len(self.free) :] = moves
-        return out[:, :-1]
+        waves = harmonics(cells)[chosen, : len(weights)]
+        moved_mm = _mean_radius(p) * normals[chosen]
+        return _Moves(out[:, :-1], moved_mm[:-1], waves[:-1], moved_mm[-1, 2] * waves[-1])
 
     def _displaced(
         self, p: Float64Array, weights: Float64Array, plain_at: Float64Array, normals: Float64Array, cells: int
@@ -337,6 +359,19 @@ class _Plain:
     own: Float64Array
     turned: Float64Array
     at: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Moves:
+    """Derivatives of a form's vertices: (q, n, 3) by_parameter; by the weight of a harmonic, it times (n, 3) normals.
+
+    harmonics: (n, w). lowest: (w,) how much each weight raises the vertex that rests, by which all are let down.
+    """
+
+    by_parameter: Float64Array
+    normals: Float64Array
+    harmonics: Float64Array
+    lowest: Float64Array
 
 
 def _mean_radius(p: Float64Array) -> float:

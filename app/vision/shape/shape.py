@@ -19,7 +19,7 @@ from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import families
-from app.vision.shape.form_average import Flags, average_forms, log_normal_volume
+from app.vision.shape.form_average import Flags, average_forms, likely_fits, log_normal_volume
 from app.vision.shape.form_fit import FormFit, Seen, fit_form
 from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.shape.forms import COARSE, FINE, Form
@@ -236,7 +236,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     if food.is_single:
         return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(food, _pass(food, usable[:kept] + of_form[:1], None))
+    fits = _settled(food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None)))
     for runner_up in fits[1:2]:
         # What is measured along a form favours it: one that does better along itself is the better one.
         own = _pass(food, [runner_up], None)
