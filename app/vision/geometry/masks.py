@@ -83,6 +83,13 @@ def inward_px(mask: MaskArray, kernel: Literal[3, 5] = 5) -> Float32Array:
     return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, kernel), np.float32)
 
 
+def inward_in(mask: MaskArray, window: tuple[slice, slice]) -> Float32Array:
+    """(H, W) inward_px of a mask that lies within the window of rows and columns, a pixel or more from its border."""
+    out = np.zeros(mask.shape, np.float32)
+    out[window] = inward_px(mask[window])
+    return out
+
+
 def components(mask: MaskArray) -> list[MaskArray]:
     """Return the mask's connected parts, each (H, W)."""
     labels, stats, _ = labelled(mask)

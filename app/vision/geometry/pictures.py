@@ -16,6 +16,24 @@ def lab_of(image_bgr: cv2.typing.MatLike) -> Float32Array:
     return np.asarray(cv2.cvtColor(image_bgr.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LAB), np.float32)
 
 
+class LabPicture:
+    """A picture in CIE L*a*b*, converted only where it is looked at: foods cover little of a photograph."""
+
+    def __init__(self, image_bgr: ImageArray) -> None:
+        self._image_bgr = image_bgr
+        self._lab = np.zeros(image_bgr.shape, np.float32)  # takes no memory where nothing is written
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self._image_bgr.shape[0], self._image_bgr.shape[1]
+
+    def within(self, window: tuple[slice, slice]) -> Float32Array:
+        """(H, W, 3) L*a*b*, valid within the window, (rows, columns)."""
+        self._lab[window] = lab_of(self._image_bgr[window])
+        return self._lab
+
+
 def lab_bytes(image_bgr: ImageArray) -> Float32Array:
     """(H, W, 3) the same in steps of a byte, 0 to 255."""
     return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2LAB), np.float32)

@@ -152,7 +152,8 @@ def fit_form(
     outline_sd_px: None: what is seen tells it.
     """
     outline_sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
-    best = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
+    prior, stride = _Prior.of(form), form.stride
+    best = _misfit(form, prior, form.start if start is None else start, cells, seen, outline_sd_px)
     if best is None:
         return None
     damping, least, most = TUNING.damping
@@ -162,8 +163,8 @@ def fit_form(
         normal, slope = _linearised(form, before, cells)
         for _ in range(TUNING.tries):
             step = -_solved(normal + damping * np.diag(np.diag(normal)), slope)
-            step /= max(1.0, float(np.abs(step / form.stride).max()))
-            trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
+            step /= max(1.0, float(np.abs(step / stride).max()))
+            trial = _misfit(form, prior, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
             if trial is not None and trial.cost < before.cost:
                 best = trial
                 break
@@ -183,29 +184,44 @@ def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
 
 
 @dataclass(frozen=True, slots=True)
+class _Prior:
+    """Of a form's unknowns: (k,) the middle and (k, k) the precision."""
+
+    expected: Float64Array
+    precision: Float64Array
+
+    @classmethod
+    def of(cls, form: Form) -> "_Prior":
+        return cls(form.expected, form.prior_precision)
+
+
+@dataclass(frozen=True, slots=True)
 class _Misfit:
     """cost: -2 log of the posterior at the unknowns, all that a step is judged by."""
 
     unknowns: Float64Array
+    prior: _Prior
     terms: _Terms
     cost: float
 
 
-def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Misfit | None:
+def _misfit(
+    form: Form, prior: _Prior, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float
+) -> _Misfit | None:
     terms = _terms(form, unknowns, cells, seen, outline_sd_px)
     if terms is None:
         return None
-    apart = unknowns - form.expected
-    return _Misfit(unknowns, terms, terms.loss + float(apart @ form.prior_precision @ apart))
+    apart = unknowns - prior.expected
+    return _Misfit(unknowns, prior, terms, terms.loss + float(apart @ prior.precision @ apart))
 
 
 def _linearised(form: Form, misfit: _Misfit, cells: int) -> tuple[Float64Array, Float64Array]:
     """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the misfit itself."""
-    terms, prior = misfit.terms, form.prior_precision
+    terms, prior = misfit.terms, misfit.prior
     jacobian = form.moves_along(misfit.unknowns, cells, terms.vertex, terms.by_point)
     weighted = jacobian * terms.precision
-    slope = weighted @ terms.residual_px + prior @ (misfit.unknowns - form.expected)
-    return weighted @ jacobian.T + prior, slope
+    slope = weighted @ terms.residual_px + prior.precision @ (misfit.unknowns - prior.expected)
+    return weighted @ jacobian.T + prior.precision, slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +241,7 @@ class _Placed:
 
 def _placed(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Placed:
     mesh, vertices = form.topology(cells), form.vertices(unknowns, cells)
-    normals, corners = face_normals(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    normals, corners = face_normals(vertices, mesh.faces), vertices.take(mesh.faces[:, 0], axis=0)
     cameras = *seen.sight.cameras_mm, *(view.centre_mm for view in seen.others)
     is_facing = tuple(normals_towards(normals, corners, camera) for camera in cameras)
     first, parallax = seen.sight.project(vertices)

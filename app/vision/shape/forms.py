@@ -307,15 +307,20 @@ class Superellipsoid(Form):
         chosen = np.append(index, lowest)
         directions, turned = sphere(cells).places[chosen], plain.turned[chosen]
         out = np.zeros((len(self.free), len(chosen), 3))
+        shaping = [row for row, free in enumerate(self.free) if free not in (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)]
+        moved = np.tile(p, (len(shaping), 1))
+        steps = STEP[[self.free[row] for row in shaping]]
+        moved[np.arange(len(shaping)), [self.free[row] for row in shaping]] += steps
+        out[shaping] = (self._own(moved, directions) @ self._turn(p).T - turned) / steps[:, None, None]
         for row, free in enumerate(self.free):
             if free in (X, Y, SUPPORT):
                 out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
-                continue
-            moved = p.copy()
-            moved[free] += STEP[free]
-            own = plain.own[chosen] if free in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, directions)
-            out[row] = (own @ self._turn(moved).T - turned) / STEP[free]
-            out[row, :, 2] -= out[row, -1, 2]
+            elif row not in shaping:
+                turning = p.copy()
+                turning[free] += STEP[free]
+                out[row] = (plain.own[chosen] @ self._turn(turning).T - turned) / STEP[free]
+        is_let_down = [row for row, free in enumerate(self.free) if free not in (X, Y, SUPPORT)]
+        out[is_let_down, :, 2] -= out[is_let_down, -1, 2, None]
         waves = harmonics(cells)[chosen, : len(weights)]
         moved_mm = _mean_radius(p) * normals[chosen]
         return _Moves(out[:, :-1], moved_mm[:-1], waves[:-1], moved_mm[-1, 2] * waves[-1])
@@ -328,7 +333,7 @@ class Superellipsoid(Form):
         return at
 
     def _plain(self, p: Float64Array, cells: int) -> "_Plain":
-        own = self._own(p, sphere(cells).places)
+        own = self._own(p[None], sphere(cells).places)[0]
         turned = own @ self._turn(p).T
         return _Plain(own, turned, turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()]))
 
@@ -342,6 +347,7 @@ class Superellipsoid(Form):
         return normals
 
     def _own(self, p: Float64Array, directions: Float64Array) -> Float64Array:
+        """(q, n, 3) in the form's own axes, of (q, 14) parameters."""
         return (_cut if self._is_cut else _whole)(p, directions)
 
     def _turn(self, p: Float64Array) -> Float64Array:
@@ -379,44 +385,43 @@ def _mean_radius(p: Float64Array) -> float:
 
 
 def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
-    """(n, 3) what stands above the level SUNK over the form's lowest point, closed by a flat base.
+    """(q, n, 3) what stands above the level SUNK over each form's lowest point, closed by a flat base. p: (q, 14).
 
     The sphere's upper half becomes the surface, its equator the foot, its lower half the base, so that the foot is a
     line of edges.
     """
-    e1, e2 = np.exp(p[[E1, E2]])
-    a, b, c = np.exp(p[A : C + 1])
-    level = np.clip(p[SUNK] / c - 1, -LEAST_CUT, LEAST_CUT)
+    e1, e2 = np.exp(p[:, [E1, E2]].T)[:, :, None]
+    a, b, c = np.exp(p[:, A : C + 1].T)[:, :, None]
+    level = np.clip(p[:, SUNK, None] / c - 1, -LEAST_CUT, LEAST_CUT)
     lowest = np.sign(level) * np.arcsin(np.abs(level) ** (1 / e1))
     latitude = np.arcsin(np.clip(directions[:, 2], 0, 1)) * 2 / np.pi
     latitude = lowest + (np.pi / 2 - lowest) * latitude
     flat = np.hypot(directions[:, 0], directions[:, 1])
     around = directions[:, :2] / np.maximum(flat, 1e-12)[:, None]
-    out = np.empty_like(directions)
     share = np.where(directions[:, 2] < 0, flat, 1.0) * _power(np.cos(latitude), e1)
-    out[:, 0], out[:, 1] = a * share * _power(around[:, 0], e2), b * share * _power(around[:, 1], e2)
-    out[:, 2] = c * _power(np.sin(latitude), e1)
-    return out
+    x, y = a * share * _power(around[:, 0], e2), b * share * _power(around[:, 1], e2)
+    return np.stack([x, y, c * _power(np.sin(latitude), e1)], axis=2)
 
 
-def _power(base: Float64Array, exponent: float) -> Float64Array:
+def _power(base: Float64Array, exponent: Float64Array) -> Float64Array:
     """Signed power, as in Barr's parametrisation."""
-    return np.sign(base) * np.abs(base) ** exponent
+    return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
 
 
 def _whole(p: Float64Array, directions: Float64Array) -> Float64Array:
-    """(n, 3) the superellipsoid in its own axes, tapered, then bent."""
+    """(q, n, 3) the superellipsoids in their own axes, tapered, then bent. p: (q, 14)."""
     x, y, z = np.abs(directions.T) + 1e-9
-    e1, e2 = np.exp(p[[E1, E2]])
+    e1, e2 = np.exp(p[:, [E1, E2]].T)[:, :, None]
     scale = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
-    on_unit = directions * scale[:, None]
-    a, b, c = np.exp(p[A : C + 1])
-    section = 1 + p[TAPER] * on_unit[:, 2]
-    out = np.column_stack([on_unit[:, 0] * a * section, on_unit[:, 1] * b * section, on_unit[:, 2] * c])
-    if abs(p[BEND]) > 1e-6:
-        radius = c / p[BEND]
-        angle, reach = out[:, 2] / radius, radius - out[:, 0]
-        out[:, 0], out[:, 2] = radius - reach * np.cos(angle), reach * np.sin(angle)
+    on_unit = directions.T[:, None] * scale
+    a, b, c = np.exp(p[:, A : C + 1].T)[:, :, None]
+    section = 1 + p[:, TAPER, None] * on_unit[2]
+    out = np.stack([on_unit[0] * a * section, on_unit[1] * b * section, on_unit[2] * c], axis=2)
+    bent = np.abs(p[:, BEND]) > 1e-6
+    if bent.any():
+        radius = (c[:, 0] / np.where(bent, p[:, BEND], 1.0))[bent, None]
+        angle, reach = out[bent, :, 2] / radius, radius - out[bent, :, 0]
+        out[bent, :, 0], out[bent, :, 2] = radius - reach * np.cos(angle), reach * np.sin(angle)
     return out
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import dilated, inward_px, window_around
+from app.vision.geometry.masks import dilated, inward_in, window_around
 from app.vision.geometry.mesh import Topology, faces_towards
-from app.vision.geometry.pictures import grey_of, lab_of
+from app.vision.geometry.pictures import LabPicture, grey_of
 from app.vision.liquids.filled_vessel import FilledVessel
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Foods, Region
@@ -42,6 +42,7 @@ from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight, sight_of
 
+LAB_MARGIN_PX = 32  # around a food or a form: two rounds of snapping, the band beyond and interpolation reach 24 px
 HIDDEN_PX = 5  # around where another food's measured points are seen, which have gaps
 
 
@@ -50,16 +51,17 @@ class _Food:
     """What fitting needs of one region. lab, hidden_by: of each view; (H, W) foods in front of it.
 
     grey: of the pair; None of a single view, which stands in its own second one's place in lab. depths: maps beside the
-    pair. points: (n, 3) mm; none in a single view.
+    pair. points: (n, 3) mm; none in a single view. mask_mm2: the mask's area as if it lay on the marker's plane.
     """
 
     sight: Sight
     seen: Seen
     grey: tuple[Float32Array, Float32Array] | None
-    lab: tuple[Float32Array, ...]
+    lab: tuple[LabPicture, ...]
     hidden_by: tuple[MaskArray, ...]
     depths: tuple[DisparityMap, ...]
     points: Float64Array
+    mask_mm2: float
     support_mm: float
     support_sd_mm: float
 
@@ -110,56 +112,67 @@ class _Scene:
     pair: RectifiedPair
     disparity: DisparityMap
     points_table: Float32Array
-    plane_xy_mm: Float32Array
+    pixel_mm: float
     grey: tuple[Float32Array, Float32Array] | None
-    lab: tuple[Float32Array, ...]
+    lab: tuple[LabPicture, ...]
     others: tuple[PinholeView, ...]
     depths: tuple[DisparityMap, ...] = ()
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
-        sight = sight_of(self.pair, self.foods.table, self.plane_xy_mm, window_around(mask, TUNING.margin_px))
+        window = window_around(mask, TUNING.margin_px)
+        plane_xy_mm = plane_points(self.pair, window)[..., :2]
+        sight = sight_of(self.pair, self.foods.table, plane_xy_mm, window)
         rings = rings_of_mask(mask)
         if not rings:
             return None
         in_pair = self._in_front(number)
-        line = _without(snap(self.lab[0], rings, TUNING.snap_px), in_pair[0])
-        inward = inward_px(mask)
-        measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
+        lab = self.lab[0].within(window_around(mask, LAB_MARGIN_PX))
+        line = _without(snap(lab, rings, TUNING.snap_px), in_pair[0])
+        inward = inward_in(mask, window)
+        seen_parallax = self.disparity.parallax_px[window]
+        measured = np.argwhere(np.isfinite(seen_parallax) & (inward[window] > self.disparity.reach_px[window]))
         if len(measured) == 0 and self.pair.second_bgr is not None:
             return None
-        parallax = self.disparity.parallax_px[measured[:, 0], measured[:, 1]].astype(np.float64)
-        points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
-        support_mm, support_sd_mm = self._support(number, points)
-        seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity, others=self.others)
+        parallax = seen_parallax[measured[:, 0], measured[:, 1]].astype(np.float64)
+        pixels = measured[:, ::-1] + [window[1].start, window[0].start]
+        points = sight.points(pixels.astype(np.float64), parallax)
+        support_mm, support_sd_mm = self._support(number, points if len(points) else plane_xy_mm[mask[window]])
+        seen = Seen(sight, mask, inward, (line, None), self.disparity, others=self.others)
         if self.grey is None and len(points) == 0:
             seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
-        return _Food(sight, seen, self.grey, self.lab, hidden_by, self.depths, points, support_mm, support_sd_mm)
+        mask_mm2 = float(np.count_nonzero(mask)) * self.pixel_mm**2
+        return _Food(
+            sight, seen, self.grey, self.lab, hidden_by, self.depths, points, mask_mm2, support_mm, support_sd_mm
+        )
 
-    def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
-        """Height over the table of what the food rests on, and its sd, mm."""
+    def _support(self, number: int, points: Float64Array | Float32Array) -> tuple[float, float]:
+        """Height over the table of what the food rests on, and its sd, mm. points: (n, 2 or 3) of the food, mm."""
         support = self.foods.regions[number].support
         if support is None:
             return TUNING.support_unknown_mm, TUNING.support_unknown_sd_mm
-        seen = points[:, :2] if len(points) else self.plane_xy_mm[self.foods.regions[number].mask].astype(np.float64)
-        table_mm = float(self.foods.table.height_mm(np.asarray(np.median(seen, axis=0), np.float64)))
+        middle = np.median(points[:, :2].astype(np.float64), axis=0)
+        table_mm = float(self.foods.table.height_mm(np.asarray(middle, np.float64)))
         return support.height_mm - table_mm, max(support.sd_mm, TUNING.least_support_sd_mm)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
         """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
         mask = self.foods.regions[number].mask
-        first = np.zeros(mask.shape, np.bool_)
+        first, second = np.zeros(mask.shape, np.bool_), np.zeros(mask.shape, np.bool_)
         reach = 2 * TUNING.touching_px + 1
-        beside = dilated(mask, reach)
+        window = window_around(mask, reach)
+        points, own_mask = self.points_table[window], mask[window]
+        beside = dilated(own_mask, reach)
         for other, region in enumerate(self.foods.regions):
-            shared = region.mask & beside
+            shared = region.mask[window] & beside
             if other == number or not shared.any():
                 continue
-            own = mask & dilated(region.mask, reach)
-            if self._distance_mm(shared) < self._distance_mm(own) + TUNING.in_front_mm:
+            own = own_mask & dilated(region.mask[window], reach)
+            if self._distance_mm(points[shared]) < self._distance_mm(points[own]) + TUNING.in_front_mm:
                 first |= region.mask
-        second = np.zeros(mask.shape, np.bool_)
+        if not first.any():
+            return first, second
         rows, columns = np.nonzero(first & np.isfinite(self.disparity.parallax_px))
         moved = np.rint(columns - self.disparity.parallax_px[rows, columns]).astype(np.int64)
         inside = (moved >= 0) & (moved < mask.shape[1])
@@ -182,8 +195,7 @@ class _Scene:
                 picture[row[inside], column[inside]] = True
         return dilated(picture, HIDDEN_PX)
 
-    def _distance_mm(self, where: MaskArray) -> float:
-        points = self.points_table[where]
+    def _distance_mm(self, points: Float32Array) -> float:
         points = points[np.isfinite(points[:, 2])]
         if len(points) == 0:
             return np.inf
@@ -200,10 +212,9 @@ def _scene_of(
     is_single = pair.second_bgr is None
     first_bgr, second_bgr = (pair.first_bgr, pair.first_bgr) if is_single else pair.both_bgr
     grey = [grey_of(image).astype(np.float32) for image in (first_bgr, second_bgr)]
-    lab = tuple(lab_of(image) for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others)))
-    plane_xy_mm = plane_points(pair)[..., :2]
+    lab = tuple(LabPicture(image) for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others)))
     of_pair = None if is_single else (grey[0], grey[1])
-    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, of_pair, lab, tuple(others))
+    return _Scene(foods, pair, disparity, points_table, pair.pixel_mm, of_pair, lab, tuple(others))
 
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
@@ -219,9 +230,8 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
 
     Of the form that is known beforehand, the best one is among these unless it fits hopelessly.
     """
-    mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
     camera = food.sight.cameras_mm[0]
-    forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
+    forms = families(food.points, food.mask_mm2, food.support_mm, food.support_sd_mm, camera)
     if len(food.points) == 0:
         forms = single_view_forms(food.sight, food.seen.mask, food.support_mm, food.support_sd_mm)
     elif forms:
@@ -308,7 +318,7 @@ def _covered(food: _Food, vertices: Float64Array, mesh: Topology) -> list[MaskAr
     seen_by = [(sight.in_view(*sight.project(vertices), 1), sight.cameras_mm[1])]
     seen_by += [(view.project(vertices), view.centre_mm) for view in food.seen.others]
     return [
-        draw_mask(pixels, mesh.faces[faces_towards(vertices, mesh.faces, camera)], lab.shape[:2])
+        draw_mask(pixels, mesh.faces[faces_towards(vertices, mesh.faces, camera)], lab.shape)
         for (pixels, camera), lab in zip(seen_by, food.lab[1:], strict=True)
     ]
 
@@ -322,14 +332,15 @@ def _outline_in(food: _Food, view: int, covered: MaskArray) -> Outline | None:
     rings = rings_of_mask(covered)
     if not rings or first is None:
         return None
-    inside, outside = colours_beside(food.lab[0], first)
+    inside, outside = colours_beside(food.lab[0].within(window_around(food.seen.mask, LAB_MARGIN_PX)), first)
+    lab = food.lab[view].within(window_around(covered, LAB_MARGIN_PX))
     shift = first.points_px.mean(axis=0) - outline(rings, np.empty(0)).points_px.mean(axis=0)
 
     def reference(points: Float64Array) -> tuple[Float64Array, Float64Array]:
         _, nearest = first.tree.query(points + shift)
         return inside[nearest], outside[nearest]
 
-    line = _without(snap(food.lab[view], rings, TUNING.snap_second_px, reference), food.hidden_by[view])
+    line = _without(snap(lab, rings, TUNING.snap_second_px, reference), food.hidden_by[view])
     return replace(line, weights=TUNING.second_weight * line.weights)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
+from app.vision.geometry.masks import window_around
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, Float64Array, MaskArray
 
@@ -60,12 +61,11 @@ def outline(rings: Sequence[Ring], weights: Float64Array) -> Outline:
 
 def rings_of_mask(mask: MaskArray) -> list[Ring]:
     """The outlines of a mask, holes included, evenly spaced and smoothed over a pixel."""
-    pixels = np.argwhere(mask)
-    if len(pixels) == 0:
+    if not mask.any():
         return []
-    low = np.maximum(pixels.min(axis=0) - 3, 0)
-    window = mask[low[0] : pixels.max(axis=0)[0] + 4, low[1] : pixels.max(axis=0)[1] + 4]
-    soft = window.astype(np.float32)
+    rows, columns = window_around(mask, 3)
+    low = np.array([rows.start, columns.start])
+    soft = mask[rows, columns].astype(np.float32)
     fine = cv2.resize(soft, None, fx=SUPERSAMPLING, fy=SUPERSAMPLING, interpolation=cv2.INTER_LINEAR)
     contours, _ = cv2.findContours((fine > 0.5).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     rings = []

@@ -78,10 +78,10 @@ class Sight:
 
 
 def sight_of(pair: RectifiedPair, trend: TableTrend, plane_xy_mm: Float32Array, window: tuple[slice, slice]) -> Sight:
-    """The pair with the drift around a food. plane_xy_mm: (H, W, 2) see plane_points. window: rows, columns of it."""
+    """The pair with the drift around a food. window: rows, columns of it. plane_xy_mm: there, see plane_points."""
     rows, columns = (np.linspace(each.start, each.stop - 1, SAMPLES).astype(np.int64) for each in window)
     y, x = (each.ravel() for each in np.meshgrid(rows, columns, indexing="ij"))
-    height = trend.height_mm(plane_xy_mm[y, x])
+    height = trend.height_mm(plane_xy_mm[y - window[0].start, x - window[1].start])
     camera_height = pair.first_centre_mm[2]
     a, b, c = pair.plane_px
     parallax = (a * x + b * y + c) * (camera_height / (camera_height - height) - 1) / (1 - a)

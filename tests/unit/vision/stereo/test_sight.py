@@ -84,7 +84,7 @@ def test_parallax_per_mm_is_that_of_differences_along_the_ray():
 
 def test_drift_is_the_parallax_that_a_tilted_table_shows():
     trend = flat_trend(1.5, 0.8, -0.6)
-    sight = sight_of(PAIR, trend, plane_points(PAIR)[..., :2], WINDOW)
+    sight = sight_of(PAIR, trend, plane_points(PAIR, WINDOW)[..., :2], WINDOW)
     middle = np.array([[550.0, 400.0]])
     on_plane = Sight(PAIR).points(middle, np.zeros(1))
     lifted = np.column_stack([on_plane[:, :2], trend.height_mm(on_plane[:, :2])])
@@ -94,7 +94,7 @@ def test_drift_is_the_parallax_that_a_tilted_table_shows():
 
 
 def test_table_that_shows_no_height_has_no_drift():
-    sight = sight_of(PAIR, flat_trend(), plane_points(PAIR)[..., :2], WINDOW)
+    sight = sight_of(PAIR, flat_trend(), plane_points(PAIR, WINDOW)[..., :2], WINDOW)
     assert np.allclose(sight.drift, 0.0, atol=1e-9)
 
 
