@@ -4,6 +4,7 @@ Evidence (Seen) + a family with its start (forms.py) -> unknowns, their covarian
 Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow taken for food or a highlight bends little.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,31 +62,98 @@ class Seen:
         return self.others[view - PAIR].pixel_gradient(points_table)
 
 
-@dataclass(frozen=True)
-class FormFit:
-    """unknowns: (k,) at the maximum. cost: -2 log of the posterior there.
+@dataclass(frozen=True, slots=True)
+class _Terms:
+    """Misfits that hang on one vertex each. vertex: (n,). by_point: (n, 3) derivative by its place, px/mm.
 
-    What a coarse fit never needs (the volume, its spread, the evidence) is computed when it is first asked for.
+    sd_px: (n,), NaN of an outline, whose sd each fit has its own of. unmeasured: how many observations more the form
+    would show if parallax were known everywhere.
+    """
+
+    vertex: IntArray
+    by_point: Float64Array
+    residual_px: Float64Array
+    sd_px: Float64Array
+    weight: Float64Array
+    unmeasured: float = 0.0
+
+    def loss(self, outline_sd_px: float) -> float:
+        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(self._scaled(outline_sd_px) ** 2)).sum())
+        return measured + TUNING.unmeasured_loss * self.unmeasured
+
+    def precision(self, outline_sd_px: float) -> Float64Array:
+        """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
+        return self.weight / self._sd_px(outline_sd_px) ** 2 / (1 + self._scaled(outline_sd_px) ** 2)
+
+    def _scaled(self, outline_sd_px: float) -> Float64Array:
+        return self.residual_px / self._sd_px(outline_sd_px) / TUNING.loss_scale
+
+    def _sd_px(self, outline_sd_px: float) -> Float64Array:
+        return np.where(np.isnan(self.sd_px), outline_sd_px, self.sd_px)
+
+
+@dataclass(frozen=True, slots=True)
+class _Prior:
+    """Of a form's unknowns: (k,) the middle and (k, k) the precision."""
+
+    expected: Float64Array
+    precision: Float64Array
+
+
+@dataclass(frozen=True)
+class FormAt:
+    """A form at unknowns (k,), and how it fits there what is seen. cells: COARSE or FINE.
+
+    Fits with different tolerances of the outline that come by the same place share what is computed there.
     """
 
     form: Form
     cells: int
-    misfit: "_Misfit"
+    unknowns: Float64Array
+    prior: _Prior
+    terms: _Terms
+
+    def cost(self, outline_sd_px: float) -> float:
+        """-2 log of the posterior, all that a step is judged by."""
+        apart = self.unknowns - self.prior.expected
+        return self.terms.loss(outline_sd_px) + float(apart @ self.prior.precision @ apart)
+
+    def linearised(self, outline_sd_px: float) -> tuple[Float64Array, Float64Array]:
+        """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the cost itself."""
+        weighted = self._jacobian * self.terms.precision(outline_sd_px)
+        slope = weighted @ self.terms.residual_px + self.prior.precision @ (self.unknowns - self.prior.expected)
+        return weighted @ self._jacobian.T + self.prior.precision, slope
+
+    @cached_property
+    def _jacobian(self) -> Float64Array:
+        return self.form.moves_along(self.unknowns, self.cells, self.terms.vertex, self.terms.by_point)
+
+
+@dataclass(frozen=True)
+class FormFit:
+    """A form where its posterior is at a maximum. cost: -2 log of it there. outline_sd_px: that it was fitted with.
+
+    What a coarse fit never needs (the volume, its spread, the evidence) is computed when it is first asked for.
+    """
+
+    at: FormAt
+    cost: float
+    outline_sd_px: float
+
+    @property
+    def form(self) -> Form:
+        """Family and start."""
+        return self.at.form
 
     @property
     def unknowns(self) -> Float64Array:
         """(k,) at the maximum."""
-        return self.misfit.unknowns
-
-    @property
-    def cost(self) -> float:
-        """-2 log of the posterior at the maximum."""
-        return self.misfit.cost
+        return self.at.unknowns
 
     @property
     def observations(self) -> float:
         """How many independent ones took part."""
-        return float(self.misfit.terms.weight.sum())
+        return float(self.at.terms.weight.sum())
 
     @cached_property
     def evidence(self) -> float:
@@ -102,41 +170,26 @@ class FormFit:
     @cached_property
     def volume_sd_ml(self) -> float:
         """By the covariance of the unknowns."""
-        vertices, mesh = self.form.vertices(self.unknowns, self.cells), self.form.topology(self.cells)
-        by_vertex = enclosed_gradient_mm2(vertices, mesh)
-        gradient = self.form.moves_along(self.unknowns, self.cells, np.arange(len(vertices)), by_vertex).sum(axis=1)
+        form, cells = self.form, self.at.cells
+        vertices = form.vertices(self.unknowns, cells)
+        by_vertex = enclosed_gradient_mm2(vertices, form.topology(cells))
+        gradient = form.moves_along(self.unknowns, cells, np.arange(len(vertices)), by_vertex).sum(axis=1)
         return ml_from_mm3(float(np.sqrt(max(float(gradient @ _solved(self._normal, gradient)), 0.0))))
 
     @cached_property
     def _normal(self) -> Float64Array:
-        return _linearised(self.form, self.misfit, self.cells)[0]
+        return self.at.linearised(self.outline_sd_px)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class _Terms:
-    """Misfits that hang on one vertex each. vertex: (n,). by_point: (n, 3) derivative by its place, px/mm.
+def form_at(form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _Prior | None = None) -> FormAt | None:
+    """Return the form where the unknowns (k,) place it; None where nothing of the food meets it.
 
-    unmeasured: how many observations more the form would show if parallax were known everywhere.
+    prior: the form's own, if it was computed before.
     """
-
-    vertex: IntArray
-    by_point: Float64Array
-    residual_px: Float64Array
-    sd_px: Float64Array
-    weight: Float64Array
-    unmeasured: float = 0.0
-
-    @property
-    def loss(self) -> float:
-        scaled = (self.residual_px / self.sd_px / TUNING.loss_scale) ** 2
-        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(scaled)).sum())
-        return measured + TUNING.unmeasured_loss * self.unmeasured
-
-    @property
-    def precision(self) -> Float64Array:
-        """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
-        scaled = (self.residual_px / self.sd_px / TUNING.loss_scale) ** 2
-        return self.weight / self.sd_px**2 / (1 + scaled)
+    terms = _terms(form, unknowns, cells, seen)
+    if terms is None:
+        return None
+    return FormAt(form, cells, unknowns, prior or _Prior(form.expected, form.prior_precision), terms)
 
 
 def fit_form(
@@ -144,35 +197,37 @@ def fit_form(
     seen: Seen,
     cells: int,
     rounds: int,
-    start: Float64Array | None = None,
+    start: Float64Array | FormAt | None = None,
     outline_sd_px: float | None = None,
 ) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE.
 
     outline_sd_px: None: what is seen tells it.
     """
-    outline_sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
-    prior, stride = _Prior.of(form), form.stride
-    best = _misfit(form, prior, form.start if start is None else start, cells, seen, outline_sd_px)
-    if best is None:
-        return None
+    sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
+    if not isinstance(start, FormAt):
+        start = form_at(form, form.start if start is None else start, cells, seen)
+        if start is None:
+            return None
+    best, stride = FormFit(start, start.cost(sd_px), sd_px), form.stride
     damping, least, most = TUNING.damping
     converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
     for _ in range(rounds):
         before = best
-        normal, slope = _linearised(form, before, cells)
+        normal, slope = before.at.linearised(sd_px)
         for _ in range(TUNING.tries):
             step = -_solved(normal + damping * np.diag(np.diag(normal)), slope)
             step /= max(1.0, float(np.abs(step / stride).max()))
-            trial = _misfit(form, prior, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
-            if trial is not None and trial.cost < before.cost:
-                best = trial
+            trial = form_at(form, form.bounded(before.unknowns + step), cells, seen, start.prior)
+            cost = trial.cost(sd_px) if trial is not None else np.inf
+            if trial is not None and cost < before.cost:
+                best = FormFit(trial, cost, sd_px)
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
         if before.cost - best.cost < converged * before.cost:
             break
-    return FormFit(form, cells, best)
+    return best
 
 
 def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
@@ -184,79 +239,44 @@ def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
 
 
 @dataclass(frozen=True, slots=True)
-class _Prior:
-    """Of a form's unknowns: (k,) the middle and (k, k) the precision."""
-
-    expected: Float64Array
-    precision: Float64Array
-
-    @classmethod
-    def of(cls, form: Form) -> "_Prior":
-        return cls(form.expected, form.prior_precision)
-
-
-@dataclass(frozen=True, slots=True)
-class _Misfit:
-    """cost: -2 log of the posterior at the unknowns, all that a step is judged by."""
-
-    unknowns: Float64Array
-    prior: _Prior
-    terms: _Terms
-    cost: float
-
-
-def _misfit(
-    form: Form, prior: _Prior, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float
-) -> _Misfit | None:
-    terms = _terms(form, unknowns, cells, seen, outline_sd_px)
-    if terms is None:
-        return None
-    apart = unknowns - prior.expected
-    return _Misfit(unknowns, prior, terms, terms.loss + float(apart @ prior.precision @ apart))
-
-
-def _linearised(form: Form, misfit: _Misfit, cells: int) -> tuple[Float64Array, Float64Array]:
-    """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the misfit itself."""
-    terms, prior = misfit.terms, misfit.prior
-    jacobian = form.moves_along(misfit.unknowns, cells, terms.vertex, terms.by_point)
-    weighted = jacobian * terms.precision
-    slope = weighted @ terms.residual_px + prior.precision @ (misfit.unknowns - prior.expected)
-    return weighted @ jacobian.T + prior.precision, slope
-
-
-@dataclass(frozen=True, slots=True)
 class _Placed:
     """A form's mesh where the unknowns place it, as the views see it.
 
-    normals: (m, 3) see face_normals. pixels: (n, 2) in each view. parallax_px: (n,). is_facing: (m,) towards each.
+    normals: (m, 3) see face_normals. parallax_px: (n,). pixels: (n, 2) in each view whose outline is known.
+    is_facing: (m,) towards each of these.
     """
 
     mesh: Topology
     vertices: Float64Array
     normals: Float64Array
-    pixels: tuple[Float64Array, ...]
     parallax_px: Float64Array
-    is_facing: tuple[MaskArray, ...]
+    pixels: Mapping[int, Float64Array]
+    is_facing: Mapping[int, MaskArray]
 
 
 def _placed(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Placed:
     mesh, vertices = form.topology(cells), form.vertices(unknowns, cells)
     normals, corners = face_normals(vertices, mesh.faces), vertices.take(mesh.faces[:, 0], axis=0)
     cameras = *seen.sight.cameras_mm, *(view.centre_mm for view in seen.others)
-    is_facing = tuple(normals_towards(normals, corners, camera) for camera in cameras)
     first, parallax = seen.sight.project(vertices)
-    pixels = first, seen.sight.in_view(first, parallax, 1), *(view.project(vertices) for view in seen.others)
-    return _Placed(mesh, vertices, normals, pixels, parallax, is_facing)
+    pixels, is_facing = {0: first}, {}
+    for view in (view for view, line in enumerate(seen.outlines) if line is not None):
+        is_facing[view] = normals_towards(normals, corners, cameras[view])
+        if view >= PAIR:
+            pixels[view] = seen.others[view - PAIR].project(vertices)
+        elif view == 1:
+            pixels[view] = seen.sight.in_view(first, parallax, 1)
+    return _Placed(mesh, vertices, normals, parallax, pixels, is_facing)
 
 
-def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Terms | None:
+def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms | None:
     placed = _placed(form, unknowns, cells, seen)
     parts = _parallax_terms(placed, seen)
-    for view in range(len(seen.outlines)):
-        index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
+    for view, is_facing in placed.is_facing.items():
+        index, share = outline_vertices(placed.vertices, placed.mesh, is_facing)
         if len(index) < TUNING.min_outline:
             continue
-        parts.append(_outline_terms(placed, index, share, seen, view, outline_sd_px, is_folded=form.is_folded))
+        parts.append(_outline_terms(placed, index, share, seen, view, is_folded=form.is_folded))
         if view == 0:
             parts.append(_coverage_terms(placed, index, seen, is_flat=form.is_flat))
     kept = [part for part in parts if part is not None]
@@ -278,7 +298,6 @@ def _outline_terms(
     share: Float64Array,
     seen: Seen,
     view: int,
-    sd_px: float,
     *,
     is_folded: bool,
 ) -> _Terms | None:
@@ -295,7 +314,7 @@ def _outline_terms(
     weight = line.weights[nearest] * share * length / TUNING.outline_run_px
     if is_folded:
         weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
-    return _Terms(index, by_point, residual, np.full(len(residual), sd_px), weight)
+    return _Terms(index, by_point, residual, np.full(len(residual), np.nan), weight)
 
 
 def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:

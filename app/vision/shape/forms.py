@@ -204,9 +204,16 @@ class Form(ABC):
         self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
     ) -> Float64Array:
         """(k, n) derivatives of the places of vertices (n,), each counted along a direction (n, 3)."""
-        used, place = np.unique(vertex, return_inverse=True)
+        used, place = _distinct(vertex)
         moves = self.jacobian(unknowns, cells, used)[:, place]
         return np.asarray(np.einsum("knb,nb->kn", moves, directions), np.float64)
+
+
+def _distinct(vertex: IntArray) -> tuple[IntArray, IntArray]:
+    """(m,) the different ones of (n,) vertices, ascending, and (n,) the place of each among them."""
+    is_used = np.zeros(int(vertex.max(initial=-1)) + 1, np.bool_)
+    is_used[vertex] = True
+    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertex]
 
 
 @lru_cache
@@ -291,7 +298,7 @@ class Superellipsoid(Form):
         self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
     ) -> Float64Array:
         """See Form."""
-        used, place = np.unique(vertex, return_inverse=True)
+        used, place = _distinct(vertex)
         moves = self._moves(unknowns, cells, used)
         along = np.einsum("nb,nb->n", moves.normals[place], directions)
         by_weight = moves.harmonics.T[:, place] * along - moves.lowest[:, None] * directions[:, 2]

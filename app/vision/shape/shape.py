@@ -20,7 +20,7 @@ from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import families
 from app.vision.shape.form_average import Flags, average_forms, likely_fits, log_normal_volume
-from app.vision.shape.form_fit import FormFit, Seen, fit_form
+from app.vision.shape.form_fit import FormFit, Seen, fit_form, form_at
 from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
@@ -260,9 +260,12 @@ def begin_fit(form: Form, seen: Seen) -> FormFit | None:
 
     The loss is flat far from the outline, so that a form that starts there is not drawn towards it.
     """
-    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, outline_sd_px=TUNING.wide_outline_sd_px)
-    starts = [form.start] if wide is None else [form.start, wide.unknowns]
-    fits = [fit_form(form, seen, COARSE, TUNING.first_rounds, start) for start in starts]
+    start = form_at(form, form.start, COARSE, seen)
+    if start is None:
+        return None
+    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, start, outline_sd_px=TUNING.wide_outline_sd_px)
+    starts = [start] if wide is None else [start, wide.at]
+    fits = [fit_form(form, seen, COARSE, TUNING.first_rounds, each) for each in starts]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
