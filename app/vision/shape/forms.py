@@ -88,7 +88,7 @@ class Form(ABC):
 
     @abstractmethod
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
-        """(n, 3) vertices, mm, table frame, of (p,) parameters and weights, which may be none."""
+        """(q, n, 3) vertices, mm, table frame, of (q, p) parameters and (q, w) weights, which may be none."""
 
     @property
     def start(self) -> Float64Array:
@@ -186,18 +186,19 @@ class Form(ABC):
 
     def vertices(self, unknowns: Float64Array, cells: int) -> Float64Array:
         """(n, 3) mm, table frame."""
-        return self.shaped(*self.split(unknowns), cells)
+        p, weights = self.split(unknowns)
+        return np.asarray(self.shaped(p[None], weights[None], cells)[0], np.float64)
 
     def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,), by differences."""
-        at = self.vertices(unknowns, cells)
-        weights = len(unknowns) - len(self.free)
-        steps = np.concatenate([self.parameter_step[list(self.free)], np.full(weights, WEIGHT_STEP)])
-        out = np.empty((len(unknowns), *at.shape))
-        for row, step in enumerate(steps):
-            moved = unknowns.copy()
-            moved[row] += step
-            out[row] = (self.vertices(moved, cells) - at) / step
+        steps = np.concatenate(
+            [self.parameter_step[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)]
+        )
+        moved = np.vstack([unknowns, unknowns + np.diag(steps)])
+        p = np.tile(self.parameters, (len(moved), 1))
+        p[:, list(self.free)] = moved[:, : len(self.free)]
+        at = self.shaped(p, moved[:, len(self.free) :], cells)
+        out = np.asarray((at[1:] - at[0]) / steps[:, None, None], np.float64)
         return out if index is None else out[:, index]
 
     def moves_along(
@@ -284,6 +285,9 @@ class Superellipsoid(Form):
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
+        return np.stack([self._shaped(each, some, cells) for each, some in zip(p, weights, strict=True)])
+
+    def _shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         plain = self._plain(p, cells)
         return self._displaced(p, weights, plain.at, self._normals(plain, cells), cells) if len(weights) else plain.at
 
@@ -463,17 +467,20 @@ class Ring(Form):
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. The weights change the tube's width."""
         turn, tube = self.topology(cells).places.T
-        width = np.ones_like(turn)
-        if len(weights):
+        width = np.ones((len(p), 1))
+        if weights.size:
             across = (np.ones_like(tube), np.cos(tube), np.sin(tube))
             waves = range(1, RING_WAVES + 1)
             terms = [f(wave * turn) * term for wave in waves for f in (np.cos, np.sin) for term in across]
-            width += np.column_stack(terms) @ weights
-        middle, half_width, half_height = np.exp(p[A : C + 1])
-        stretch, radius = np.exp(p[E1] / 2), middle + half_width * width * np.cos(tube)
-        own = np.column_stack(
-            [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)]
+            width = width + weights @ np.stack(terms)
+        middle, half_width, half_height = np.exp(p[:, A : C + 1].T)[:, :, None]
+        stretch, radius = np.exp(p[:, E1, None] / 2), middle + half_width * width * np.cos(tube)
+        own = np.stack(
+            [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)],
+            axis=2,
         )
-        at = own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T
-        at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
-        return at
+        turns = np.stack([cv2.Rodrigues(each)[0] @ self.axes for each in p[:, TURN_X : TURN_Z + 1]])
+        at = own @ turns.swapaxes(1, 2)
+        at[:, :, :2] += p[:, None, [X, Y]]
+        at[:, :, 2] += (p[:, SUPPORT] - at[:, :, 2].min(axis=1))[:, None]
+        return np.asarray(at, np.float64)

@@ -93,31 +93,32 @@ class Prism(Form):
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form."""
-        layout, count = _layout(self.corners, cells), self.corners
-        weights = weights if len(weights) else np.zeros(len(self.weight_sd))
-        draught, lean, slope, crown = weights[0], weights[1:3], weights[3:5], weights[5]
-        sides, keystones = weights[6 : 6 + count], weights[6 + count : -len(DISPLACEMENT_ORDERS)]
-        displacement = weights[-len(DISPLACEMENT_ORDERS) :]
-        height = np.exp(p[HEIGHT])
+        layout, count, many = _layout(self.corners, cells), self.corners, len(p)
+        weights = weights if weights.size else np.zeros((many, len(self.weight_sd)))
+        draught, lean, slope, crown = weights[:, 0, None, None], weights[:, 1:3], weights[:, 3:5], weights[:, 5, None]
+        sides, keystones = weights[:, 6 : 6 + count], weights[:, 6 + count : -len(DISPLACEMENT_ORDERS)]
+        height = np.exp(p[:, HEIGHT, None])
         polygon = _footprint(p, keystones, count)
         normals, lengths = _sides(polygon)
         radius = _rounding_mm(p, polygon, normals)
         inner, spread, outward = _loop(polygon, normals, lengths, radius, sides, layout)
         inward, offset, by_rounding, by_height = layout.loops.T[:, :, None, None]
-        plan = inward * (inner + (1 - offset) * spread) + radius * offset * outward
-        level = (by_rounding * radius + by_height * height).ravel()
-        plan = np.concatenate([plan.reshape(-1, 2), np.zeros((2, 2))])
-        z = np.append(np.repeat(level, len(inner)), [0.0, height])
-        share = (z / height - 0.5)[:, None]
-        size = np.sqrt(np.exp(p[A] + p[B]))
-        crowned = crown * (1 - (plan**2).sum(axis=1) / size**2)
-        z = z * (1 + plan @ slope / size + crowned)
-        plan = plan * (1 + draught * share) + height * share * lean
-        at = np.column_stack([plan + p[[X, Y]], p[SUPPORT] + z])
-        moved = np.exp(p[[A, B, HEIGHT]].mean()) * (_harmonics(count, cells) @ displacement)
-        across = (moved[:-2].reshape(offset.shape[0], -1, 1) * offset * outward).reshape(-1, 2)
-        at[:-2, :2] += across
-        at[:, 2] += moved * _upward(count, cells)
+        plan = inward * (inner[:, None] + (1 - offset) * spread[:, None])
+        plan += radius[:, None, None, None] * offset * outward[:, None]
+        level = by_rounding.ravel() * radius[:, None] + by_height.ravel() * height
+        plan = np.concatenate([plan.reshape(many, -1, 2), np.zeros((many, 2, 2))], axis=1)
+        z = np.concatenate([np.repeat(level, inner.shape[1], axis=1), np.zeros((many, 1)), height], axis=1)
+        share = (z / height - 0.5)[:, :, None]
+        size = np.sqrt(np.exp(p[:, A] + p[:, B]))[:, None]
+        crowned = crown * (1 - (plan**2).sum(axis=2) / size**2)
+        z = z * (1 + np.einsum("qnb,qb->qn", plan, slope) / size + crowned)
+        plan = plan * (1 + draught * share) + height[:, :, None] * share * lean[:, None]
+        at = np.concatenate([plan + p[:, None, [X, Y]], (p[:, SUPPORT, None] + z)[:, :, None]], axis=2)
+        moved = np.exp(p[:, [A, B, HEIGHT]].mean(axis=1))[:, None]
+        moved = moved * (weights[:, -len(DISPLACEMENT_ORDERS) :] @ _harmonics(count, cells).T)
+        across = moved[:, :-2].reshape(many, len(layout.loops), -1, 1) * offset * outward[:, None]
+        at[:, :-2, :2] += across.reshape(many, -1, 2)
+        at[:, :, 2] += moved * _upward(count, cells)
         return at
 
 
@@ -198,48 +199,49 @@ def _reference(corners: int) -> Float64Array:
 
 
 def _footprint(p: Float64Array, keystones: Float64Array, corners: int) -> Float64Array:
-    """(n, 2) corners about the middle, mm."""
+    """(q, n, 2) corners about the middle, mm. p: (q, 9). keystones: (q, 2) of a block."""
     u, v = _reference(corners).T
-    if len(keystones):
-        u, v = u * (1 + keystones[0] * v), v * (1 + keystones[1] * u)
-    x, y = np.exp(p[A]) * u + np.exp(p[B]) * p[SKEW] * v, np.exp(p[B]) * v
-    cosine, sine = np.cos(p[TURN]), np.sin(p[TURN])
-    return np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
+    if keystones.size:
+        u, v = u * (1 + keystones[:, 0, None] * v), v * (1 + keystones[:, 1, None] * u)
+    a, b, skew, turn = (p[:, each, None] for each in (A, B, SKEW, TURN))
+    x, y = np.exp(a) * u + np.exp(b) * skew * v, np.exp(b) * v
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
 
 
 def _sides(polygon: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """(n, 2) outward normals of the sides that begin at each corner, and (n,) their lengths."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    lengths = np.linalg.norm(along, axis=1)
-    return np.column_stack([along[:, 1], -along[:, 0]]) / lengths[:, None], lengths
+    """(q, n, 2) outward normals of the sides that begin at each corner, and (q, n) their lengths."""
+    along = np.roll(polygon, -1, axis=1) - polygon
+    lengths = np.linalg.norm(along, axis=2)
+    return np.stack([along[:, :, 1], -along[:, :, 0]], axis=2) / lengths[:, :, None], lengths
 
 
-def _rounding_mm(p: Float64Array, polygon: Float64Array, normals: Float64Array) -> float:
-    """The edges' radius, bounded smoothly by what the prism is large enough for."""
-    most = MOST_ROUNDING * min(float(np.exp(p[HEIGHT])), float((polygon * normals).sum(axis=1).min()))
-    radius_mm = LEAST_ROUNDING_MM + np.exp(p[ROUNDING])
-    return float(radius_mm * most / np.hypot(radius_mm, most))
+def _rounding_mm(p: Float64Array, polygon: Float64Array, normals: Float64Array) -> Float64Array:
+    """(q,) the edges' radius, bounded smoothly by what the prism is large enough for."""
+    most = MOST_ROUNDING * np.minimum(np.exp(p[:, HEIGHT]), (polygon * normals).sum(axis=2).min(axis=1))
+    radius_mm = LEAST_ROUNDING_MM + np.exp(p[:, ROUNDING])
+    return np.asarray(radius_mm * most / np.hypot(radius_mm, most), np.float64)
 
 
 def _loop(
     polygon: Float64Array,
     normals: Float64Array,
     lengths: Float64Array,
-    radius: float,
+    radius: Float64Array,
     sides: Float64Array,
     layout: _Layout,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(m, 2) each: the footprint less the rounding, see _Layout.spread, and the directions of the rounding outwards."""
-    before = np.roll(normals, 1, axis=0)
-    cosine = (normals * before).sum(axis=1)
-    corners = polygon - radius * (normals + before) / (1 + cosine)[:, None]
-    here, following = layout.corner, (layout.corner + 1) % len(polygon)
-    towards = corners[following] - corners[here]
-    inner = corners[here] + layout.along[:, None] * towards
-    back = corners[here] - corners[(here - 1) % len(polygon)]
+    """(q, m, 2) each: the footprint less the rounding, see _Layout.spread, and the directions of the rounding out."""
+    before = np.roll(normals, 1, axis=1)
+    cosine = (normals * before).sum(axis=2)
+    corners = polygon - radius[:, None, None] * (normals + before) / (1 + cosine)[:, :, None]
+    here, count = layout.corner, polygon.shape[1]
+    towards = corners[:, (here + 1) % count] - corners[:, here]
+    inner = corners[:, here] + layout.along[:, None] * towards
+    back = corners[:, here] - corners[:, (here - 1) % count]
     spread = layout.spread[:, None] * np.where(layout.spread[:, None] < 0, back, towards)
-    bulge = 4 * layout.along * (1 - layout.along) * sides[here] * lengths[here]
-    start = np.arctan2(before[:, 1], before[:, 0])
-    angle = start[here] + layout.turned * np.arccos(np.clip(cosine, -1, 1))[here]
-    outward = np.column_stack([np.cos(angle), np.sin(angle)])
-    return inner + bulge[:, None] * normals[here], spread, outward
+    bulge = 4 * layout.along * (1 - layout.along) * sides[:, here] * lengths[:, here]
+    start = np.arctan2(before[:, :, 1], before[:, :, 0])
+    angle = start[:, here] + layout.turned * np.arccos(np.clip(cosine, -1, 1))[:, here]
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    return inner + bulge[:, :, None] * normals[:, here], spread, outward
