@@ -189,8 +189,10 @@ class Form(ABC):
         p, weights = self.split(unknowns)
         return np.asarray(self.shaped(p[None], weights[None], cells)[0], np.float64)
 
-    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
-        """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,), by differences."""
+    def moves_along(
+        self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
+    ) -> Float64Array:
+        """(k, n) derivatives of the places of vertices (n,), each counted along a direction (n, 3); by differences."""
         steps = np.concatenate(
             [self.parameter_step[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)]
         )
@@ -198,16 +200,8 @@ class Form(ABC):
         p = np.tile(self.parameters, (len(moved), 1))
         p[:, list(self.free)] = moved[:, : len(self.free)]
         at = self.shaped(p, moved[:, len(self.free) :], cells)
-        out = np.asarray((at[1:] - at[0]) / steps[:, None, None], np.float64)
-        return out if index is None else out[:, index]
-
-    def moves_along(
-        self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
-    ) -> Float64Array:
-        """(k, n) derivatives of the places of vertices (n,), each counted along a direction (n, 3)."""
-        used, place = _distinct(vertex)
-        moves = self.jacobian(unknowns, cells, used)[:, place]
-        return np.asarray(np.einsum("knb,nb->kn", moves, directions), np.float64)
+        jacobian = (at[1:] - at[0]) / steps[:, None, None]
+        return np.asarray(np.einsum("knb,nb->kn", jacobian[:, vertex], directions), np.float64)
 
 
 def _distinct(vertex: IntArray) -> tuple[IntArray, IntArray]:
@@ -291,17 +285,10 @@ class Superellipsoid(Form):
         plain = self._plain(p, cells)
         return self._displaced(p, weights, plain.at, self._normals(plain, cells), cells) if len(weights) else plain.at
 
-    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
-        """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
-        moves = self._moves(unknowns, cells, np.arange(len(sphere(cells).places)) if index is None else index)
-        by_weight = moves.harmonics.T[:, :, None] * moves.normals
-        by_weight[:, :, 2] -= moves.lowest[:, None]
-        return np.concatenate([moves.by_parameter, by_weight])
-
     def moves_along(
         self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
     ) -> Float64Array:
-        """See Form."""
+        """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
         used, place = _distinct(vertex)
         moves = self._moves(unknowns, cells, used)
         along = np.einsum("nb,nb->n", moves.normals[place], directions)

@@ -1,4 +1,4 @@
-"""What holds of every closed mesh."""
+"""What holds of every closed mesh, and the derivatives of a form's vertices."""
 
 import numpy as np
 
@@ -9,3 +9,10 @@ def assert_watertight(faces):
     there = {tuple(edge) for edge in directed.tolist()}
     assert len(there) == len(directed), "an edge is run along twice in one direction"
     assert there == {(b, a) for a, b in there}, "an edge has a triangle on one side only"
+
+
+def jacobian_of(form, unknowns, cells, vertex=None):
+    """(k, n, 3) derivatives of all vertices, or of those named, along the three axes."""
+    vertex = np.arange(len(form.vertices(unknowns, cells))) if vertex is None else vertex
+    along = [form.moves_along(unknowns, cells, vertex, np.tile(axis, (len(vertex), 1))) for axis in np.eye(3)]
+    return np.stack(along, axis=2)

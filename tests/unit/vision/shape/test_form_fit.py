@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from app.vision.geometry.mesh import faces_towards, ring, sphere
-from app.vision.shape.form_fit import Seen, _solved, fit_form
+from app.vision.shape.form_average import likely_fits
+from app.vision.shape.form_fit import Seen, _solved, fit_form, form_at
 from app.vision.shape.forms import (
     COARSE,
     E1,
@@ -214,6 +215,25 @@ def test_form_that_shows_nothing_of_the_food_is_no_fit():
     unseen = np.full(SHAPE, np.nan, np.float32)
     blind = replace(seen, outlines=(None, None), surface=SurfaceParallax(unseen, unseen, (0, 0)))
     assert fit_form(ball(), blind, COARSE, ROUNDS) is None
+
+
+def test_fit_from_a_form_that_was_looked_at_is_that_from_its_unknowns():
+    seen, form = seen_of(is_along=False), ball(has_displacement=False)
+    at = form_at(form, form.start, COARSE, seen)
+    for outline_sd_px in (TUNING.wide_outline_sd_px, TUNING.outline_sd_px):
+        shared = fit_form(form, seen, COARSE, 3, at, outline_sd_px)
+        alone = fit_form(form, seen, COARSE, 3, form.start, outline_sd_px)
+        assert np.array_equal(shared.unknowns, alone.unknowns)
+        assert shared.cost == alone.cost < at.cost(outline_sd_px)
+
+
+def test_family_of_no_weight_is_fitted_no_further():
+    seen = seen_of((40.0, 30.0, 13.0))
+    forms = ball((38.0, 28.0, 12.0), off_mm=(2.0, 1.0), has_displacement=False), flat_ring()
+    near, far = (fit_form(form, seen, COARSE, ROUNDS) for form in forms)
+    assert likely_fits([near, far]) == [near]
+    assert likely_fits([near, near]) == [near, near]
+    assert likely_fits([]) == []
 
 
 def test_fitting_leaves_start_and_evidence_as_they_were():
