@@ -117,6 +117,7 @@ class Trace:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         # the number in its slot's name; 2: the right one
         out: dict[str, float | int | str] = {} if self.second_place == 1 else {"second_view": self.second_place + 1}
+        out |= {} if self.scale is None else {"scale_source": self.scale}
         if self.single is not None:
             marker = self.single.first.marker
             out |= _of_view("first", self.single.first) | {"views": 1}

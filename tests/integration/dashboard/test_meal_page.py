@@ -95,6 +95,14 @@ def test_meal_of_one_photograph_has_a_page(show):
     assert "Camera above the table 302 mm" in text
 
 
+@pytest.mark.parametrize(("source", "words"), [("poses", "cameras&#39; poses"), ("depth", "depth map")])
+def test_marker_that_did_not_give_the_scale_is_not_called_found(show, source, words):
+    stages = {"read": 0.1, "marker": 0.1, "camera": 0.1}
+    text = text_of(show("viewer", found_item(), parameters={"scale_source": source}, stages=stages).html())
+    assert f"Scale {words}" in text
+    assert "Found not where it was needed" in text
+
+
 def test_second_photograph_of_a_run_is_named_by_its_slot(show):
     """Of more than two photographs another one than the right one may be the left one's partner."""
     colour = {"left": NO_COLOUR, "view3": NO_COLOUR | {"kind": "white"}}

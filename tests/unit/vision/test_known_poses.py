@@ -208,6 +208,7 @@ def test_poses_give_the_scale_where_the_marker_is_seen_in_the_left_photograph_on
     ball = ball_of(estimate)
     assert ball.flags == by_exact_poses.flags
     assert "single_view" not in ball.flags
+    assert estimate.parameters["scale_source"] == "poses"
     assert ball.volume_ml == pytest.approx(by_exact_poses.volume_ml, rel=0.03)  # the same scene with less to match
     assert [colour.kind for colour in estimate.colours] == ["white", "none"]  # what the marker tells of colours stays
 
