@@ -38,7 +38,7 @@ class FormTuning:
     margin_px: int = 25  # around a food's mask
     kept: int = 4  # families that are fitted finely
     kept_ratio: float = 2.0  # of the best family's cost: one that fits so much worse coarsely is not fitted finely
-    least_weight: float = 1e-6  # of a family in the average: below it, a family is fitted no further
+    least_weight: float = 1e-9  # of a family in the average: below it, a family is fitted no further
     max_passes: int = 3  # fine fits along the best form, at most
     settled: float = 0.03  # relative change of the best volume in a pass below which no further one is needed
     snap_px: float = 4.0  # across an outline, how far its edge is sought in the first view
