@@ -373,7 +373,7 @@ def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> 
     if len(inner) == 0 or (size > max(seen.mask.shape)).any():
         return out
     faces = placed.mesh.faces[placed.is_facing[view]]
-    faces = faces[_is_near(corners[faces], pixels[inner])]
+    faces = faces[_is_near(corners.take(faces, axis=0), pixels[inner])]
     covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
     depth = inward_px(covered, 3)
     column, row = np.rint(pixels[inner] - low).astype(np.int64).T

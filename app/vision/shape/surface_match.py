@@ -113,8 +113,8 @@ def draw_parallax(
     faces = mesh.faces[faces_towards(vertices, mesh.faces, sight.cameras_mm[0])]
     if len(faces) == 0 or (high - low < 4).any():
         return None
-    faces = faces[np.argsort(parallax[faces].mean(axis=1))]  # the nearest are drawn last
-    corners = pixels[faces] - low
+    faces = faces[np.argsort(parallax.take(faces).mean(axis=1))]  # the nearest are drawn last
+    corners = pixels.take(faces, axis=0) - low
     number = np.full((int(high[1] - low[1]), int(high[0] - low[0])), -1, np.int32)
     for index, corner in enumerate(_fixed(corners)):
         cv2.fillConvexPoly(number, corner, index, cv2.LINE_8, SUBPIXEL_BITS)
@@ -139,7 +139,7 @@ def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
 def draw_mask(pixels: Float64Array, faces: IntArray, shape: tuple[int, ...]) -> MaskArray:
     """(H, W) what triangles with corners at (n, 2) px cover."""
     out = np.zeros(shape, np.uint8)
-    for corner in _fixed(pixels[faces]):
+    for corner in _fixed(pixels.take(faces, axis=0)):
         cv2.fillConvexPoly(out, corner, 1, cv2.LINE_8, SUBPIXEL_BITS)
     return out > 0
 
