@@ -4,6 +4,7 @@ Both rectified views -> circles (centre, radius, height). Dense parallax misses 
 their edges do not: seen from above at its own height, a horizontal circle is the same circle in both views.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -27,6 +28,7 @@ SAME_DIRECTION = 0.9  # cosine between the views' gradients at one place
 LEAST_STEP = 5.0  # grey levels over a cell, of an edge
 MIN_VOTES = 0.22  # of a circle's cells, in the search
 KEPT_CIRCLES = 60
+TRIED_AT_ONCE = 20  # starts refined together, before it is known which of them others leave out
 NEXT_TO_CIRCLE_MM = (8.0, 8.0, 6.0, 8.0)  # x, y, radius, height: starts that near to one that led to a circle are left
 NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)  # to one that led to none; less than a step of height, for its neighbour may
 SAMPLES = 120  # directions of a circle
@@ -69,26 +71,52 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
     fine = [blurred(image, 1.0) for image in grey]
     circles: list[Circle] = []
     tried: list[tuple[Float64Array, tuple[float, ...]]] = []
-    for _, start in candidates:
+    starts = [start for _, start in candidates]
+    ahead: dict[int, Circle | None] = {}  # by place among the starts
+    for place, start in enumerate(starts):
         if len(tried) >= KEPT_CIRCLES:
             break
         if any(np.all(np.abs(start - other) < apart) for other, apart in tried):
             continue
-        circle = _best_near(sight, fine, start)
+        if place not in ahead:
+            places = _next_apart(starts, place, tried)
+            ahead |= zip(places, _best_near(sight, fine, np.stack([starts[each] for each in places])), strict=True)
+        circle = ahead[place]
         tried.append((start, NEXT_TO_NONE_MM if circle is None else NEXT_TO_CIRCLE_MM))
         if circle is not None and not any(_is_same(circle, other) for other in circles):
             circles.append(circle)
     return sorted(circles, key=lambda circle: -circle.cover)
 
 
-def _best_near(sight: Sight, grey: list[Float32Array], start: Float64Array) -> Circle | None:
-    """The best covered circle of those that the search from neighbouring heights ends at: a rim has two edges."""
-    circle = refine_circle(sight, grey, start)
-    if circle is None:
-        return None
-    at = np.array([*circle.centre_mm, circle.radius_mm, circle.height_mm])
-    others = [refine_circle(sight, grey, at + np.array([0.0, 0.0, 0.0, lift])) for lift in RESTARTS_MM]
-    return max([circle, *(other for other in others if other is not None)], key=lambda each: each.cover)
+def _next_apart(
+    starts: Sequence[Float64Array], begin: int, tried: Sequence[tuple[Float64Array, tuple[float, ...]]]
+) -> list[int]:
+    """Places of the next starts, from begin on, that will be tried: they are near none tried, nor one another.
+
+    What one of them leads to may still leave out another.
+    """
+    places: list[int] = []
+    near = [*tried]
+    for place in range(begin, len(starts)):
+        if len(places) >= TRIED_AT_ONCE:
+            break
+        if not any(np.all(np.abs(starts[place] - other) < apart) for other, apart in near):
+            places.append(place)
+            near.append((starts[place], NEXT_TO_NONE_MM))
+    return places
+
+
+def _best_near(sight: Sight, grey: list[Float32Array], starts: Float64Array) -> list[Circle | None]:
+    """For each start, (n, 4), the best covered circle of those that neighbouring heights end at: a rim has two edges."""
+    circles = refine_circles(sight, grey, starts)
+    again = [index for index, circle in enumerate(circles) if circle is not None]
+    lifts = np.array([[0.0, 0.0, 0.0, lift] for lift in RESTARTS_MM])
+    ends = [np.array([*c.centre_mm, c.radius_mm, c.height_mm]) for c in circles if c is not None]
+    others = refine_circles(sight, grey, (np.array(ends)[:, None] + lifts).reshape(-1, 4)) if ends else []
+    for turn, index in enumerate(again):
+        near = [circles[index], *others[turn * len(lifts) : (turn + 1) * len(lifts)]]
+        circles[index] = max((circle for circle in near if circle is not None), key=lambda each: each.cover)
+    return circles
 
 
 def _middle_mm(sight: Sight, is_usable: MaskArray) -> Float64Array:
@@ -181,67 +209,79 @@ def _shared_edges(
 
 
 def circle_points(unknowns: Float64Array, samples: int = SAMPLES) -> Float64Array:
-    """(samples, 3) mm on the circle (x, y, radius, height)."""
+    """(..., samples, 3) mm on circles (..., 4): x, y, radius, height."""
     angle = np.arange(samples) * (2 * np.pi / samples)
-    x, y, radius, height = unknowns
-    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle), np.full(samples, height)])
+    x, y, radius, height = (unknowns[..., axis, None] for axis in range(4))
+    return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), height + 0.0 * angle], axis=-1)
 
 
-def refine_circle(sight: Sight, grey: list[Float32Array], start: Float64Array) -> Circle | None:
-    """Gauss-Newton of centre, radius and height on the edges beside the projected circle in both views."""
-    unknowns = start.astype(np.float64).copy()
-    for turn in range(ROUNDS + 1):
-        reach = SEARCH_PX if turn < 3 else 3
-        rows, rests, edges = [], [], []
+def refine_circles(sight: Sight, grey: list[Float32Array], starts: Float64Array) -> list[Circle | None]:
+    """Gauss-Newton of centre, radius and height, (n, 4), on the edges beside the projected circles in both views."""
+    unknowns = starts.astype(np.float64).copy()
+    places = np.arange(len(starts))  # of those that are still circles that are sought
+    for turn in range(ROUNDS):
+        design, rest = [], []
         for view in (0, 1):
-            jacobian, offset, step, _ = across(sight, grey[view], unknowns, view, reach)
-            is_edge = (step > LEAST_STEP) & np.isfinite(offset)
-            edges.append(is_edge & (np.abs(offset) < ON_EDGE_PX))
-            weight = is_edge / (1.0 + (np.nan_to_num(offset)) ** 2)
-            rows.append(jacobian * np.sqrt(weight)[:, None])
-            rests.append(np.nan_to_num(offset) * np.sqrt(weight))
-        if turn == ROUNDS:
+            jacobian, offset, step, _ = across(sight, grey[view], unknowns[places], view, SEARCH_PX if turn < 3 else 3)
+            weight = np.sqrt(((step > LEAST_STEP) & np.isfinite(offset)) / (1.0 + np.nan_to_num(offset) ** 2))
+            design.append(jacobian * weight[..., None])
+            rest.append(np.nan_to_num(offset) * weight)
+        rows, rests = np.concatenate(design, axis=1), np.concatenate(rest, axis=1)
+        normal = rows.mT @ rows + np.diag([1e-4] * 4)
+        unknowns[places] += np.clip(np.linalg.solve(normal, rows.mT @ rests[..., None])[..., 0], -6.0, 6.0)
+        _, _, radius, height = unknowns[places].T
+        is_sought = (0.8 * RADII_MM[0] < radius) & (radius < 1.1 * RADII_MM[1]) & (height > 8.0) & (height < 200.0)
+        places = places[is_sought]
+        if not len(places):
             break
-        design, rest = np.vstack(rows), np.concatenate(rests)
-        normal = design.T @ design + np.diag([1e-4] * 4)
-        unknowns = unknowns + np.clip(np.linalg.solve(normal, design.T @ rest), -6.0, 6.0)
-        if not (0.8 * RADII_MM[0] < unknowns[2] < 1.1 * RADII_MM[1]) or not 8.0 < unknowns[3] < 200.0:
-            return None
-    cover = float(np.stack(edges).mean(axis=1).min())
-    if cover < MIN_COVER:
-        return None
-    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover)
+    circles: list[Circle | None] = [None] * len(starts)
+    for place, cover in zip(places.tolist(), _cover(sight, grey, unknowns[places]).tolist(), strict=True):
+        if cover >= MIN_COVER:
+            x, y, radius, height = unknowns[place].tolist()
+            circles[place] = Circle(np.array([x, y]), radius, height, cover)
+    return circles
+
+
+def _cover(sight: Sight, grey: list[Float32Array], circles: Float64Array) -> Float64Array:
+    """(n,) share of the directions of circles, (n, 4), with an edge on them, in the view that shows less."""
+    if not len(circles):
+        return np.empty(0)
+    shares = []
+    for view in (0, 1):
+        _, offset, step, _ = across(sight, grey[view], circles, view, 3)
+        shares.append(((step > LEAST_STEP) & (np.abs(offset) < ON_EDGE_PX)).mean(axis=1))
+    return np.asarray(np.minimum(*shares), np.float64)
 
 
 def across(
     sight: Sight, grey: Float32Array, unknowns: Float64Array, view: int, reach_px: int
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return what lies across a circle's projection, for n directions.
+    """Return what lies across the projections of circles, (..., 4), for n directions of each.
 
-    (n, 4) derivative of the offset by the unknowns, px/mm; (n,) offset of the strongest edge along the outward normal,
-    px, NaN without one; (n,) its step over two pixels, grey levels; (n,) its sign, positive if it is brighter outside.
+    (..., n, 4) derivative of the offset by the unknowns, px/mm; (..., n) offset of the strongest edge along the outward
+    normal, px, NaN without one; (..., n) its step over two pixels, grey levels; (..., n) its sign, positive if it is
+    brighter outside.
     """
-    points = circle_points(unknowns)
+    shape = (*unknowns.shape[:-1], SAMPLES)
+    points = circle_points(unknowns).reshape(-1, 3)
     pixels = sight.in_view(*sight.project(points), view)
     gradient = sight.pixel_gradient(points, view)
-    radial = np.column_stack([(points[:, :2] - unknowns[:2]) / unknowns[2], np.zeros(len(points))])
-    tangent = np.column_stack([-radial[:, 1], radial[:, 0], radial[:, 2]])
-    along = np.einsum("nij,nj->ni", gradient, tangent)
+    angle = np.arange(SAMPLES) * (2 * np.pi / SAMPLES)
+    cos, sin = (np.broadcast_to(each, shape).reshape(-1, 1) for each in (np.cos(angle), np.sin(angle)))
+    by_x, by_y, by_height = (gradient[..., axis] for axis in range(3))
+    outward, along = by_x * cos + by_y * sin, by_y * cos - by_x * sin
     normal = np.column_stack([along[:, 1], -along[:, 0]])
-    outward = np.einsum("nij,nj->ni", gradient, radial)
-    normal *= np.where(np.einsum("ni,ni->n", normal, outward) < 0, -1.0, 1.0)[:, None]
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    by_point = np.einsum("ni,nij->nj", normal, gradient)
-    jacobian = np.column_stack(
-        [by_point[:, 0], by_point[:, 1], np.einsum("nj,nj->n", by_point, radial), by_point[:, 2]]
-    )
+    normal *= np.where((normal * outward).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    normal /= np.hypot(normal[:, 0], normal[:, 1])[:, None]
+    jacobian = np.column_stack([(normal * each).sum(axis=1) for each in (by_x, by_y, outward, by_height)])
     shifts = np.arange(-reach_px - 1, reach_px + 2)
     where = pixels[:, None] + shifts[None, :, None] * normal[:, None]
     profile = sampled(grey, where, beyond=np.nan)
     steps = profile[:, 2:] - profile[:, :-2]
     size = np.nan_to_num(np.abs(steps))
     # Nearer edges win against somewhat stronger ones farther off.
-    best = np.argmax(size / (1.0 + 0.15 * np.abs(shifts[1:-1])), axis=1)
+    nearness = (1.0 / (1.0 + 0.15 * np.abs(shifts[1:-1]))).astype(np.float32)
+    best = np.argmax(size * nearness, axis=1)
     index = np.arange(len(points))
     middle = np.clip(best, 1, size.shape[1] - 2)
     low, peak, high = size[index, middle - 1], size[index, middle], size[index, middle + 1]
@@ -249,4 +289,5 @@ def across(
     shift = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
     is_peak = (best == middle) & (np.abs(shift) <= 1.0)
     offset = np.where(is_peak, shifts[1:-1][middle] + np.clip(shift, -1, 1), np.nan)
-    return jacobian, offset, size[index, best], np.sign(steps[index, best])
+    step, sign = size[index, best], np.sign(steps[index, best])
+    return jacobian.reshape(*shape, 4), offset.reshape(shape), step.reshape(shape), sign.reshape(shape)
