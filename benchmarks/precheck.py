@@ -23,7 +23,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.children.api_children import ApiChildren  # noqa: E402  # found from the checkout, installed or not
+from app.children.api_children import ApiChildren, Whose  # noqa: E402  # found from the checkout, installed or not
 from app.core.settings import Settings  # noqa: E402
 from benchmarks.pipeline import Scene, find_scenes  # noqa: E402
 
@@ -68,10 +68,10 @@ def print_times(children: ApiChildren, scenes: Sequence[Scene], repeat: int, fol
         height, width = cv2.imread(str(pair[0])).shape[:2]
         row = min(decode), min(checked), min(absent)
         rows.append(row)
-        told = ", ".join(problems) or "none"
+        codes = ", ".join(problems) or "none"
         print(
             f"{scene.folder.name:<20} {height * width / 1e6:5.1f} {row[0]:9.3f} {row[1]:9.3f} {row[1] / row[0]:6.2f}"
-            f" {row[2]:11.3f} {row[2] / row[0]:6.2f}  {told}"
+            f" {row[2]:11.3f} {row[2] / row[0]:6.2f}  {codes}"
         )
     decode_s, check_s, absent_s = (statistics.median(column) for column in zip(*rows, strict=True))
     print(
@@ -82,7 +82,7 @@ def print_times(children: ApiChildren, scenes: Sequence[Scene], repeat: int, fol
 
 
 def check(children: ApiChildren, scene: Scene, right: Path) -> list[str]:
-    found = children.run(
+    answer = children.run(
         "check",
         {
             "left": str(scene.folder / "left.jpg"),
@@ -92,8 +92,9 @@ def check(children: ApiChildren, scene: Scene, right: Path) -> list[str]:
             "max_pixels": 60_000_000,
         },
         seconds=30.0,
+        whose=Whose(None, None),
     )
-    return [f"{one['code']} ({one['severity']})" for one in found["problems"]]
+    return [f"{problem['code']} ({problem['severity']})" for problem in answer["problems"]]
 
 
 def without_board(path: Path) -> bytes:

@@ -202,10 +202,9 @@ def _find_markers(
     With the photographs' poses it is the right one's failure, after which the pipeline measures the pair by them.
     """
     left = find_marker(pair.left, marker, "left")
-    right = find_marker(pair.right, marker, "right") if pair.right is not None else None
     if isinstance(left, Failure):
-        trace.markers = (None, None if isinstance(right, Failure) else right)
         return left
+    right = find_marker(pair.right, marker, "right") if pair.right is not None else None
     if pair.right is None or right is None or isinstance(right, Failure):
         trace.markers = (left, None)
         trace.colours = measure_colour(pair.left, left), UNCORRECTED

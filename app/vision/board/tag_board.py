@@ -5,12 +5,14 @@ Photo and announced marker in -> the corners of its tags, or the corners of its 
 be partly covered, and has one reading. Tags: OpenCV's aruco module (Garrido-Jurado et al., 2014).
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.board.grid import reduced
 from app.vision.board.print_layout import border_share, print_points_mm, tag_corners_mm
 from app.vision.board.quality import judge_tags
 from app.vision.board.tag_edges import grow_tags, ink_gain_px, refine_tags
@@ -20,6 +22,9 @@ from app.vision.marker_spec import DICTIONARIES, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, Int64Array, MarkerObservation, MaskArray, Photo
 
 MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
+MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
+QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
+FOREIGN_SIDE_PX = 2016  # long side on which tags that were not announced are sought: they only explain a refusal
 MIN_TAGS = 4
 MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two by half
 # With so many points that spread so much, as a share of the whole board's spread along its narrower axis, corners that
@@ -90,23 +95,54 @@ def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservat
     return observation if unfit is None else unfit
 
 
-def _detect_tags(grey: ImageArray, *names: str, error_correction: float | None = None) -> Tags:
-    """Tags of one of the named dictionaries, each number once: where two have it, the larger one's."""
+def _detect_tags(grey: ImageArray, name: str) -> Tags:
+    """Tags of the named dictionary, each number once: where two tags have it, the larger one."""
+    corners, ids, _ = cv2.aruco.ArucoDetector(_dictionary(name), _parameters(grey)).detectMarkers(grey)
+    return _largest(np.ravel(ids) if ids is not None else (), corners)
+
+
+def _detect_of_any(grey: ImageArray, names: Sequence[str]) -> tuple[str, Tags]:
+    """The dictionary of most of the tags that show their bits without an error, and its tags."""
+    parameters = _parameters(grey)
+    parameters.errorCorrectionRate = 0.0
+    detector = cv2.aruco.ArucoDetector([_dictionary(name) for name in names], parameters)
+    corners, ids, _, of_dictionary = detector.detectMarkersMultiDict(grey)
+    numbers, places = (np.ravel(each) if each is not None else np.empty(0, np.int64) for each in (ids, of_dictionary))
+    tags = [
+        _largest(numbers[places == place], [quad for quad, own in zip(corners, places, strict=True) if own == place])
+        for place in range(len(names))
+    ]
+    return max(zip(names, tags, strict=True), key=lambda each: len(each[1]))
+
+
+def _parameters(grey: ImageArray) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = MIN_PERIMETER_SHARE
+    parameters.minMarkerPerimeterRate = _least_perimeter_share(grey)
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    if error_correction is not None:
-        parameters.errorCorrectionRate = error_correction
+    return parameters
+
+
+def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
+    """Each number once, with the largest of its tags."""
     largest_tags: dict[int, Float64Array] = {}
-    for name in names:
-        detector = cv2.aruco.ArucoDetector(_dictionary(name), parameters)
-        corners, ids, _ = detector.detectMarkers(grey)
-        for number, quad in zip(np.ravel(ids) if ids is not None else (), corners, strict=True):
-            tag = np.asarray(quad, np.float64).reshape(4, 2)
-            if int(number) not in largest_tags or np.ptp(tag) > np.ptp(largest_tags[int(number)]):
-                largest_tags[int(number)] = tag
+    for number, quad in zip(ids, corners, strict=True):
+        tag = np.asarray(quad, np.float64).reshape(4, 2)
+        if int(number) not in largest_tags or np.ptp(tag) > np.ptp(largest_tags[int(number)]):
+            largest_tags[int(number)] = tag
     numbers = sorted(largest_tags)
     return Tags(np.array(numbers, np.int64), np.array([largest_tags[number] for number in numbers]).reshape(-1, 4, 2))
+
+
+def _least_perimeter_share(grey: ImageArray) -> float:
+    """Perimeter, as a share of the long side, from which on a photograph has no more quadrangles than can be looked at.
+
+    The detector compares each with each: a chequered tablecloth of 9,000 squares would hold it for minutes.
+    """
+    image, _ = reduced(grey, max(grey.shape) // 2)
+    dark = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, QUAD_WINDOW_PX, 7)
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    shares = np.sort([len(contour) for contour in contours])[::-1] / max(image.shape)
+    return max(MIN_PERIMETER_SHARE, float(shares[MAX_QUADS])) if len(shares) > MAX_QUADS else MIN_PERIMETER_SHARE
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -150,13 +186,13 @@ def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Fai
 
 def _foreign_tags(grey: ImageArray, spec: MarkerSpec, where: str) -> Failure | None:
     """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
-    mirrored = _detect_tags(np.ascontiguousarray(grey[:, ::-1]), str(spec.dictionary))
+    fewer, _ = reduced(grey, FOREIGN_SIDE_PX)
+    mirrored = _detect_tags(np.ascontiguousarray(fewer[:, ::-1]), str(spec.dictionary))
     if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
         return _mismatch(spec, where, "its mirror image")
-    for name in LARGEST_OF_FAMILY:
-        tags = _detect_tags(grey, name, error_correction=0.0)
-        if len(tags) >= MIN_TAGS:
-            return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
+    name, tags = _detect_of_any(fewer, LARGEST_OF_FAMILY)
+    if len(tags) >= MIN_TAGS:
+        return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
     return None
 
 

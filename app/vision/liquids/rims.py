@@ -107,7 +107,7 @@ def _next_apart(
 
 
 def _best_near(sight: Sight, grey: list[Float32Array], starts: Float64Array) -> list[Circle | None]:
-    """For each start, (n, 4), the best covered circle of those that neighbouring heights end at: a rim has two edges."""
+    """The best covered circle near each start, (n, 4), from neighbouring heights too: a rim has two edges."""
     circles = refine_circles(sight, grey, starts)
     again = [index for index, circle in enumerate(circles) if circle is not None]
     lifts = np.array([[0.0, 0.0, 0.0, lift] for lift in RESTARTS_MM])

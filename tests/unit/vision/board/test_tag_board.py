@@ -199,6 +199,21 @@ def test_charuco_board_with_an_even_number_of_rows_is_found():
 
 
 @BOTH
+def test_board_beside_a_cloth_of_thousands_of_squares_is_found(spec):
+    photo = photograph(spec, SLANTED)
+    alone = observe(photo, spec)
+    left, top = (int(side) for side in alone.corners_px.min(axis=0) - 60)
+    right, bottom = (int(side) for side in alone.corners_px.max(axis=0) + 60)
+    pixels = np.repeat((np.indices(photo.pixels_bgr.shape[:2]) // 14).sum(axis=0)[..., None] % 2 * 180 + 40, 3, axis=2)
+    pixels = pixels.astype(np.uint8)
+    board = (slice(max(top, 0), bottom), slice(max(left, 0), right))
+    pixels[board] = photo.pixels_bgr[board]
+    beside = observe(replace(photo, pixels_bgr=pixels), spec)
+    assert np.array_equal(beside.point_ids, alone.point_ids)
+    assert np.abs(beside.corners_px - alone.corners_px).max() < CORNER_RMS_PX
+
+
+@BOTH
 def test_photograph_without_a_board_has_none(spec):
     rng = np.random.default_rng(0)
     pixels = np.clip(rng.normal(120.0, 30.0, (900, 1200, 3)), 0, 255).astype(np.uint8)
