@@ -33,8 +33,9 @@ JOINED_SHARES = (1 / 40, 1 / 12)
 MAX_REGIONS = 2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
 SAME_REGION = 0.8  # of the larger one's area
 ALL_OF_IT = 0.5  # of the photograph: a region beyond it saves nothing, and a shadow may hide the rest of the board
-QUADRANGLES_SIDE_PX = 1000  # of the whole photograph, 10 ms with a board and 0.1 s without
 CROP_SIDE_PX = 500  # long side of a region for the detectors; twice that where it is the whole photograph
+# Local thresholds find quadrangles in uneven light: 5 ms a crop; up to a second where the whole photograph has texture.
+QUICK_ON_CROPS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 MIN_ALTERNATING_EDGE = 0.8  # of the squares of an outermost row; beside a white margin half of them step
 MAX_GROWTH = 80  # rows and columns
 GROWN_CORNER_SQUARES = 0.3  # of a square: how far a corner may lie from where the others expect it
@@ -72,21 +73,23 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
     wide = [
         _crop(contrast, region.box, 2 * CROP_SIDE_PX) for region in regions if region.box[2:] == contrast.shape[::-1]
     ]
+    likely = [crop for crop, region in zip(crops, regions, strict=True) if region.is_likely]
     attempts: list[tuple[_Crop, tuple[int, int] | None, int]] = []
     attempts += [(crop, None, 0) for crop in (*wide, *crops)]
     if size is not None:
         attempts += [(crop, None, cv2.CALIB_CB_NORMALIZE_IMAGE) for crop in crops]
-        attempts += [(crop, size, 0) for crop, region in zip(crops, regions, strict=True) if region.is_likely]
+        attempts += [(crop, size, 0) for crop in likely]
     for crop, sought, flags in attempts:
         grid = _detect(crop.image, sought, flags)
         if grid is not None and is_checkerboard(crop.image, grid):
             whole = _without_margin(crop.image, grid) if sought is None else grid
             yield crop.in_whole(_with_all_squares(crop.image, whole))
-    if size is not None:
-        whole_photo = _crop(contrast, (0, 0, contrast.shape[1], contrast.shape[0]), QUADRANGLES_SIDE_PX)
-        grid = _detect_by_quadrangles(whole_photo.image, size)
-        if grid is not None and is_checkerboard(whole_photo.image, grid):
-            yield whole_photo.in_whole(grid)
+    if size is None:
+        return
+    for crop, flags in [(crop, 0) for crop in wide] + [(crop, QUICK_ON_CROPS) for crop in crops]:
+        grid = _detect_by_quadrangles(crop.image, size, flags)
+        if grid is not None and is_checkerboard(crop.image, grid):
+            yield crop.in_whole(grid)
 
 
 def _crop(contrast: ImageArray, box: tuple[int, int, int, int], long_side: int) -> _Crop:
@@ -162,13 +165,12 @@ def _detect(image: ImageArray, size: tuple[int, int] | None, flags: int) -> Floa
     return np.asarray(exact, np.float64).reshape(size[1], size[0], 2) if is_found else None
 
 
-def _detect_by_quadrangles(image: ImageArray, size: tuple[int, int]) -> Float64Array | None:
+def _detect_by_quadrangles(image: ImageArray, size: tuple[int, int], flags: int) -> Float64Array | None:
     """(r, c, 2) px by OpenCV's older detector, which joins dark quadrangles.
 
     It reads a board among other squares (ArUco tags, print), where the sector-based one locks on wrong corners.
     """
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    is_found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+    is_found, corners = cv2.findChessboardCorners(image, size, flags=flags | cv2.CALIB_CB_FAST_CHECK)
     return np.asarray(corners, np.float64).reshape(size[1], size[0], 2) if is_found else None
 
 

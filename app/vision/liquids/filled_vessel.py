@@ -152,6 +152,8 @@ def find_vessels(
     """Vessels by their rims. points_table: (H, W, 3) mm, NaN. ignored: (H, W) sheet, unseen."""
     sight = Sight(pair)
     circles = find_circles(pair, sight, ~ignored)
+    if not circles:
+        return Vessels([], [])
     first_bgr, second_bgr = pair.both_bgr
     lab = (lab_of(first_bgr), lab_of(second_bgr))
     grey = [blurred(grey_of(image).astype(np.float32), 1.0) for image in (first_bgr, second_bgr)]

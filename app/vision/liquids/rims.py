@@ -167,14 +167,17 @@ def _vote(
     rows, columns, (towards_x, towards_y) = rows[before], columns[before], towards[before].T
     if len(rows) < 20:
         return []
+    half = side // 2  # centres are counted in cells of twice the width
+    x, y = columns.astype(np.float32) / 2, rows.astype(np.float32) / 2
+    step_x, step_y = towards_x.astype(np.float32) / 2, towards_y.astype(np.float32) / 2
     out = []
     for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
         reach = radius / CELL_MM
-        centre_x = np.concatenate([columns + reach * towards_x, columns - reach * towards_x]).astype(np.int64) // 2
-        centre_y = np.concatenate([rows + reach * towards_y, rows - reach * towards_y]).astype(np.int64) // 2
-        half = side // 2
-        inside = (centre_x >= 0) & (centre_x < half) & (centre_y >= 0) & (centre_y < half)
-        votes = np.bincount(centre_y[inside] * half + centre_x[inside], minlength=half * half)
+        shift_x, shift_y = step_x * np.float32(reach), step_y * np.float32(reach)
+        at_x, at_y = np.concatenate([x + shift_x, x - shift_x]), np.concatenate([y + shift_y, y - shift_y])
+        inside = (at_x >= 0) & (at_x < half) & (at_y >= 0) & (at_y < half)
+        in_row, in_column = (at[inside].astype(np.int32) for at in (at_y, at_x))
+        votes = np.bincount(in_row * half + in_column, minlength=half * half)
         field = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * 9
         share = field / (2 * np.pi * reach)
         for _ in range(3):
