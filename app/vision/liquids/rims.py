@@ -177,9 +177,11 @@ def _vote(
         at_x, at_y = np.concatenate([x + shift_x, x - shift_x]), np.concatenate([y + shift_y, y - shift_y])
         inside = (at_x >= 0) & (at_x < half) & (at_y >= 0) & (at_y < half)
         in_row, in_column = (at[inside].astype(np.int32) for at in (at_y, at_x))
+        least = MIN_VOTES * 2 * np.pi * reach
+        if _most_in_blocks(in_row, in_column, half) < least:
+            continue
         votes = np.bincount(in_row * half + in_column, minlength=half * half)
-        field = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * 9
-        share = field / (2 * np.pi * reach)
+        share = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * np.float32(9 * MIN_VOTES / least)
         for _ in range(3):
             _, best, _, place = cv2.minMaxLoc(share)
             if best < MIN_VOTES:
@@ -188,6 +190,14 @@ def _vote(
             out.append((best, np.array([*centre, radius, height_mm])))
             cv2.circle(share, place, 4, 0.0, -1)
     return out
+
+
+def _most_in_blocks(rows: NDArray[np.int32], columns: NDArray[np.int32], side: int) -> int:
+    """The most votes in four neighbouring blocks of 4 x 4 cells: no 3 x 3 cells have more. side: of the grid, cells."""
+    blocks = side // 4 + 2
+    counts = np.bincount((rows // 4) * blocks + columns // 4, minlength=blocks * blocks).reshape(blocks, blocks)
+    pairs = counts[1:] + counts[:-1]
+    return int((pairs[:, 1:] + pairs[:, :-1]).max())
 
 
 def _shared_edges(
