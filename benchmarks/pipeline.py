@@ -1,6 +1,7 @@
 """How long the pipeline takes on one thread, stage by stage, against plain OpenCV calls; and how much memory.
 
-    python benchmarks/pipeline.py [--scenes paper6] [--method NAME] [--calibrated] [--growth 200] [--data FOLDER]
+    python benchmarks/pipeline.py [--scenes paper6] [--method NAME] [--calibrated] [--refusals] [--growth 200]
+        [--data FOLDER]
 
 Each pair: `tada estimate --json` in a fresh process, then the yardstick accuracy/floor.py, in turn, since the machine's
 speed changes from minute to minute: only ratios of one run compare. FOLDER (default: TADA_SHARED_DATA, or ../shared)
@@ -15,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,12 @@ ONE_THREAD = dict.fromkeys(
 )
 WARM_UP_SHARE = 0.2  # of the repeated pairs: until then caches and the allocator fill
 MB = 1024 * 1024
+OTHER_MARKERS = (  # than the development scenes', of each kind
+    "plain:10x8:10",
+    "plain:6x5:20",
+    "aruco:5x7:35:5:DICT_6X6_250",
+    "charuco:5x7:30:22:DICT_4X4_50",
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--method", help="the default method unless named")
     parser.add_argument("--calibrated", action="store_true", help="give the true camera; else EXIF only")
     parser.add_argument("--growth", type=int, default=0, metavar="N", help="also repeat N pairs in one process")
+    parser.add_argument("--refusals", action="store_true", help="also each pair with other markers than its own")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
     parser.add_argument("--limit", type=int, help="only the first so many scenes")
     parser.add_argument("--in-one-process", type=int, help=argparse.SUPPRESS)
@@ -67,6 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not floor.is_file():
         print(f"There is no {floor}: times stand without the yardstick's.", file=sys.stderr)
     print_times(scenes, options, floor if floor.is_file() else None)
+    if options.refusals:
+        print_refusals(scenes, options)
     if options.growth:
         print_growth(options)
     return 0
@@ -106,6 +116,17 @@ def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Pat
     seconds = statistics.median(run.seconds for run in runs)
     print(f"{'median':<20}{medians}{seconds:>10.3f}{'':>8}{statistics.median(ratios):>7.2f}", end="")
     print(f"{max(run.peak_mb for run in runs):>9.0f}  (peak: the largest)")
+
+
+def print_refusals(scenes: Sequence[Scene], options: argparse.Namespace) -> None:
+    """The slowest refusal of each pair beside its measurement: none should take longer."""
+    print(f"{'refused':<20}{'seconds':>10}{'measured':>10}{'ratio':>7}  marker announced: code")
+    for scene in scenes:
+        measured = estimate(scene, options)
+        refused = [(estimate(replace(scene, marker=marker), options), marker) for marker in OTHER_MARKERS]
+        slowest, marker = max(refused, key=lambda each: each[0].seconds)
+        print(f"{scene.folder.name:<20}{slowest.seconds:>10.3f}{measured.seconds:>10.3f}", end="")
+        print(f"{slowest.seconds / measured.seconds:>7.2f}  {marker}: {slowest.failure}", flush=True)
 
 
 def estimate(scene: Scene, options: argparse.Namespace) -> Run:
