@@ -115,7 +115,7 @@ def _search(
     first: ImageArray, second: ImageArray, range_px: tuple[float, float], is_seen: MaskArray | None
 ) -> tuple[Float32Array, ImageArray]:
     """Parallax of each pixel on the search level, px of full size, and 1 where it is seen and both directions agree."""
-    parallax, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
+    parallax, agrees = _search_range(first, second, range_px, RANGE_LEVEL, is_seen)
     offset = 1.0 - min(0.0, float(parallax.min()))
     is_alike = (_inner(is_seen, agrees.shape) > 0) & looks_alike(first, second, parallax)
     kept = np.where(agrees & is_alike, parallax + offset, 0.0).astype(np.int16)
@@ -124,7 +124,7 @@ def _search(
     if seen.size:
         low, high = float(seen.min()) - RANGE_MARGIN_PX, float(seen.max()) + RANGE_MARGIN_PX
         range_px = (max(range_px[0], low), min(range_px[1], high))
-    parallax, agrees = _search_range(first, second, range_px, SEARCH_LEVEL)
+    parallax, agrees = _search_range(first, second, range_px, SEARCH_LEVEL, is_seen)
     return parallax, agrees & _inner(is_seen, agrees.shape)
 
 
@@ -156,11 +156,11 @@ def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:
 
 
 def _search_range(
-    first: ImageArray, second: ImageArray, range_px: tuple[float, float], level: int
+    first: ImageArray, second: ImageArray, range_px: tuple[float, float], level: int, is_seen: MaskArray | None
 ) -> tuple[Float32Array, ImageArray]:
     size = _level_size(first, level)
     a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
-    b = _with_light_of(b, a)
+    b = _with_light_of(b, a, _inner(is_seen, a.shape))
     scale = first.shape[1] / size[0]
     low = int(np.floor(range_px[0] / scale)) - 1
     count = 16 * int(np.ceil((range_px[1] / scale + 2 - low) / 16))
@@ -220,10 +220,14 @@ def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
     return np.minimum(filled[rows, before], filled[rows, after])
 
 
-def _with_light_of(image: ImageArray, other: ImageArray) -> ImageArray:
-    """The image with the mean and the contrast of the other: semi-global matching compares grey levels."""
-    mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image))
-    mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other))
+def _with_light_of(image: ImageArray, other: ImageArray, is_seen: ImageArray) -> ImageArray:
+    """The image with the mean and the contrast of the other: semi-global matching compares grey levels.
+
+    is_seen: (H, W) 1 where they are compared. Beyond what a view shows its image is black.
+    """
+    compared = is_seen if is_seen.any() else None
+    mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=compared))
+    mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared))
     gain = contrast_other / contrast if contrast > 0 else 1.0
     return np.asarray(cv2.addWeighted(image, gain, image, 0.0, mean_other - gain * mean), np.uint8)
 

@@ -20,6 +20,7 @@ MAP_STEP_PX = 8  # between computed points of the maps: the error of interpolati
 ALIASING_FREE = 0.9  # of the reduction from photograph to grid: what is left, linear sampling bears
 INVERSE_DEPTH_BASELINE_MM = 10.0  # of a single view: its unit of inverse depth, f B px mm
 MAX_SHARE_OF_CAMERA_HEIGHT = 0.7  # nothing is searched for nearer to the lens than that
+TALL_MM, TALL_SHARE = 100.0, 0.5  # of the tallest foods, at most that share of the camera's height
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +126,11 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     low, high = _seen_bounds(first, second, rotation, plane, baseline_mm)
     focal_first = float(np.sqrt(first.camera.fx * first.camera.fy))
     focal = min(focal_first, WORKING_SIDE_PX / float((high - low).max()))
+    # Of a wide pair, one view may miss the table behind a food that both of them show.
+    lift = _lift(first, second)
+    low_tall, high_tall = _seen_bounds(first, second, rotation, plane, baseline_mm, lift)
+    before = np.ceil(np.maximum(low - low_tall, 0.0) * focal / MAP_STEP_PX) * MAP_STEP_PX  # the rest stays as it is
+    low, high = low - before / focal, np.maximum(high, high_tall)
     width, height = (int(np.ceil(side * focal)) for side in high - low)
     centre_x, centre_y = -low * focal
     matrix = np.array([[focal, 0.0, centre_x], [0.0, focal, centre_y], [0.0, 0.0, 1.0]])
@@ -134,9 +140,14 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     first_bgr, first_map = warp_view(first, matrix, rotation, (width, height))
     second_bgr, second_map = warp_view(second, shear @ matrix, rotation, (width, height))
     disparity = a * np.arange(width)[None, :] + b * np.arange(height)[:, None] + c
-    is_seen = (disparity > 0) & _is_inside(first, first_map) & _is_inside(second, second_map)
+    in_second = _is_inside(second, second_map)
+    in_both = (disparity > 0) & _is_inside(first, first_map) & in_second
+    tall_px = np.arange(width) - (lift / (1.0 - a) * disparity).astype(np.float32)
+    rows = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], tall_px.shape)
+    is_tall_seen = cv2.remap(in_second.astype(np.uint8), tall_px.astype(np.float32), np.ascontiguousarray(rows), cv2.INTER_NEAREST) > 0
+    is_seen = (disparity > 0) & _is_inside(first, first_map) & (in_second | is_tall_seen)
     camera_height = float(min(first.centre_mm[2], second.centre_mm[2]))
-    nearest = float(disparity[is_seen].max(initial=1.0))
+    nearest = float(disparity[in_both].max(initial=1.0))
     heights = (MIN_HEIGHT_MM, min(MAX_HEIGHT_MM, MAX_SHARE_OF_CAMERA_HEIGHT * camera_height))
     low_px, high_px = (nearest * h / (camera_height - h) / (1.0 - a) for h in heights)
     return RectifiedPair(
@@ -221,10 +232,21 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
     return np.asarray(to_infinity @ rotation @ translation, np.float64)
 
 
+def _lift(first: View, second: View) -> float:
+    """By which share of itself the disparity of what stands TALL_MM high exceeds that of the plane under it."""
+    camera_mm, lower_mm = float(first.centre_mm[2]), float(min(first.centre_mm[2], second.centre_mm[2]))
+    tall_mm = min(TALL_MM, TALL_SHARE * lower_mm)
+    return tall_mm / (camera_mm - tall_mm)
+
+
 def _seen_bounds(
-    first: View, second: View, rotation: Float64Array, plane: Float64Array, baseline_mm: float
+    first: View, second: View, rotation: Float64Array, plane: Float64Array, baseline_mm: float, lift: float = 0.0
 ) -> tuple[Float64Array, Float64Array]:
-    """(2,), (2,) least and greatest x / z, y / z of rectified rays that meet the plane within both views."""
+    """(2,), (2,) least and greatest x / z, y / z of rectified rays that meet the plane within both views.
+
+    lift: of a plane above it, see _lift; then also where the first view's rays would pass that meet the plane where the
+    second view's do.
+    """
     height, width = first.photo.pixels_bgr.shape[:2]
     columns, rows = np.meshgrid(np.linspace(0, width - 1, 65), np.linspace(0, height - 1, 49))
     rays = undistort_to_rays(first, np.column_stack([columns.ravel(), rows.ravel()]))
@@ -232,15 +254,20 @@ def _seen_bounds(
     turned = turned[turned[:, 2] > 0]
     turned = turned / turned[:, 2:]
     inverse_depth = turned @ plane
-    from_second = turned - np.outer(np.maximum(inverse_depth, 0.0) * baseline_mm, [1.0, 0.0, 0.0])
+    disparity = np.maximum(inverse_depth, 0.0) * baseline_mm
+    from_second = turned - np.outer((1.0 + lift) * disparity, [1.0, 0.0, 0.0])
     in_second = from_second @ rotation @ second.rotation.T
     ahead = in_second[:, 2] > 0
     pixels = in_second[:, :2] / np.where(ahead, in_second[:, 2], 1.0)[:, None] * [second.camera.fx, second.camera.fy]
     pixels += [second.camera.cx, second.camera.cy]
     in_photo = (pixels >= 0).all(axis=1) & (pixels < second.photo.pixels_bgr.shape[1::-1]).all(axis=1)
-    shared = turned[ahead & in_photo & (inverse_depth > 0), :2]
-    if len(shared) < 2:
-        shared = turned[:, :2]
+    is_shared = ahead & in_photo & (inverse_depth > 0)
+    if np.count_nonzero(is_shared) < 2:
+        is_shared = np.ones(len(turned), np.bool_)
+    shared = turned[is_shared, :2]
+    if lift > 0:
+        parallax = lift * disparity[is_shared] / (1.0 - plane[0] * baseline_mm)
+        shared = np.concatenate([shared, shared - parallax[:, None] * [1.0, 0.0]])
     return shared.min(axis=0), shared.max(axis=0)
 
 

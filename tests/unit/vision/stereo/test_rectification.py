@@ -11,7 +11,9 @@ from app.vision.stereo.rectification import (
     to_rectified_px,
 )
 from tests.unit.vision.stereo.test_epipolar import project, scene_points
-from tests.unit.vision.stereo_scene import CAMERA, blank_views
+from tests.unit.vision.stereo_scene import CAMERA, blank_views, look_at, view_of
+
+BLANK = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 35.0, 90.0, -90.0, 180.0])
@@ -56,6 +58,31 @@ def test_parallax_range_covers_what_stands_on_the_table():
     parallax = (pair.focal_px * pair.baseline_mm / x[:, 2] - a * x[:, 0] - b * x[:, 1] - c) / (1 - a)
     assert pair.parallax_range_px[0] < parallax.min()
     assert parallax.max() < pair.parallax_range_px[1]
+
+
+def test_tall_food_is_on_the_grid_where_one_view_misses_the_table_behind_it():
+    low = view_of(BLANK, look_at((-10.0, -260.0, 150.0), (60.0, -30.0, 10.0)))
+    steep = view_of(BLANK, look_at((160.0, -120.0, 330.0), (60.0, 0.0, 10.0)))
+    pair = rectify_by_poses(low, steep)
+    columns, rows = np.meshgrid(np.arange(0, 1200, 20), np.arange(0, 900, 20))
+    pixels = np.column_stack([columns.ravel(), rows.ravel()]).astype(float)
+    rays = np.column_stack([(pixels - [CAMERA.cx, CAMERA.cy]) / CAMERA.fx, np.ones(len(pixels))]) @ low.rotation
+    points, behind = (low.centre_mm + rays * ((z - low.centre_mm[2]) / rays[:, 2:]) for z in (75.0, 0.0))
+    is_food = _is_in(steep, points) & ~_is_in(steep, behind)
+    assert np.count_nonzero(is_food) > 20
+    x, y = np.rint(pair.project(points[is_food])[:, :2]).astype(int).T
+    assert pair.is_seen[y, x].mean() > 0.95  # half a pixel of rounding
+    nothing = ~_is_in(steep, points) & ~_is_in(steep, behind)
+    x, y = np.rint(pair.project(behind[nothing])[:, :2]).astype(int).T
+    on_grid = (x >= 0) & (x < pair.shape[1]) & (y >= 0) & (y < pair.shape[0])
+    assert pair.is_seen[y[on_grid], x[on_grid]].mean() < 0.2  # the tallest food of all may be seen there
+
+
+def _is_in(view, points):
+    """(n,) whether points, mm, lie in front of a view and in its picture."""
+    pixels = project(view, points)
+    inside = (pixels >= 0).all(axis=1) & (pixels <= [CAMERA.width - 1, CAMERA.height - 1]).all(axis=1)
+    return inside & ((points @ view.rotation.T + view.translation_mm)[:, 2] > 0)
 
 
 def test_swapped_views_are_distinguished_from_ordered_ones():
