@@ -22,7 +22,7 @@ from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
-from app.vision.stereo.other_views import choose_partner, place_other_views
+from app.vision.stereo.other_views import place_other_views, stereo_partners
 from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.printed_stereo import reconstruct_as_printed
 from app.vision.stereo.relative_pose import RefinedViews
@@ -76,24 +76,28 @@ class _Run:
 
 
 def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages) -> _Run:
-    """Run with the best partner of the left photograph; if that fails, with the right one, as the phone paired them.
+    """Run with the best partner of the left photograph; while that fails, with the next, or as the phone paired them.
 
-    If that fails as well, fallbacks are tried. Unless one of them succeeds, the failure is that of the pair.
+    If all fail, fallbacks are tried. Unless one of them succeeds, the failure is that of the pair as it was sent.
     """
-    chosen = pair
+    tried = [pair]
     if pair.others and options.marker is not None:
         with stage("marker"):
-            chosen = choose_partner(pair, options.marker)
-    places = [place for place, photo in enumerate((pair.right, *pair.others), start=1) if photo is chosen.right]
-    run = _run(chosen, options, Trace(stage, second_place=places[0]))
-    if isinstance(run.outcome, Failure) and chosen.right is not pair.right:
-        run = _run(pair, options, Trace(stage))
-    if isinstance(run.outcome, Failure):
-        for other_pair, other_options in _fallbacks(run.outcome, run.trace, pair, options):
-            fallback = _run(other_pair, other_options, Trace(stage, colours=run.trace.colours))
+            tried = stereo_partners(pair, options.marker)
+    photos = [pair.right, *pair.others]
+    runs: dict[int, _Run] = {}
+    for each in tried:
+        place = next(index for index, photo in enumerate(photos, start=1) if photo is each.right)
+        runs[place] = run = _run(each, options, Trace(stage, second_place=place))
+        if not isinstance(run.outcome, Failure):
+            return run
+    failed = runs[1]
+    if isinstance(failed.outcome, Failure):
+        for other_pair, other_options in _fallbacks(failed.outcome, failed.trace, pair, options):
+            fallback = _run(other_pair, other_options, Trace(stage, colours=failed.trace.colours))
             if not isinstance(fallback.outcome, Failure):
                 return fallback
-    return run
+    return failed
 
 
 def _fallbacks(

@@ -23,28 +23,25 @@ from app.vision.stereo.stillness import judge_heights, judge_matches
 # Between the lines of sight of a pair. The narrower it is, the surer do windows on plain food match, and the other
 # photographs widen the base; narrower than this, the noise of disparities tells in depth.
 LEAST_ANGLE_DEG = 2 * MIN_VIEW_ANGLE_DEG
+MOST_PARTNERS = 3  # tried one after the other while they fail
 MOST_ALONG = 0.7  # of the baseline, along an optical axis
 
 
-def choose_partner(pair: PhotoPair, marker: MarkerSpec) -> PhotoPair:
-    """The left photograph with the nearest one that sees the marker at least LEAST_ANGLE_DEG from its line of sight.
+def stereo_partners(pair: PhotoPair, marker: MarkerSpec) -> list[PhotoPair]:
+    """The left photograph with each of up to MOST_PARTNERS, the best first, and the pair as it was sent, if not among them.
 
-    Where all are nearer, the farthest of them. The same pair where there is no choice, or where the marker is not
-    found in the left photograph.
+    The best is the nearest that sees the marker at least LEAST_ANGLE_DEG from its line of sight, then those farther
+    away, then those nearer.
     """
-    if not pair.others:
-        return pair
-    left = find_marker(pair.left, marker)
-    if isinstance(left, Failure):
-        return pair
+    left = find_marker(pair.left, marker) if pair.others else None
+    if left is None or isinstance(left, Failure):
+        return [pair]
     photos = [pair.both[1], *pair.others]
     angles = {index: _angle_deg(pair.left, left, photo) for index, photo in enumerate(photos)}
     seen = {index: angle for index, angle in angles.items() if angle is not None}
-    if not seen:
-        return pair
-    wide = [index for index, angle in seen.items() if angle >= LEAST_ANGLE_DEG]
-    best = min(wide, key=lambda index: seen[index]) if wide else max(seen, key=lambda index: seen[index])
-    return PhotoPair(pair.left, photos[best], (*photos[:best], *photos[best + 1 :]))
+    best = sorted(seen, key=lambda index: (seen[index] < LEAST_ANGLE_DEG, abs(seen[index] - LEAST_ANGLE_DEG)))
+    tried = best[:MOST_PARTNERS] if 0 in best[:MOST_PARTNERS] else [*best[:MOST_PARTNERS], 0]
+    return [PhotoPair(pair.left, photos[index], (*photos[:index], *photos[index + 1 :])) for index in tried]
 
 
 def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> float | None:
@@ -76,7 +73,7 @@ def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: Esti
 def second_partner(first: View, others: Sequence[View]) -> View | None:
     """The view, of those placed, with which the pair's first is matched once more; None where none is suited.
 
-    Nearest in its line of sight to the marker, as choose_partner's; beyond MAX_VIEW_ANGLE_DEG windows on food are
+    Nearest in its line of sight to the marker, as stereo_partners'; beyond MAX_VIEW_ANGLE_DEG windows on food are
     too different, and one behind the other shows no parallax.
     """
     suited = {index: _sight_angle_deg(first, view) for index, view in enumerate(others) if _is_beside(first, view)}

@@ -7,7 +7,7 @@ import pytest
 
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.stereo.other_views import choose_partner
+from app.vision.stereo.other_views import stereo_partners
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, look_at, render
 
 BALL = Ball((115.0, 15.0), 33.0)
@@ -49,9 +49,19 @@ def test_four_photographs_measure_the_ball_with_less_doubt(pair, four):
     assert item.relative_sd["item"] < pair.items[0].relative_sd["item"]
 
 
-def test_nearest_partner_is_chosen_wherever_it_stands(photographs):
+def test_nearest_partner_is_tried_first_wherever_it_stands_and_the_farthest_last(photographs):
     left, near, far, other = photographs
-    assert choose_partner(PhotoPair(left, far, (other, near)), SPEC) == PhotoPair(left, near, (far, other))
+    tried = stereo_partners(PhotoPair(left, far, (other, near)), SPEC)
+    expected = [(near, (far, other)), (other, (far, near)), (far, (other, near))]
+    assert tried == [PhotoPair(left, right, others) for right, others in expected]
+
+
+def test_another_partner_is_tried_where_the_nearest_shows_another_scene(photographs):
+    left, _, _, other = photographs
+    moved = render(look_at(CENTRES_MM[1], (60.0, 0.0, 10.0)), None, 7)  # another cloth, no ball
+    third = measured([left, Photo(np.clip(moved, 0, 255).astype(np.uint8)), other])
+    assert (third.failure, third.second_place) == (None, 2)
+    assert third.items[0].volume_ml == measured([left, other]).items[0].volume_ml
 
 
 def test_partner_that_is_not_the_right_photograph_is_named(photographs):
