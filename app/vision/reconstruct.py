@@ -1,6 +1,6 @@
 """From placed views to the scene's points over the table: rectified pair, disparity, depth, and depth maps with it.
 
-A single view's parallax is its depth map's, if it has one. Depth maps and a further view join a pair's parallax if the
+A single view's parallax is its depth map's, if it has one. Depth maps and a further match join a pair's parallax if the
 table that they show is the reference's; else they are left out, with the flag "depth_ignored". The scale stays that of
 the marker or the rig.
 """
@@ -18,7 +18,7 @@ from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_matc
 from app.vision.stereo.disparity import DisparityMap, match_dense, unmatched
 from app.vision.stereo.features import shows_sheet
 from app.vision.stereo.marker_thickness import find_thickness, on_plaque
-from app.vision.stereo.other_views import second_partner
+from app.vision.stereo.other_views import second_pair
 from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
 from app.vision.stereo.rectification import RectifiedPair, rectify_alone, rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews
@@ -46,7 +46,7 @@ def reconstruct_over_table(
 
 
 def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]) -> Reconstruction:
-    """A pair's scene with its depth maps and its first view's parallax with a further one; a single view's as it is."""
+    """A pair's scene with its depth maps and the match of a further pair of views; a single view's as it is."""
     if isinstance(refined, SingleView):
         return scene
     pair, match = scene.rectified, scene.disparity
@@ -60,9 +60,9 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
     agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
     flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
     matches: tuple[DisparityMap, ...] = ()
-    partner = second_partner(refined.first, others)
-    if partner is not None:
-        own = rectify_by_poses(refined.first, partner)
+    further_pair = second_pair(refined.first, refined.second, others)
+    if further_pair is not None:
+        own = rectify_by_poses(*further_pair)
         further = match_dense(*own.both_bgr, own.parallax_range_px, own.is_seen)
         shown = parallax_of_match(pair, own, further, TUNING.dense_sd_px)
         further_agreed = agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)

@@ -21,6 +21,7 @@ from app.vision.stereo.table_plane import lowest_plane, table_from_plane, table_
 
 MATCH_AREA_PX = 100.0  # of its own grid, over which errors of a dense match are one
 SAMPLES = 4000
+CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))  # of the grid around a point, so that a surface that widens has no gaps
 PLANE_UNITS = 0.4  # of table_plane's tolerance, px: the depth map's noise in its units of inverse depth
 MIN_TILT_COSINE = 0.17  # between the camera's axis and the plane's normal: flatter, and it is a wall
 
@@ -47,12 +48,14 @@ def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> Dispa
 
 
 def parallax_of_match(pair: RectifiedPair, own: RectifiedPair, match: DisparityMap, sd_px: float) -> DisparityMap:
-    """The dense match of the pair's first view with a further one, on the pair's grid. own: the two of them.
+    """The dense match of two views on the pair's grid. own: the two of them, of which one may be the pair's first.
 
     sd_px: least, of the match; MATCH_AREA_PX is over which its errors are one.
     """
     if match.sd_px is None:
         raise ValueError("A dense match has a standard deviation at each pixel.")
+    if not np.allclose(own.first_centre_mm, pair.first_centre_mm):
+        return _seen_from_elsewhere(pair, own, match, sd_px)
     grid = np.array([[own.focal_px, 0.0, own.centre_px[0]], [0.0, own.focal_px, own.centre_px[1]], [0.0, 0.0, 1.0]])
     shown = own.disparity_from_parallax(match.parallax_px)
     noise = np.fmax(match.sd_px, np.float32(sd_px))
@@ -64,6 +67,34 @@ def parallax_of_match(pair: RectifiedPair, own: RectifiedPair, match: DisparityM
         reach * np.float32(scale),
         sd * np.float32(per_px),
         error_area_px=MATCH_AREA_PX * scale**2,
+    )
+
+
+def _seen_from_elsewhere(
+    pair: RectifiedPair, own: RectifiedPair, match: DisparityMap, least_sd_px: float
+) -> DisparityMap:
+    """The dense match of two other views where the pair's first view sees its points; the nearest of them count."""
+    rows, columns = np.nonzero(np.isfinite(match.parallax_px))
+    disparity = own.disparity_from_parallax(match.parallax_px)[rows, columns].astype(np.float64)
+    depth = own.focal_px * own.baseline_mm / np.maximum(disparity, 1e-6)
+    rays = own.rays(np.column_stack([columns, rows]).astype(np.float64))
+    x, y, z = pair.project((rays * depth[:, None]) @ own.rotation + own.first_centre_mm).T
+    sd = np.fmax(match.sd_px[rows, columns], least_sd_px) if match.sd_px is not None else np.full(len(x), least_sd_px)
+    scale = pair.focal_px / z * depth / own.focal_px  # px of the grid for one of theirs
+    per_px = pair.focal_px * pair.baseline_mm / z**2 * depth / disparity
+    values = np.column_stack([pair.focal_px * pair.baseline_mm / z, sd * per_px, match.reach_px[rows, columns] * scale])
+    out = np.full((*pair.shape, 3), np.nan, np.float32)
+    order = np.argsort(np.where(z > 0, values[:, 0], -np.inf))  # the nearest is written last
+    places = np.floor(np.column_stack([y, x])[order]).astype(np.int64)
+    at = (places[:, None] + np.array(CORNERS)).reshape(-1, 2)
+    written = np.repeat(values[order], len(CORNERS), axis=0)
+    inside = (at >= 0).all(axis=1) & (at < pair.shape).all(axis=1) & (written[:, 0] > 0)
+    out[at[inside, 0], at[inside, 1]] = written[inside]
+    return DisparityMap(
+        pair.parallax_from_disparity(out[..., 0]),
+        np.nan_to_num(out[..., 2]),
+        np.ascontiguousarray(out[..., 1]),
+        error_area_px=MATCH_AREA_PX * float(np.median(scale)) ** 2 if len(scale) else MATCH_AREA_PX,
     )
 
 

@@ -4,6 +4,7 @@ Photographs -> the pair that depth is measured on; photographs and the refined p
 each placed by the marker and its matches with the pair's first.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,7 +29,7 @@ MOST_ALONG = 0.7  # of the baseline, along an optical axis
 
 
 def stereo_partners(pair: PhotoPair, marker: MarkerSpec) -> list[PhotoPair]:
-    """The left photograph with each of up to MOST_PARTNERS, the best first, and the pair as it was sent, if not among them.
+    """The left photograph with up to MOST_PARTNERS in turn, the best first; at last as it was sent, if not among these.
 
     The best is the nearest that sees the marker at least LEAST_ANGLE_DEG from its line of sight, then those farther
     away, then those nearer.
@@ -70,15 +71,36 @@ def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: Esti
     return [view for view in placed if view is not None]
 
 
-def second_partner(first: View, others: Sequence[View]) -> View | None:
-    """The view, of those placed, with which the pair's first is matched once more; None where none is suited.
+def second_pair(first: View, second: View, others: Sequence[View]) -> tuple[View, View] | None:
+    """The two views that are matched once more beside the pair, first and second; None where none are suited.
 
-    Nearest in its line of sight to the marker, as stereo_partners'; beyond MAX_VIEW_ANGLE_DEG windows on food are
-    too different, and one behind the other shows no parallax.
+    The pair's first with that of the others whose line of sight to the marker is nearest; or any two views less than
+    half as far apart as the first is from any other. Beyond MAX_VIEW_ANGLE_DEG windows on food are too different, and
+    one behind the other shows no parallax.
     """
-    suited = {index: _sight_angle_deg(first, view) for index, view in enumerate(others) if _is_beside(first, view)}
-    suited = {index: angle for index, angle in suited.items() if LEAST_ANGLE_DEG <= angle <= MAX_VIEW_ANGLE_DEG}
-    return others[min(suited, key=lambda index: suited[index])] if suited else None
+    with_first = _nearest([(first, other) for other in others])
+    elsewhere = _nearest([*itertools.combinations((second, *others), 2)])
+    if elsewhere is not None:
+        own_deg = min(_sight_angle_deg(first, each) for each in (second, *others))
+        if _sight_angle_deg(*elsewhere) < own_deg / 2:
+            return _refined(*elsewhere)
+    return with_first
+
+
+def _nearest(pairs: Sequence[tuple[View, View]]) -> tuple[View, View] | None:
+    """The pair whose lines of sight are nearest to each other, of those that can be matched."""
+    angles = {index: _sight_angle_deg(*pair) for index, pair in enumerate(pairs) if _is_beside(*pair)}
+    suited = {index: angle for index, angle in angles.items() if LEAST_ANGLE_DEG <= angle <= MAX_VIEW_ANGLE_DEG}
+    return pairs[min(suited, key=lambda index: suited[index])] if suited else None
+
+
+def _refined(first: View, second: View) -> tuple[View, View]:
+    """Two views with poses by their own matches: those by matches with a third view leave rows apart."""
+    matches = match_features(first, second)
+    if isinstance(matches, Failure):
+        return first, second
+    refined = refine_views(first, second, matches)
+    return refined.first, refined.second
 
 
 def _sight_angle_deg(first: View, other: View) -> float:

@@ -144,7 +144,10 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     in_both = (disparity > 0) & _is_inside(first, first_map) & in_second
     tall_px = np.arange(width) - (lift / (1.0 - a) * disparity).astype(np.float32)
     rows = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], tall_px.shape)
-    is_tall_seen = cv2.remap(in_second.astype(np.uint8), tall_px.astype(np.float32), np.ascontiguousarray(rows), cv2.INTER_NEAREST) > 0
+    is_tall_seen = (
+        cv2.remap(in_second.astype(np.uint8), tall_px.astype(np.float32), np.ascontiguousarray(rows), cv2.INTER_NEAREST)
+        > 0
+    )
     is_seen = (disparity > 0) & _is_inside(first, first_map) & (in_second | is_tall_seen)
     camera_height = float(min(first.centre_mm[2], second.centre_mm[2]))
     nearest = float(disparity[in_both].max(initial=1.0))

@@ -9,7 +9,7 @@ from app.vision.model import DepthMap
 from app.vision.stereo.depth_fusion import MAX_SCALE_ERROR, agree_with_table, fuse_depths
 from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
 from app.vision.stereo.disparity import DisparityMap
-from app.vision.stereo.other_views import second_partner
+from app.vision.stereo.other_views import second_pair
 from app.vision.stereo.rectification import rectify_by_poses
 from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, look_at, true_depth, view_of
 
@@ -182,14 +182,46 @@ def test_match_with_a_further_view_is_the_true_parallax_of_the_pair(scene, place
     assert np.isclose(np.nanmedian(shown.sd_px), 0.5 * at_same_depth, rtol=0.3)
 
 
-def test_second_partner_is_the_nearest_view_that_stands_beside_the_first():
-    first, _ = blank_views()
+def test_match_of_two_other_views_is_the_true_parallax_where_the_first_sees_it(scene):
+    (first, _), pair, truth, _ = scene
+    others = [view_of(first.photo.pixels_bgr, look_at((x, -190.0, 350.0), (60.0, 0.0, 10.0))) for x in (150.0, 190.0)]
+    own = rectify_by_poses(*others)
+    depth = true_depth(own.rotation, own.first_centre_mm, own.focal_px, own.centre_px, own.shape, BALL)
+    parallax = own.parallax_from_disparity((own.focal_px * own.baseline_mm / depth).astype(np.float32))
+    nothing = np.full(own.shape, np.nan, np.float32)
+    match = DisparityMap(
+        np.where(own.is_seen, parallax, nothing),
+        np.full(own.shape, 4.5, np.float32),
+        np.full(own.shape, 0.1, np.float32),
+    )
+    shown = parallax_of_match(pair, own, match, 0.5)
+    seen = np.isfinite(shown.parallax_px) & pair.is_seen
+    assert np.mean(seen[pair.is_seen]) > 0.6
+    off = np.abs(shown.parallax_px - truth)[seen]
+    # A point is half a pixel off its place, on a slope of some tenths; the table behind the ball shows at its edge.
+    assert np.quantile(off, 0.9) < 0.5
+    assert np.median(np.abs(shown.parallax_px - truth)[seen & (truth > 20.0)]) < 0.3
+    # Half a pixel at two thirds of the baseline; the two stand about as far away.
+    at_same_depth = pair.focal_px * pair.baseline_mm / (own.focal_px * own.baseline_mm)
+    assert np.isclose(np.nanmedian(shown.sd_px), 0.5 * at_same_depth, rtol=0.3)
 
-    def view(*place_mm):
-        return view_of(first.photo.pixels_bgr, look_at(place_mm, (60.0, 0.0, 10.0)))
 
-    near, far = view(100.0, -250.0, 330.0), view(200.0, -200.0, 330.0)
-    behind, opposite = view(28.0, -295.0, 372.0), view(60.0, 260.0, 330.0)
-    assert second_partner(first, [far, behind, near, opposite]) is near
-    assert second_partner(first, [behind, opposite]) is None
-    assert second_partner(first, []) is None
+def view_from(*place_mm):
+    return view_of(np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8), look_at(place_mm, (60.0, 0.0, 10.0)))
+
+
+def test_second_pair_is_the_first_with_the_nearest_view_that_stands_beside_it():
+    first, second = blank_views()
+    near, far = view_from(100.0, -250.0, 330.0), view_from(200.0, -200.0, 330.0)
+    behind, opposite = view_from(28.0, -295.0, 372.0), view_from(60.0, 260.0, 330.0)
+    assert second_pair(first, second, [far, behind, near, opposite]) == (first, near)
+    assert second_pair(first, second, [behind]) is None
+    assert second_pair(first, second, []) is None
+
+
+def test_two_views_less_than_half_as_far_apart_as_any_from_the_first_are_matched():
+    first, second = view_from(-120.0, -200.0, 330.0), view_from(120.0, -250.0, 330.0)
+    close, less_close = view_from(160.0, -240.0, 330.0), view_from(260.0, -200.0, 330.0)
+    assert second_pair(first, second, [less_close, close]) == (second, close)
+    nearer = view_from(-20.0, -240.0, 330.0)
+    assert second_pair(first, second, [less_close, nearer]) == (first, nearer)
