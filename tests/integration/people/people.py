@@ -1,8 +1,15 @@
-"""Staff for tests, created with a known password and signed in over HTTP."""
+"""Staff for tests, created with a known password and signed in."""
 
 from dataclasses import dataclass
 
 from fastapi.testclient import TestClient
+
+from app.people.access.caller import authenticate, require_staff
+from app.people.access.passwords import Passwords
+from app.people.access.secret_box import SecretBox
+from app.people.access.sign_in import sign_in as open_session
+from app.people.access.staff import create_staff
+from app.people.access.study_members import set_member
 
 PASSWORD = "correct horse battery"
 
@@ -32,11 +39,13 @@ def sign_in(client, name, password=PASSWORD):
 
 
 def make_staff(client, admin, name, *, is_admin=False, **roles):
-    """Create a staff member with roles by study and sign them in."""
-    body = {"name": name, "is_admin": is_admin, "password": PASSWORD}
-    answer = client.post("/v1/staff", headers=admin, json=body)
-    assert answer.status_code == 201, answer.text
+    """Create a staff member with roles by study and sign them in, by the services that the calls ask."""
+    state = client.app.state.api
+    database, hashing = state.database, state.part(Passwords)
+    caller = require_staff(
+        authenticate(database, state.part(SecretBox), admin["Authorization"].removeprefix("Bearer "))
+    )
+    create_staff(database, hashing, name, is_admin=is_admin, password=PASSWORD, caller=caller)
     for study, role in roles.items():
-        answer = client.put(f"/v1/studies/{study}/members/{name}", headers=admin, json={"role": role})
-        assert answer.status_code == 200, answer.text
-    return Person(client, name, bearer(sign_in(client, name).json()["token"]))
+        set_member(database, caller, study, name, role)
+    return Person(client, name, bearer(open_session(database, hashing, name, PASSWORD).token))
