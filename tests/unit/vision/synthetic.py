@@ -159,14 +159,22 @@ def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Floa
     column = np.floor(x / spec.square_mm + spec.columns / 2)  # NaN above the horizon, which is on no sheet
     row = np.floor(spec.rows / 2 - y / spec.square_mm)
     if table is None:
-        out = np.full((*x.shape, 3), TABLE, np.float32)
+        out = np.full((x.size, 3), TABLE, np.float32)
     else:
-        across = (np.nan_to_num(x) // 2).astype(int) + table.shape[1] // 2
-        down = (np.nan_to_num(-y) // 2).astype(int) + table.shape[0] // 2
-        out = table[down % table.shape[0], across % table.shape[1]].astype(np.float32)
-    sheet = (column >= -1) & (column <= spec.columns) & (row >= -1) & (row <= spec.rows)
-    out[sheet] = _sheet_of(spec)[row[sheet].astype(int) + 1, column[sheet].astype(int) + 1]
-    return out
+        across, down = (_texel(place, side) for place, side in ((x, table.shape[1]), (-y, table.shape[0])))
+        texels = table.reshape(-1, 3).astype(np.float32)
+        out = texels.take((down * table.shape[1] + across).ravel(), axis=0)
+    sheet = np.flatnonzero((column >= -1) & (column <= spec.columns) & (row >= -1) & (row <= spec.rows))
+    on_sheet = (row.ravel()[sheet] + 1) * (spec.columns + 2) + column.ravel()[sheet] + 1
+    out[sheet] = _sheet_of(spec).reshape(-1, 3).take(on_sheet.astype(np.intp), axis=0)
+    return out.reshape(*x.shape, 3)
+
+
+def _texel(place_mm: Float64Array, side: int) -> np.ndarray:
+    """Which of side squares of 2 mm, repeated, a place is in; the middle one if it is NaN."""
+    if np.isnan(place_mm).any():
+        place_mm = np.nan_to_num(place_mm)
+    return (np.floor(place_mm / 2).astype(np.intp) + side // 2) % side
 
 
 @cache
