@@ -19,6 +19,7 @@ from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 from app.records import streams as meal_streams
 from app.records.page_queries import MOST_BRANCHES
+from tests.filled_databases import fill_once
 from tests.integration.exports.test_record_pages import plan_of
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
@@ -30,6 +31,10 @@ FOODS = {None: None, 10: "apple", 11: "pear", 20: "apple", 21: "pear"}
 
 @pytest.fixture
 def meals(database):
+    return fill_once(database, lay_meals)
+
+
+def lay_meals(database):
     """90 meals of three studies, with up to three records each; some of one instant, zones at both ends of the day."""
     drawn = random.Random(11)
     with database.write() as session:

@@ -23,6 +23,7 @@ from app.records.page_queries import search_of
 from app.records.queries import page_of_records
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, page_of_queue, queue_keys
+from tests.filled_databases import fill_once
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)
@@ -30,6 +31,10 @@ FIRST_DAY = date(2026, 10, 1)
 
 @pytest.fixture
 def eaten(database):
+    return fill_once(database, lay_records)
+
+
+def lay_records(database):
     """60 records of three studies, two people of one code, foods in two releases, zones at both ends of the day."""
     drawn = random.Random(7)
     with database.write() as session:
