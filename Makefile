@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 IN_TWO := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: venv lock audit demo browse test test-slow check format serve clean
+.PHONY: venv lock audit demo browse test test-slow bench check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
@@ -39,6 +39,9 @@ test: venv  ## all tests but the slow ones
 
 test-slow: venv  ## the slow tests: processes that are killed, whole releases, schemas, rendered scenes
 	$(BIN)/pytest $(IN_TWO) -m slow
+
+bench: venv  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
+	$(BIN)/python -m benchmarks.bench
 
 check: venv  ## lint, format, types, import rule
 	$(BIN)/ruff check .

@@ -8,8 +8,10 @@ in the queue, which is what stands in the pipeline's place. The load comes from 
 (benchmarks/api_load.py).
 
 - Uploads: pairs of 2 x 4 MB, closed loop. Yardstick: the same bytes written and fsynced to the same disk by as many
-  threads, two files a meal; with S3: put to the same server. Rounds of both take turns; the ratio is of the medians,
-  the range of the ratios of neighbours. Peak: the server's resident memory at its highest (VmHWM, cleared before),
+  threads, two files a meal; with S3: put to the same server. On files also benchmarks/bare_endpoint.py:
+  what FastAPI and uvicorn alone cost on the same bytes. Rounds of all take turns; ratios are of the medians, the range
+  of the ratios of neighbours. Processor: milliseconds a meal of the server, of the children that decode the
+  photographs, and of the bare endpoint. Peak: the server's resident memory at its highest (VmHWM, cleared before),
   and by how much that is more than it had at rest.
 - Polls: GET /v1/meals/{id} by phones of their own, closed loop.
 - Flow: 50 meals a second of small pairs, open loop: each is sent when it is due, its latency counted from then.
@@ -49,13 +51,14 @@ from app.meals.models import Meal, MealImage
 from app.storage.opening import open_blob_store
 from benchmarks.api_load import Outcome, percentiles
 from benchmarks.databases import database_url
-from benchmarks.processes import end
+from benchmarks.processes import children_of, end, processor_seconds
 from tests.s3_server import S3Server
 
 ROOT = Path(__file__).resolve().parents[1]
 MEGABYTE = 1_000_000
 PHOTO_BYTES = 4 * MEGABYTE
-RATIO_BAR, PEAK_BAR_MB = 0.8, 150.0
+RATIO_BAR, BARE_RATIO_BAR, PEAK_BAR_MB = 0.5, 0.8, 150.0
+POLLS = 2000
 FLOW_PER_SECOND = 50
 FLOW_PHONES = 64
 LIMITS_OFF = dict.fromkeys(
@@ -103,6 +106,7 @@ class Deployment:
     process: subprocess.Popen[bytes]
     port: int
     yardstick: dict[str, Any]
+    bare: tuple[subprocess.Popen[bytes], int] | None = None  # the bare endpoint and its port
     rest_mb: float = 0.0
 
     @property
@@ -116,7 +120,7 @@ class Deployment:
         """Have the load done by its own process."""
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks.api_load"],
-            input=json.dumps({"do": do, "port": self.port, **more}).encode(),
+            input=json.dumps({"port": self.port, **more, "do": do}).encode(),
             stdout=subprocess.PIPE,
             cwd=ROOT,
             check=True,
@@ -124,9 +128,12 @@ class Deployment:
         return Outcome(**json.loads(done.stdout))
 
     def cpu_seconds(self) -> float:
-        """Of the server so far."""
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        """Of the server so far, without its children."""
+        return processor_seconds([self.process.pid])
+
+    def child_seconds(self) -> float:
+        """Of the server's living children so far."""
+        return processor_seconds(children_of(self.process.pid))
 
     def clear_peak(self) -> None:
         """Let the peak of memory begin anew."""
@@ -172,7 +179,15 @@ def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
             cwd=ROOT,
         )
         stack.callback(end, process)
-        yield Deployment(name, folder, environment, process, _port(process, folder / "server.log"), yardstick)
+        bare = None
+        if kind == "sqlite":
+            (folder / "bare").mkdir()
+            bare_log = stack.enter_context((folder / "bare.log").open("wb"))
+            command = [sys.executable, "-m", "benchmarks.bare_endpoint", str(folder / "bare")]
+            bare_process = subprocess.Popen(command, stdout=bare_log, stderr=bare_log, cwd=ROOT)
+            stack.callback(end, bare_process)
+            bare = bare_process, _port(bare_process, folder / "bare.log")
+        yield Deployment(name, folder, environment, process, _port(process, folder / "server.log"), yardstick, bare)
 
 
 def _port(process: subprocess.Popen[bytes], log: Path) -> int:
@@ -193,65 +208,101 @@ def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
     large.write_bytes(photograph(PHOTO_BYTES))
     small.write_bytes(photograph(60_000))
     server.order("upload", photo=str(small), tokens=tokens, concurrency=8, times=64)  # warm
-    is_fine = uploads(server, arguments, tokens, large)
+    is_fine = all(found.is_fine for found in uploads(server, arguments, tokens, large))
     if not arguments.no_polls:
         polls(server, arguments, tokens, small)
     return flow(server, arguments, tokens, small) and is_fine
 
 
-def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> bool:
+@dataclass(frozen=True)
+class UploadFigures:
+    """At one concurrency. ratios: throughput to write and fsync, and to the bare endpoint's (NaN: there is none)."""
+
+    ratio: float
+    bare_ratio: float
+    peak_mb: float
+    server_ms: float
+    children_ms: float
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether the bars hold."""
+        return (self.ratio >= RATIO_BAR or self.bare_ratio >= BARE_RATIO_BAR) and self.peak_mb <= PEAK_BAR_MB
+
+
+def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> list[UploadFigures]:
     print(f"\n### {server.name}: 2 x 4 MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
-    columns = "at once|MB/s|yardstick MB/s|ratio|of neighbours|p50 ms|p95 ms|p99 ms|peak MB|over rest MB|CPU|load's CPU"
+    columns = (
+        "at once|MB/s|yardstick MB/s|ratio|of neighbours|bare endpoint MB/s|ratio to it|p50 ms|p95 ms|p99 ms|peak MB"
+        "|over rest MB|server, ms a meal|children|bare endpoint|load's CPU"
+    )
     print_head(columns)
-    is_fine, volume = True, 2 * photo.stat().st_size * arguments.meals / MEGABYTE
+    figures, volume = list[UploadFigures](), 2 * photo.stat().st_size * arguments.meals / MEGABYTE
+    per_meal_ms = 1000 / arguments.meals
     for concurrency in arguments.concurrency:
         common = {"photo": str(photo), "concurrency": concurrency, "times": arguments.meals}
         ours, plain, latencies, cpu, load_cpu = [], [], [], [], []
+        bare, bare_cpu, child_cpu = [], [], []
         server.clear_peak()
         for _ in range(arguments.rounds):
             found = server.order(**server.yardstick, **common)
             fail_on(found)
             plain.append(volume / found.seconds)
             _empty(server.folder / "yardstick")
-            before = server.cpu_seconds()
+            if server.bare is not None:
+                process, port = server.bare
+                before = processor_seconds([process.pid])
+                found = server.order("upload", tokens=tokens, **common, port=port)
+                fail_on(found)
+                bare.append(volume / found.seconds)
+                bare_cpu.append((processor_seconds([process.pid]) - before) * per_meal_ms)
+                _empty(server.folder / "bare")
+            before, before_child = server.cpu_seconds(), server.child_seconds()
             found = server.order("upload", tokens=tokens, **common)
             fail_on(found)
             ours.append(volume / found.seconds)
             latencies += found.latencies
-            cpu.append((server.cpu_seconds() - before) / found.seconds)
+            cpu.append((server.cpu_seconds() - before) * per_meal_ms)
+            child_cpu.append((server.child_seconds() - before_child) * per_meal_ms)
             load_cpu.append(found.cpu_seconds / found.seconds)
         ratios = [mine / other for mine, other in zip(ours, plain, strict=True)]
         ratio, peak = median(ours) / median(plain), server.memory_mb("VmHWM")
-        is_fine &= ratio >= RATIO_BAR and peak <= PEAK_BAR_MB
+        bare_ratio = median(ours) / median(bare) if bare else float("nan")
+        figures.append(UploadFigures(ratio, bare_ratio, peak, median(cpu), median(child_cpu)))
         p50, p95, p99 = percentiles(latencies)
         print(
             f"| {concurrency} | {median(ours):.0f} | {median(plain):.0f} | {ratio:.2f} "
-            f"| {min(ratios):.2f}-{max(ratios):.2f} | {p50:.0f} | {p95:.0f} | {p99:.0f} | {peak:.0f} "
-            f"| {peak - server.rest_mb:.0f} | {median(cpu):.2f} | {median(load_cpu):.2f} |",
+            f"| {min(ratios):.2f}-{max(ratios):.2f} | {median(bare) if bare else 0:.0f} | {bare_ratio:.2f} "
+            f"| {p50:.0f} | {p95:.0f} | {p99:.0f} | {peak:.0f} | {peak - server.rest_mb:.0f} | {median(cpu):.1f} "
+            f"| {median(child_cpu):.1f} | {median(bare_cpu) if bare else 0:.1f} | {median(load_cpu):.2f} |",
             flush=True,
         )
-    return is_fine
+    return figures
 
 
-def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> None:
+def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> list[float]:
+    """Print a row a concurrency; the server's processor time of a call in each, ms."""
     print(f"\n### {server.name}: status polls\n")
-    print_head("at once|calls/s|p50 ms|p95 ms|p99 ms|CPU|load's CPU")
-    meals = []
+    print_head("at once|calls/s|p50 ms|p95 ms|p99 ms|CPU|load's CPU|server, ms a call")
+    meals, own_ms = list[str](), list[float]()
     for token in tokens[: max(arguments.concurrency)]:
         found = server.order("upload", photo=str(photo), tokens=[token], concurrency=1, times=1)
         fail_on(found)
         meals += list(found.sent)
     for concurrency in arguments.concurrency:
         before = server.cpu_seconds()
-        found = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=2000)
+        found = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=POLLS)
         fail_on(found)
-        cpu = (server.cpu_seconds() - before) / found.seconds
+        spent = server.cpu_seconds() - before
+        own_ms.append(spent / POLLS * 1000)
+        cpu = spent / found.seconds
         p50, p95, p99 = percentiles(found.latencies)
         print(
             f"| {concurrency} | {len(found.latencies) / found.seconds:.0f} | {p50:.1f} | {p95:.1f} | {p99:.1f} "
-            f"| {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} |",
+            f"| {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} | {own_ms[-1]:.1f} |",
             flush=True,
         )
+    return own_ms
 
 
 def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> bool:

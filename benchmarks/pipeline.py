@@ -94,7 +94,8 @@ def find_scenes(data: Path, name: str) -> list[Scene]:
     return found
 
 
-def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Path | None) -> None:
+def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Path | None) -> tuple[float, float]:
+    """Print a row a scene; the median ratio to the yardstick (NaN without one), and the largest peak memory, MB."""
     runs, ratios = [], []
     names: list[str] = []
     for scene in scenes:
@@ -115,7 +116,9 @@ def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Pat
     )
     seconds = statistics.median(run.seconds for run in runs)
     print(f"{'median':<20}{medians}{seconds:>10.3f}{'':>8}{statistics.median(ratios):>7.2f}", end="")
-    print(f"{max(run.peak_mb for run in runs):>9.0f}  (peak: the largest)")
+    peak_mb = max(run.peak_mb for run in runs)
+    print(f"{peak_mb:>9.0f}  (peak: the largest)")
+    return statistics.median(ratios), peak_mb
 
 
 def print_refusals(scenes: Sequence[Scene], options: argparse.Namespace) -> None:

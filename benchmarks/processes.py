@@ -1,6 +1,9 @@
 """Processes of the program that a benchmark starts."""
 
+import os
 import subprocess
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 END_SECONDS = 20  # to end in order, before it is killed
@@ -14,3 +17,19 @@ def end(process: subprocess.Popen[Any]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def children_of(pid: int) -> list[int]:
+    """The living children that a process has started, by any of its threads."""
+    children = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for path in children for child in path.read_text().split()]
+
+
+def processor_seconds(pids: list[int]) -> float:
+    """User and system time of these processes."""
+    ticks = 0
+    for pid in pids:
+        with suppress(OSError):
+            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")

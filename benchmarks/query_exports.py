@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from app.db.session import Database
 from app.http.tables.record_columns import RECORD_COLUMNS
 from app.meals.record_models import EffectiveRecord, Item
+from benchmarks.processes import children_of, processor_seconds
 from benchmarks.query_data import DAYS, FIRST_DAY
 
 SMALL_EXPORT, LARGE_EXPORT = 100_000, 1_000_000
@@ -174,18 +175,7 @@ def backend_seconds(postmaster: int | None) -> float:
     """Processor time of PostgreSQL's processes; of SQLite it is the server's own."""
     if postmaster is None:
         return 0.0
-    children = Path(f"/proc/{postmaster}/task/{postmaster}/children").read_text().split()
-    return processor_seconds([int(pid) for pid in children])
-
-
-def processor_seconds(pids: list[int]) -> float:
-    """User and system time of these processes."""
-    ticks = 0
-    for pid in pids:
-        with suppress(OSError):
-            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-            ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+    return processor_seconds(children_of(postmaster))
 
 
 def start_of_memory(pid: int) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Sequence
 from datetime import date, datetime
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, undefer
 
 from app.meals.day_models import DiaryDay
 from app.meals.job_models import Job
@@ -14,6 +14,19 @@ from app.people.models import Participant, Study
 
 WAITING = ("queued", "processing")
 UNESTIMATED = ("receiving", *WAITING)  # the plate's content is not known yet
+
+# Statements of each GET of a meal, made once: that takes longer than to execute them
+MEAL_ID, CLIENT_ID = "meal_id", "client_id"  # their parameters
+IMAGES = sa.select(MealImage).where(MealImage.meal_id == sa.bindparam(MEAL_ID)).order_by(MealImage.slot)
+MEALS = (
+    sa.select(Meal, Participant.code, Study.code)
+    .join(Participant, Participant.id == Meal.participant_id)
+    .join(Study, Study.id == Meal.study_id)
+    .where(Meal.client_id == sa.bindparam(CLIENT_ID))
+    .order_by(Meal.received_at, Meal.id)
+    .limit(2)
+    .options(undefer(Meal.leftovers))
+)
 
 
 def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
@@ -24,7 +37,7 @@ def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
 
 def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
     """Return a meal's photographs, ordered by slot."""
-    return list(session.scalars(sa.select(MealImage).where(MealImage.meal_id == meal_id).order_by(MealImage.slot)))
+    return list(session.scalars(IMAGES, {MEAL_ID: meal_id}))
 
 
 def blob_keys(session: Session) -> Iterator[str]:
@@ -45,21 +58,14 @@ def find_meals(
 
     The oldest comes first, so that a phone which sends another person's id does not take its place.
     """
-    query = (
-        sa.select(Meal, Participant.code, Study.code)
-        .join(Participant, Participant.id == Meal.participant_id)
-        .join(Study, Study.id == Meal.study_id)
-        .where(Meal.client_id == client_id)
-        .order_by(Meal.received_at, Meal.id)
-        .limit(2)
-    )
+    query = MEALS
     if participant_id is not None:
         query = query.where(Meal.participant_id == participant_id)
     if study_ids is not None:
         query = query.where(Meal.study_id.in_(study_ids))
     if participant_code is not None:
         query = query.where(Participant.code == participant_code)
-    return [(meal, participant, study) for meal, participant, study in session.execute(query)]
+    return [(meal, participant, study) for meal, participant, study in session.execute(query, {CLIENT_ID: client_id})]
 
 
 def versions_of(session: Session, meal_ids: Collection[uuid.UUID]) -> Sequence[sa.Row[uuid.UUID, int]]:

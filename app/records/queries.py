@@ -15,11 +15,29 @@ from app.http.row_filter import RowFilter
 from app.meals.day_models import DayStatus, DiaryDay
 from app.meals.job_models import Job
 from app.meals.models import Meal
-from app.meals.queries import first_days
+from app.meals.queries import MEAL_ID, first_days
 from app.meals.record_models import EffectiveRecord, Item, ItemFood, Recompute, Run, RunArtefact
 from app.people.models import Participant, Study
 from app.records.conditions import holds
 from app.records.page_queries import Key, search_of
+
+# Statements of each GET of a meal, made once: that takes longer than to execute them
+OF_MEAL: sa.BindParameter[uuid.UUID] = sa.bindparam(MEAL_ID, type_=sa.Uuid())
+RUNS = sa.select(Run).where(Run.meal_id == OF_MEAL).order_by(Run.created_at, Run.id.desc())
+ITEMS = (
+    sa.select(EffectiveRecord, Item, ItemFood, Food)
+    .join(Item, Item.id == EffectiveRecord.item_id)
+    .outerjoin(
+        ItemFood,
+        sa.and_(ItemFood.item_id == EffectiveRecord.item_id, ItemFood.version == EffectiveRecord.food_version),
+    )
+    .outerjoin(Food, Food.id == EffectiveRecord.food_id)
+    .where(EffectiveRecord.meal_id == OF_MEAL)
+    .order_by(Item.position, Item.id)
+)
+HAS_RESULTS = sa.select(
+    sa.or_(sa.exists().where(Run.meal_id == OF_MEAL), sa.exists().where(EffectiveRecord.meal_id == OF_MEAL))
+)
 
 
 class FoodName(NamedTuple):
@@ -163,25 +181,19 @@ def _with_days(session: Session, query: AnyQuery) -> list[RecordRow]:
     ]
 
 
+def has_results(session: Session, meal_id: uuid.UUID) -> bool:
+    """Return whether the meal has a run or a record."""
+    return session.execute(HAS_RESULTS, {MEAL_ID: meal_id}).scalar_one()
+
+
 def last_runs(session: Session, meal_id: uuid.UUID) -> dict[str, Run]:
     """Purpose -> the newest run of it."""
-    query = sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at, Run.id.desc())
-    return {run.purpose: run for run in session.scalars(query)}
+    return {run.purpose: run for run in session.scalars(RUNS, {MEAL_ID: meal_id})}
 
 
 def items_of_meal(session: Session, meal_id: uuid.UUID) -> list[ItemRow]:
     """The records of a meal with what they are of, in the order of the items."""
-    record = EffectiveRecord
-    is_current = sa.and_(ItemFood.item_id == record.item_id, ItemFood.version == record.food_version)
-    query = (
-        sa.select(record, Item, ItemFood, Food)
-        .join(Item, Item.id == record.item_id)
-        .outerjoin(ItemFood, is_current)
-        .outerjoin(Food, Food.id == record.food_id)
-        .where(record.meal_id == meal_id)
-        .order_by(Item.position, Item.id)
-    )
-    return [ItemRow(*row) for row in session.execute(query)]
+    return [ItemRow(*row) for row in session.execute(ITEMS, {MEAL_ID: meal_id})]
 
 
 def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:

@@ -124,9 +124,10 @@ def read_meal(
 
 def meal_view(session: Session, meal: Meal, participant_code: str, study_code: str) -> MealView:
     """A meal as it is stored by now: nothing of it is projected anew."""
-    runs = records.last_runs(session, meal.id)
+    is_bare = meal.status in meals.UNESTIMATED and not records.has_results(session, meal.id)  # phones ask for it most
+    runs = {} if is_bare else records.last_runs(session, meal.id)
     run, after_run = runs.get("meal"), runs.get("after")
-    rows = records.items_of_meal(session, meal.id)
+    rows = [] if is_bare else records.items_of_meal(session, meal.id)
     candidates = candidates_of_records(session, [(row.record, row.item) for row in rows]) if rows else {}
     nutrients = foods.nutrients_of_each(session, {row.food.id for row in rows if row.food is not None}) if rows else {}
     contents = {

@@ -10,7 +10,7 @@ import itertools
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, date, datetime, time
+from datetime import datetime
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -21,9 +21,6 @@ from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import EffectiveRecord
 from app.records import conditions as conditions_of
 from app.records.page_queries import (
-    CALENDAR,
-    EASTERNMOST,
-    LATEST_END,
     MOST_BRANCHES,
     Branch,
     Key,
@@ -31,6 +28,7 @@ from app.records.page_queries import (
     food_ids,
     participants_of,
     studies_of,
+    within_days,
 )
 from app.records.streams import MealSearch, Stream
 
@@ -91,7 +89,11 @@ def search_of(
     else:
         of_others = of_studies if read_filter.is_of_questions else ()
     rest = (*of_others, *_conditions(stream.model, [each for each in filters if each is not read_filter]))
-    return MealSearch(stream, (*within_days(stream.model, chosen), *_within(stream.model, span), *rest), is_on_sqlite)
+    return MealSearch(
+        stream,
+        (*within_days(chosen.first_day, chosen.last_day, stream.model), *_within(stream.model, span), *rest),
+        is_on_sqlite,
+    )
 
 
 def pages_of_keys(
@@ -114,21 +116,6 @@ def keys_of(session: Session, search: MealSearch, after: Key | None, limit: int,
     page = search.page(after, limit, is_newest_first=is_newest_first)
     rows = session.execute(sa.select(page.c.captured_at, page.c.id))
     return sorted(((instant, meal_id) for instant, meal_id in rows), reverse=is_newest_first)
-
-
-def within_days(model: type[Meal | EffectiveRecord], chosen: RowFilter) -> Conditions:
-    """Return the exact conditions on local days, and bounds on the instant, which limit the range of an index."""
-    earliest, latest = CALENDAR
-    conditions: list[Condition] = []
-    if chosen.first_day is not None:
-        conditions.append(model.local_date >= chosen.first_day)
-        if earliest < chosen.first_day < latest:
-            conditions.append(model.captured_at >= _midnight(chosen.first_day) - EASTERNMOST)
-    if chosen.last_day is not None:
-        conditions.append(model.local_date <= chosen.last_day)
-        if earliest < chosen.last_day < latest:
-            conditions.append(model.captured_at < _midnight(chosen.last_day) + LATEST_END)
-    return tuple(conditions)
 
 
 def _filters(
@@ -256,7 +243,11 @@ class _Planner:
         return readable[min(sampled)[2]][0]
 
     def _of_days(self, stream: Stream, *conditions: Condition) -> MealSearch:
-        return MealSearch(stream, (*within_days(stream.model, self.chosen), *conditions), self.is_on_sqlite)
+        return MealSearch(
+            stream,
+            (*within_days(self.chosen.first_day, self.chosen.last_day, stream.model), *conditions),
+            self.is_on_sqlite,
+        )
 
 
 def _within(model: type[Meal | EffectiveRecord], span: Span) -> Iterator[Condition]:
@@ -280,7 +271,3 @@ def _conditions(model: type[Meal | EffectiveRecord], filters: Sequence[_Filter])
             yield conditions_of.has_record(meal_id, checked.of_record)
         if checked.is_of_questions:
             yield conditions_of.waits_for_answer(meal_id)
-
-
-def _midnight(day: date) -> datetime:
-    return datetime.combine(day, time(), UTC)

@@ -2,6 +2,7 @@ import hashlib
 import uuid
 
 import pytest
+import sqlalchemy as sa
 
 from app.meals.job_models import Job
 from app.meals.models import Meal
@@ -58,6 +59,21 @@ def test_answer_to_a_new_meal_is_what_asking_for_it_gives(phone, changes):
     metadata = meal_metadata(**changes)
     announced = phone.put(f"/v1/meals/{metadata.pop('id')}", json=metadata)
     assert announced.json() == phone.get(f"/v1/meals/{announced.json()['id']}").json()
+
+
+def test_asking_for_a_waiting_meal_takes_four_queries(phone, state):
+    meal_id = phone.post(pair()).json()["id"]
+    queries = []
+
+    def note(_connection, _cursor, statement, *_):
+        queries.append(statement)
+
+    sa.event.listen(state.database.read_engine, "before_cursor_execute", note)
+    try:
+        assert phone.get(f"/v1/meals/{meal_id}").json()["status"] == "queued"
+    finally:
+        sa.event.remove(state.database.read_engine, "before_cursor_execute", note)
+    assert len([each for each in queries if each.startswith("SELECT")]) == 4  # token, meal, whether it has more, images
 
 
 def test_meal_part_by_part_is_queued_by_its_last_photograph(phone):
