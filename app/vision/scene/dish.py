@@ -277,16 +277,11 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     beyond = np.hypot(dx, dy) - rings[:, 2:]
     over = few[None, :, 2] - heights[:, None] - slopes[:, :1] * dx - slopes[:, 1:] * dy
     on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
-    sector = sector_of(dx, dy, SECTORS)
-    hits = np.zeros((len(rings), SECTORS), np.bool_)
-    which, where = np.nonzero(on_rim)
-    hits[which, sector[which, where]] = True
+    hits = _sectors_of(on_rim, dx, dy)
     outside = (
         (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (few[None, :, 2] > heights[:, None] - SAME_HEIGHT_MM)
     )
-    walled = np.zeros((len(rings), SECTORS), np.bool_)
-    which, where = np.nonzero(outside)
-    walled[which, sector[which, where]] = True
+    walled = _sectors_of(outside, dx, dy)
     score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
     kept_rings: list[_Ring] = []
     tried: list[tuple[float, float, float]] = []
@@ -301,6 +296,14 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
         if len(kept_rings) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
             break
     return kept_rings
+
+
+def _sectors_of(chosen: MaskArray, dx_mm: Float64Array, dy_mm: Float64Array) -> MaskArray:
+    """(n, SECTORS) directions in which a ring has a chosen cell, (n, m), each so far from the ring's centre."""
+    ring, cell = np.nonzero(chosen)
+    has_cell = np.zeros((len(chosen), SECTORS), np.bool_)
+    has_cell[ring, sector_of(dx_mm[ring, cell], dy_mm[ring, cell], SECTORS)] = True
+    return has_cell
 
 
 def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
