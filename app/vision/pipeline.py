@@ -94,7 +94,8 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
     failed = runs[1]
     if isinstance(failed.outcome, Failure):
         for other_pair, other_options in _fallbacks(failed.outcome, failed.trace, pair, options):
-            fallback = _run(other_pair, other_options, Trace(stage, colours=failed.trace.colours))
+            trace = Trace(stage, markers=failed.trace.markers, colours=failed.trace.colours)
+            fallback = _run(other_pair, other_options, trace)
             if not isinstance(fallback.outcome, Failure):
                 return fallback
     return failed

@@ -25,9 +25,9 @@ from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_fo
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.rectification import is_swapped
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
-from app.vision.stereo.rig_pose import refine_rig, views_of_rig
+from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE, POSES_TURN_SD_RAD, refine_rig, views_of_rig
 from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
-from app.vision.stereo.stillness import judge_heights, judge_matches
+from app.vision.stereo.stillness import judge_heights, judge_matches, poses_mismatch
 from app.vision.trace import Reconstruction, Scale, Trace
 
 SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
@@ -36,6 +36,7 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "poses": ("scale_from_poses",),
     "depth": ("scale_from_depth",),
 }
+MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
 # Without these the other source may give the scale, or the left photograph is measured alone. Of another board or a
 # poor photograph, the photographer should hear.
 MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
@@ -164,7 +165,11 @@ def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Tr
 
 
 def _by_poses(pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: Trace) -> Placement | Failure:
-    """By the rig that the pair's poses make. Failures also: focal_unknown (no intrinsics), camera_mismatch."""
+    """By the rig that the pair's poses make. Failures also: focal_unknown (no intrinsics), camera_mismatch.
+
+    If an attempt before saw the marker in the left photograph, the table by the poses has to be the marker's.
+    """
+    marker = trace.markers[0]
     if options.camera is None:
         return Failure(
             "focal_unknown",
@@ -174,7 +179,21 @@ def _by_poses(pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trac
     (left_h, left_w), (right_h, right_w) = (photo.pixels_bgr.shape[:2] for photo in pair.both)
     orientations = (pair.both[0].orientation, pair.both[1].orientation)
     rig = rig_of_poses(poses, options.camera, ((left_w, left_h), (right_w, right_h)), orientations)
-    return rig if isinstance(rig, Failure) else _by_rig(pair, rig, options, trace)
+    placed = rig if isinstance(rig, Failure) else _by_rig(pair, rig, options, trace)
+    if isinstance(placed, Failure) or marker is None or trace.views is None:
+        return placed
+    alone = place_alone(pair.left, marker, options)
+    if isinstance(alone, Failure) or _share_table(trace.views[0], alone.first):
+        return placed
+    return poses_mismatch("the marker in the left photograph shows the table elsewhere.")
+
+
+def _share_table(by_poses: View, by_marker: View) -> bool:
+    """Whether two placements of a photograph agree on the table's slant and distance, up to the doubt of poses."""
+    cosine = float(by_poses.rotation[:, 2] @ by_marker.rotation[:, 2])
+    log_ratio = float(np.log(by_poses.centre_mm[2] / by_marker.centre_mm[2]))
+    is_level = np.arccos(np.clip(cosine, -1.0, 1.0)) < MAX_OFF_SD * POSES_TURN_SD_RAD
+    return bool(is_level and abs(log_ratio) < MAX_OFF_SD * POSES_SHIFT_SD_SHARE)
 
 
 def _by_depth(photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Trace) -> Placement | Failure:

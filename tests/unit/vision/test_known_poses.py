@@ -223,6 +223,17 @@ def test_left_photograph_with_the_marker_is_measured_where_poses_do_not_help(vie
     assert ball_of(lost).volume_ml == ball_of(without).volume_ml
 
 
+def test_poses_whose_table_is_not_the_markers_leave_the_left_photograph_alone(views):
+    photographs = [replace(views[0], photo=on_plain_table(views[0].photo)), covered(views[1])]
+    data = arkit_poses(*views)
+    for pose in data["views"].values():
+        for row in pose[:3]:
+            row[3] *= 1.5  # by which all lengths are off
+    ball = ball_of(measured(photographs, data, SPEC))
+    assert "single_view" in ball.flags
+    assert abs(ball.volume_ml / BALL.volume_ml - 1) < 0.25
+
+
 def test_poses_without_intrinsics_fail(views):
     assert measured(views, arkit_poses(*views), camera=None).failure.code == "focal_unknown"
 
