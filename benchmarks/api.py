@@ -208,7 +208,7 @@ def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
     large.write_bytes(photograph(PHOTO_BYTES))
     small.write_bytes(photograph(60_000))
     server.order("upload", photo=str(small), tokens=tokens, concurrency=8, times=64)  # warm
-    is_fine = all(found.is_fine for found in uploads(server, arguments, tokens, large))
+    is_fine = all(outcome.is_fine for outcome in uploads(server, arguments, tokens, large))
     if not arguments.no_polls:
         polls(server, arguments, tokens, small)
     return flow(server, arguments, tokens, small) and is_fine
@@ -226,7 +226,7 @@ class UploadFigures:
 
     @property
     def is_fine(self) -> bool:
-        """Whether the bars hold."""
+        """Return whether the bars hold."""
         return (self.ratio >= RATIO_BAR or self.bare_ratio >= BARE_RATIO_BAR) and self.peak_mb <= PEAK_BAR_MB
 
 
@@ -245,26 +245,26 @@ def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str]
         bare, bare_cpu, child_cpu = [], [], []
         server.clear_peak()
         for _ in range(arguments.rounds):
-            found = server.order(**server.yardstick, **common)
-            fail_on(found)
-            plain.append(volume / found.seconds)
+            outcome = server.order(**server.yardstick, **common)
+            fail_on(outcome)
+            plain.append(volume / outcome.seconds)
             _empty(server.folder / "yardstick")
             if server.bare is not None:
                 process, port = server.bare
                 before = processor_seconds([process.pid])
-                found = server.order("upload", tokens=tokens, **common, port=port)
-                fail_on(found)
-                bare.append(volume / found.seconds)
+                outcome = server.order("upload", tokens=tokens, **common, port=port)
+                fail_on(outcome)
+                bare.append(volume / outcome.seconds)
                 bare_cpu.append((processor_seconds([process.pid]) - before) * per_meal_ms)
                 _empty(server.folder / "bare")
             before, before_child = server.cpu_seconds(), server.child_seconds()
-            found = server.order("upload", tokens=tokens, **common)
-            fail_on(found)
-            ours.append(volume / found.seconds)
-            latencies += found.latencies
+            outcome = server.order("upload", tokens=tokens, **common)
+            fail_on(outcome)
+            ours.append(volume / outcome.seconds)
+            latencies += outcome.latencies
             cpu.append((server.cpu_seconds() - before) * per_meal_ms)
             child_cpu.append((server.child_seconds() - before_child) * per_meal_ms)
-            load_cpu.append(found.cpu_seconds / found.seconds)
+            load_cpu.append(outcome.cpu_seconds / outcome.seconds)
         ratios = [mine / other for mine, other in zip(ours, plain, strict=True)]
         ratio, peak = median(ours) / median(plain), server.memory_mb("VmHWM")
         bare_ratio = median(ours) / median(bare) if bare else float("nan")
@@ -286,20 +286,20 @@ def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], 
     print_head("at once|calls/s|p50 ms|p95 ms|p99 ms|CPU|load's CPU|server, ms a call")
     meals, own_ms = list[str](), list[float]()
     for token in tokens[: max(arguments.concurrency)]:
-        found = server.order("upload", photo=str(photo), tokens=[token], concurrency=1, times=1)
-        fail_on(found)
-        meals += list(found.sent)
+        outcome = server.order("upload", photo=str(photo), tokens=[token], concurrency=1, times=1)
+        fail_on(outcome)
+        meals += list(outcome.sent)
     for concurrency in arguments.concurrency:
         before = server.cpu_seconds()
-        found = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=POLLS)
-        fail_on(found)
+        outcome = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=POLLS)
+        fail_on(outcome)
         spent = server.cpu_seconds() - before
         own_ms.append(spent / POLLS * 1000)
-        cpu = spent / found.seconds
-        p50, p95, p99 = percentiles(found.latencies)
+        cpu = spent / outcome.seconds
+        p50, p95, p99 = percentiles(outcome.latencies)
         print(
-            f"| {concurrency} | {len(found.latencies) / found.seconds:.0f} | {p50:.1f} | {p95:.1f} | {p99:.1f} "
-            f"| {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} | {own_ms[-1]:.1f} |",
+            f"| {concurrency} | {len(outcome.latencies) / outcome.seconds:.0f} | {p50:.1f} | {p95:.1f} | {p99:.1f} "
+            f"| {cpu:.2f} | {outcome.cpu_seconds / outcome.seconds:.2f} | {own_ms[-1]:.1f} |",
             flush=True,
         )
     return own_ms
@@ -309,21 +309,24 @@ def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], p
     times = int(FLOW_PER_SECOND * arguments.flow_seconds)
     server.clear_peak()
     before = server.cpu_seconds()
-    found = server.order("flow", photo=str(photo), tokens=tokens[:FLOW_PHONES], times=times, per_second=FLOW_PER_SECOND)
-    cpu, peak = (server.cpu_seconds() - before) / found.seconds, server.memory_mb("VmHWM")
-    lost, wrong = look_for(server, found.sent)
-    p50, p95, p99 = percentiles(found.latencies or [float("nan")])
+    outcome = server.order(
+        "flow", photo=str(photo), tokens=tokens[:FLOW_PHONES], times=times, per_second=FLOW_PER_SECOND
+    )
+    cpu, peak = (server.cpu_seconds() - before) / outcome.seconds, server.memory_mb("VmHWM")
+    lost, wrong = look_for(server, outcome.sent)
+    p50, p95, p99 = percentiles(outcome.latencies or [float("nan")])
     size_kb = photo.stat().st_size / 1000
     print(f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {size_kb:.0f} kB), open loop\n")
     print_head("sent|accepted|errors|lost|wrong hash|seconds|p50 ms|p95 ms|p99 ms|peak MB|CPU|load's CPU")
     print(
-        f"| {times} | {len(found.sent)} | {len(found.errors)} | {lost} | {wrong} | {found.seconds:.1f} | {p50:.0f} "
-        f"| {p95:.0f} | {p99:.0f} | {peak:.0f} | {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} |",
+        f"| {times} | {len(outcome.sent)} | {len(outcome.errors)} | {lost} | {wrong} | {outcome.seconds:.1f} "
+        f"| {p50:.0f} "
+        f"| {p95:.0f} | {p99:.0f} | {peak:.0f} | {cpu:.2f} | {outcome.cpu_seconds / outcome.seconds:.2f} |",
         flush=True,
     )
-    for error in sorted(set(found.errors))[:5]:
+    for error in sorted(set(outcome.errors))[:5]:
         print(f"- {error}")
-    return not (found.errors or lost or wrong)
+    return not (outcome.errors or lost or wrong)
 
 
 def look_for(server: Deployment, sent: dict[str, list[str]]) -> tuple[int, int]:
@@ -394,9 +397,9 @@ def print_head(columns: str) -> None:
     print(f"|{'---|' * len(names)}")
 
 
-def fail_on(found: Outcome) -> None:
-    if found.errors:
-        raise SystemExit(f"{len(found.errors)} errors, such as {found.errors[0]}")
+def fail_on(outcome: Outcome) -> None:
+    if outcome.errors:
+        raise SystemExit(f"{len(outcome.errors)} errors, such as {outcome.errors[0]}")
 
 
 def _empty(folder: Path) -> None:

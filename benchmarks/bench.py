@@ -49,9 +49,9 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class Figure:
-    """A row. what: with its yardstick or unit."""
+    """A row. name: with its yardstick or unit."""
 
-    what: str
+    name: str
     more_is_better: bool = False
 
 
@@ -75,16 +75,18 @@ ROWS: Mapping[str, Figure] = {
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--only", action="append", choices=sorted(PARTS), help="Measure this part; may be repeated.")
-    parser.add_argument("--release", metavar="VERSION", help="Keep the figures as those of this release.")
+    parser.add_argument("--release", metavar="VERSION", help="Keep what is measured now as this release's figures.")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
     arguments = parser.parse_args()
     kept = json.loads(FIGURES.read_text()) if FIGURES.exists() else {"version": "", "release": {}, "now": {}}
+    measured: Values = {}
     for name in arguments.only or PARTS:
         started = time.perf_counter()
-        kept["now"] |= PARTS[name](arguments.data)
+        measured |= PARTS[name](arguments.data)
         print(f"{name}: {time.perf_counter() - started:.0f} s", flush=True)
+    kept["now"] |= measured
     if arguments.release:
-        kept |= {"version": arguments.release, "release": kept["now"]}
+        kept |= {"version": arguments.release, "release": measured}
     FIGURES.write_text(json.dumps(kept, indent=2) + "\n")
     text = table(kept["now"], kept["release"], kept["version"])
     DOCUMENT.write_text(text)
@@ -108,7 +110,7 @@ def table(now: Values, release: Values, version: str) -> str:
         value, then = now.get(name), release.get(name)
         ratio = f"{value / then:.2f}" if value is not None and then else "-"
         better = "more" if row.more_is_better else "less"
-        lines.append(f"| {row.what} | {_cell(value)} | {_cell(then)} | {ratio} | {better} |")
+        lines.append(f"| {row.name} | {_cell(value)} | {_cell(then)} | {ratio} | {better} |")
     return "\n".join(lines) + "\n"
 
 

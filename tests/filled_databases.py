@@ -1,4 +1,4 @@
-"""What a test's database is filled with, written once per worker and copied: a copy of its pages is quick to make."""
+"""Rows of the tests' databases, written once per worker and copied: a copy of its pages is quick to make."""
 
 import copy
 import sqlite3

@@ -78,5 +78,5 @@ class _PhotosOnDisk(Sequence[Photo]):
             photo = read_photo(path.read_bytes(), max_pixels=self._max_pixels)
             if isinstance(photo, Failure):
                 raise _UnreadablePhotoError(index, photo)
-            self._held = {place: one for place, one in self._held.items() if place == 0} | {index: photo}
+            self._held = {place: held for place, held in self._held.items() if place == 0} | {index: photo}
         return self._held[index]

@@ -1,4 +1,4 @@
-"""What regions of a photograph look like: their vectors (VCM), and the labels that an operator's network gives them."""
+"""The looks of regions of a photograph: their vectors (VCM), and the labels that an operator's network gives them."""
 
 from pathlib import Path
 
@@ -104,5 +104,5 @@ def _colour_by_marker(photo: Photo, marker: str | None) -> ColourCorrection | No
     """Return the correction that the pipeline would measure; None: there is no board, or it is not seen."""
     if marker is None:
         return None
-    found = find_marker(photo, parse_marker(marker))
-    return None if isinstance(found, Failure) else measure_colour(photo, found)
+    observation = find_marker(photo, parse_marker(marker))
+    return None if isinstance(observation, Failure) else measure_colour(photo, observation)

@@ -85,13 +85,13 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
         with stage("marker"):
             tried = stereo_partners(pair, options.marker)
     photos = [pair.right, *pair.others]
-    runs: dict[int, _Run] = {}
     for each in tried:
         place = next(index for index, photo in enumerate(photos, start=1) if photo is each.right)
-        runs[place] = run = _run(each, options, Trace(stage, second_place=place))
+        run = _run(each, options, Trace(stage, second_place=place))
         if not isinstance(run.outcome, Failure):
             return run
-    failed = runs[1]
+        if each.right is pair.right:
+            failed = run
     if isinstance(failed.outcome, Failure):
         for other_pair, other_options in _fallbacks(failed.outcome, failed.trace, pair, options):
             trace = Trace(stage, markers=failed.trace.markers, colours=failed.trace.colours)
@@ -169,7 +169,8 @@ def _likely_forms(
         return []
     likely: list[LikelyForms | None] = []
     for region in foods.regions:
-        hint, vector = options.hints[region.hint] if region.hint is not None else None, None
+        vector = None
+        hint = options.hints[region.hint] if region.hint is not None else None
         if form_prior(hint) is None:
             rings = rings_of(region.mask, places, is_swapped=False)
             vector = describe_rings(pair.left.pixels_bgr, rings, trace.colour_of(0))

@@ -189,7 +189,7 @@ def _by_poses(pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trac
 
 
 def _share_table(by_poses: View, by_marker: View) -> bool:
-    """Whether two placements of a photograph agree on the table's slant and distance, up to the doubt of poses."""
+    """Return whether two placements of a photograph agree on the table, up to the doubt of poses."""
     cosine = float(by_poses.rotation[:, 2] @ by_marker.rotation[:, 2])
     log_ratio = float(np.log(by_poses.centre_mm[2] / by_marker.centre_mm[2]))
     is_level = np.arccos(np.clip(cosine, -1.0, 1.0)) < MAX_OFF_SD * POSES_TURN_SD_RAD

@@ -5,7 +5,6 @@ Whoever exports for a person passes that person's caller: what they may not see 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 from sqlalchemy.orm import Session
 
@@ -44,9 +43,7 @@ def write_export(
 
 def _written(session: Session, caller: Caller, spec: ExportSpec, counted: Counted) -> Iterator[bytes]:
     table = table_of(session, caller, spec)
-    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
-    batches = table.batches if is_on_sqlite else _read_ahead(table.batches)
-    yield from encoded(spec.output, table.parts, _counting(batches, counted))
+    yield from encoded(spec.output, table.parts, _counting(table.batches, counted))
 
 
 def table_of(session: Session, caller: Caller, spec: ExportSpec) -> Table:
@@ -71,15 +68,3 @@ def _counting(batches: Iterable[Batch], counted: Counted) -> Iterator[Batch]:
     for batch in batches:
         counted(len(batch[0].rows))
         yield batch
-
-
-def _read_ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
-    """Read each next batch in a thread while the last one is encoded, so that PostgreSQL and this process both work.
-
-    Not of SQLite: its driver takes the interpreter's lock anew for every row, and would wait for the encoder each time.
-    """
-    with ThreadPoolExecutor(1, thread_name_prefix="export-batches") as thread:
-        upcoming = thread.submit(next, batches, None)
-        while (batch := upcoming.result()) is not None:
-            upcoming = thread.submit(next, batches, None)
-            yield batch

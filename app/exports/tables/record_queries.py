@@ -13,7 +13,6 @@ from datetime import date, datetime
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
-import numpy as np
 import sqlalchemy as sa
 from psycopg import Cursor, pq
 from sqlalchemy.dialects import postgresql
@@ -52,7 +51,6 @@ MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an
 OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE, DOUBT)  # parts that are read as they are stored
 KEYS = ("captured_at", "item_id", "meal_id", "food_id", "food_version", "run_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
-ID_PARTS = tuple(map(slice, (0, 8, 12, 16, 20), (8, 12, 16, 20, 32)))  # of its digits, between hyphens
 IDS = "ids"  # parameter of a look-up
 NOWHERE = (None, None)
 Rows = Sequence[tuple[Any, ...]]  # as the driver gives them: the columns KEYS and those of OWN
@@ -132,7 +130,7 @@ def export_batches(
         of_meals, of_foods = meals(meal_ids), foods(food_ids)
         values: dict[Part, Cells] = {
             **own,
-            RECORD_ID: all_hyphenated(item_ids),
+            RECORD_ID: [hyphenated(item_id) for item_id in item_ids],
             OF_MEAL: [meal.of_meal for meal in of_meals],
             STATE: states.of(own[STATE]),
             OF_FOOD: [food.of_food for food in of_foods],
@@ -304,19 +302,6 @@ def _day(value: str | date) -> tuple[str, int]:
 def hyphenated(text: str) -> str:
     """An id as everybody else writes it; a quarter of what uuid.UUID would take."""
     return text if len(text) > HEX_DIGITS else f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
-
-
-def all_hyphenated(ids: Sequence[str]) -> list[str]:
-    """The same of all ids of a batch."""
-    if not ids or len(ids[0]) > HEX_DIGITS:
-        return list(ids)
-    width = HEX_DIGITS + len(ID_PARTS) - 1
-    digits = np.frombuffer("".join(ids).encode(), np.uint8).reshape(len(ids), HEX_DIGITS)
-    text = np.full((len(ids), width), ord("-"), np.uint8)
-    for number, part in enumerate(ID_PARTS):
-        text[:, part.start + number : part.stop + number] = digits[:, part]
-    whole = text.tobytes().decode()
-    return [whole[start : start + width] for start in range(0, len(whole), width)]
 
 
 def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:

@@ -23,6 +23,7 @@ from app.vision.model import Float64Array, ImageArray, Int64Array, MarkerObserva
 
 MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
+LONGER_THAN_ALIKE = 1.1  # than the outlines of which there are too many: a cloth's squares are all alike
 QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
 FOREIGN_SIDE_PX = 2016  # long side on which tags that were not announced are sought: they only explain a refusal
 MIN_TAGS = 4
@@ -141,8 +142,11 @@ def _least_perimeter_share(grey: ImageArray) -> float:
     image, _ = reduced(grey, max(grey.shape) // 2)
     dark = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, QUAD_WINDOW_PX, 7)
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    shares = np.sort([len(contour) for contour in contours])[::-1] / max(image.shape)
-    return max(MIN_PERIMETER_SHARE, float(shares[MAX_QUADS])) if len(shares) > MAX_QUADS else MIN_PERIMETER_SHARE
+    # The detector sees the same outlines in the whole photograph, where a perimeter may be some px longer.
+    shares = np.sort([len(contour) + 4 for contour in contours])[::-1] / max(image.shape)
+    if len(shares) <= MAX_QUADS:
+        return MIN_PERIMETER_SHARE
+    return max(MIN_PERIMETER_SHARE, LONGER_THAN_ALIKE * float(shares[MAX_QUADS]))
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

@@ -152,7 +152,7 @@ class FormFit:
 
     @property
     def observations(self) -> float:
-        """How many independent ones took part."""
+        """Number of independent observations that took part."""
         return float(self.at.terms.weight.sum())
 
     @cached_property

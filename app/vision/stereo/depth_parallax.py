@@ -83,13 +83,14 @@ def _seen_from_elsewhere(
     scale = pair.focal_px / z * depth / own.focal_px  # px of the grid for one of theirs
     per_px = pair.focal_px * pair.baseline_mm / z**2 * depth / disparity
     values = np.column_stack([pair.focal_px * pair.baseline_mm / z, sd * per_px, match.reach_px[rows, columns] * scale])
-    out = np.full((*pair.shape, 3), np.nan, np.float32)
-    order = np.argsort(np.where(z > 0, values[:, 0], -np.inf))  # the nearest is written last
+    order = np.argsort(np.where(z > 0, -values[:, 0], np.inf), kind="stable")  # the nearest first
     places = np.floor(np.column_stack([y, x])[order]).astype(np.int64)
     at = (places[:, None] + np.array(CORNERS)).reshape(-1, 2)
-    written = np.repeat(values[order], len(CORNERS), axis=0)
-    inside = (at >= 0).all(axis=1) & (at < pair.shape).all(axis=1) & (written[:, 0] > 0)
-    out[at[inside, 0], at[inside, 1]] = written[inside]
+    value = np.repeat(values[order], len(CORNERS), axis=0)
+    inside = (at >= 0).all(axis=1) & (at < pair.shape).all(axis=1) & (value[:, 0] > 0)
+    cells, nearest = np.unique(np.ravel_multi_index(tuple(at[inside].T), pair.shape), return_index=True)
+    out = np.full((*pair.shape, 3), np.nan, np.float32)
+    out.reshape(-1, 3)[cells] = value[inside][nearest]
     return DisparityMap(
         pair.parallax_from_disparity(out[..., 0]),
         np.nan_to_num(out[..., 2]),

@@ -223,9 +223,10 @@ def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
 def _with_light_of(image: ImageArray, other: ImageArray, is_seen: ImageArray) -> ImageArray:
     """The image with the mean and the contrast of the other: semi-global matching compares grey levels.
 
-    is_seen: (H, W) 1 where they are compared. Beyond what a view shows its image is black.
+    They are compared within is_seen, (H, W) 1, where neither is black, as an image is beyond what its view shows.
     """
-    compared = is_seen if is_seen.any() else None
+    is_shown = (is_seen > 0) & (image > 0) & (other > 0)
+    compared = is_shown.astype(np.uint8) if is_shown.any() else None
     mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=compared))
     mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared))
     gain = contrast_other / contrast if contrast > 0 else 1.0

@@ -24,7 +24,7 @@ from app.vision.stereo.stillness import judge_heights, judge_matches
 # Between the lines of sight of a pair. The narrower it is, the surer do windows on plain food match, and the other
 # photographs widen the base; narrower than this, the noise of disparities tells in depth.
 LEAST_ANGLE_DEG = 2 * MIN_VIEW_ANGLE_DEG
-MOST_PARTNERS = 3  # tried one after the other while they fail
+MOST_PARTNERS = 2  # tried one after the other while they fail
 MOST_ALONG = 0.7  # of the baseline, along an optical axis
 
 

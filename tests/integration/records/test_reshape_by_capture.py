@@ -32,7 +32,7 @@ def kind():
 
 @dataclass(frozen=True)
 class Capture:
-    """What a phone sends, and how far the volume of a ball may then be off."""
+    """A phone's photographs and metadata, and how far the volume of a ball may then be off."""
 
     source: str
     photographs: dict

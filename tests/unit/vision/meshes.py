@@ -1,4 +1,4 @@
-"""What holds of every closed mesh, and the derivatives of a form's vertices."""
+"""Properties of every closed mesh, and the derivatives of a form's vertices."""
 
 import numpy as np
 

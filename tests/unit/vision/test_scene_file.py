@@ -186,7 +186,7 @@ def test_no_marker_no_scene(views):
 
 @pytest.fixture
 def run(found):
-    """What write_scene is given of the run: (trace, pair, items). The trace is a copy that a test may change."""
+    """Arguments of write_scene for the run: (trace, pair, items). The trace is a copy that a test may change."""
     trace, pair, items = found[2]
     return replace(trace), pair, items
 
@@ -215,13 +215,13 @@ def test_content_of_a_bowl_has_the_outline_that_is_seen_and_without_a_measure_no
     trace, pair, items = run
     (item,) = trace.items
     trace.items = [replace(item, flags=("inside_guessed",))]
-    (told,) = json.loads(write_scene(trace, pair, items))["items"]
-    assert told["shape"]
-    assert told["right_rings_from"] == "mask"  # a bowl's wall hides the shape below its top
+    (item,) = json.loads(write_scene(trace, pair, items))["items"]
+    assert item["shape"]
+    assert item["right_rings_from"] == "mask"  # a bowl's wall hides the shape below its top
     trace.items = [MeasuredItem(Region(item.region.mask), item.points_table, 0.0, None, ("not_measurable",))]
     unknown = ItemEstimate(items[0].rings, None, None, {}, flags=("not_measurable",))
-    (told,) = json.loads(write_scene(trace, pair, [unknown]))["items"]
-    assert not {"shape", "slices", "size_mm", "mesh_volume_ml"} & set(told)
-    assert (told["volume_ml"], told["volume_interval_ml"], told["flags"]) == (None, None, ["not_measurable"])
-    assert told["right_rings_from"] == "mask"
-    assert overlap(told["right_rings_px"], ball_in(views[1])) > 0.8
+    (item,) = json.loads(write_scene(trace, pair, [unknown]))["items"]
+    assert not {"shape", "slices", "size_mm", "mesh_volume_ml"} & set(item)
+    assert (item["volume_ml"], item["volume_interval_ml"], item["flags"]) == (None, None, ["not_measurable"])
+    assert item["right_rings_from"] == "mask"
+    assert overlap(item["right_rings_px"], ball_in(views[1])) > 0.8
