@@ -105,14 +105,14 @@ def test_another_draw_of_noisy_matches_gives_another_answer_and_the_same_seed_th
 
 
 def test_lengths_of_the_board_scale_the_points(scene):
-    views, matches, _, mask = scene
+    views, matches, pair, mask = scene
     doubled = []
     for view in views:
         marker = view.required_marker
         bigger = replace(marker, spec=replace(marker.spec, square_mm=2 * marker.spec.square_mm))
         doubled.append(replace(view, marker=bigger, translation_mm=2 * view.translation_mm))
     one = reconstructed(scene)
-    two = reconstructed((doubled, matches, rectify_by_poses(*doubled), mask))
+    two = reconstructed((doubled, matches, pair, mask))
     # A rounded place on the grid may go to the next pixel, so the middle of all is compared.
     middles = [np.nanmedian(each.points_mm[each.masks[0]][:, 2]) for each in (one, two)]
     assert np.isclose(middles[1], 2 * middles[0], rtol=5e-3)
