@@ -223,9 +223,9 @@ def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
 def _with_light_of(image: ImageArray, other: ImageArray, is_seen: ImageArray) -> ImageArray:
     """The image with the mean and the contrast of the other: semi-global matching compares grey levels.
 
-    They are compared within is_seen, (H, W) 1, where neither is black, as an image is beyond what its view shows.
+    They are compared within is_seen, (H, W) 1.
     """
-    is_shown = (is_seen > 0) & (image > 0) & (other > 0)
+    is_shown = is_seen > 0
     compared = is_shown.astype(np.uint8) if is_shown.any() else None
     mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=compared))
     mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared))
