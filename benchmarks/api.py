@@ -128,11 +128,11 @@ class Deployment:
         return Outcome(**json.loads(done.stdout))
 
     def cpu_seconds(self) -> float:
-        """Of the server so far, without its children."""
+        """Processor time of the server so far, without its children."""
         return processor_seconds([self.process.pid])
 
     def child_seconds(self) -> float:
-        """Of the server's living children so far."""
+        """Processor time of the server's living children so far."""
         return processor_seconds(children_of(self.process.pid))
 
     def clear_peak(self) -> None:

@@ -119,7 +119,7 @@ def _cell(value: float | None) -> str:
 
 
 def measure_pipeline(data: Path) -> Values:
-    """Of the first pairs of two sets."""
+    """Time and memory of the first pairs of two sets."""
     floor = data / "accuracy" / "floor.py"
     scenes = [scene for name in ("paper6", "meals") for scene in pipeline.find_scenes(data, name)[:SCENES]]
     if not scenes or not floor.is_file():
@@ -130,7 +130,7 @@ def measure_pipeline(data: Path) -> Values:
 
 
 def measure_checks(data: Path) -> Values:
-    """Of the first pairs of a set."""
+    """Times of checks of the first pairs of a set."""
     scenes = pipeline.find_scenes(data, "meals")[:SCENES]
     if not scenes:
         return {}
@@ -202,7 +202,7 @@ def export(database: Database, output: Output) -> None:
 
 
 def processor_time(work: Callable[[], object]) -> float:
-    """Of this thread, seconds."""
+    """Return this thread's processor time, seconds."""
     started = time.thread_time()
     work()
     return time.thread_time() - started

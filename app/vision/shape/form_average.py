@@ -66,7 +66,7 @@ def average_forms(
 
 
 def likely_fits(fits: Sequence[FormFit]) -> list[FormFit]:
-    """Of the fits, the best first, those whose weight is not negligible."""
+    """Return the fits whose weight is not negligible, the best first."""
     if not fits:
         return []
     log_evidence, _ = _log_evidence(fits, TUNING.temper)

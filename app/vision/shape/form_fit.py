@@ -94,7 +94,7 @@ class _Terms:
 
 @dataclass(frozen=True, slots=True)
 class _Prior:
-    """Of a form's unknowns: (k,) the middle and (k, k) the precision."""
+    """Prior of a form's unknowns: (k,) its middle and (k, k) its precision."""
 
     expected: Float64Array
     precision: Float64Array
@@ -163,7 +163,7 @@ class FormFit:
 
     @cached_property
     def volume_ml(self) -> float:
-        """Of the form's finest mesh."""
+        """Volume of the form's finest mesh."""
         vertices, mesh = self.form.vertices(self.unknowns, EXACT), self.form.topology(EXACT)
         return ml_from_mm3(enclosed_mm3(vertices, mesh.faces))
 

@@ -223,10 +223,10 @@ def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
 def _with_light_of(image: ImageArray, other: ImageArray, is_seen: ImageArray) -> ImageArray:
     """The image with the mean and the contrast of the other: semi-global matching compares grey levels.
 
-    They are compared within is_seen, (H, W) 1.
+    They are compared within is_seen, (H, W) 1. Of a wide pair that still takes in black where only something tall would
+    be seen by the second view. To leave it out sharpens the match, also of foods that were pushed between photographs.
     """
-    is_shown = is_seen > 0
-    compared = is_shown.astype(np.uint8) if is_shown.any() else None
+    compared = is_seen if is_seen.any() else None
     mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=compared))
     mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared))
     gain = contrast_other / contrast if contrast > 0 else 1.0
