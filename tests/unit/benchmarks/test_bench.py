@@ -5,9 +5,9 @@ from benchmarks.bench import DOCUMENT, FIGURES, ROWS, table
 
 def test_row_has_the_ratio_of_now_to_the_last_release():
     lines = table({"csv": 3.0, "pipeline": 0.5}, {"csv": 4.0}, "1.2.3").splitlines()
-    (csv,) = (line for line in lines if line.startswith(f"| {ROWS['csv'].what} "))
-    assert csv == f"| {ROWS['csv'].what} | 3 | 4 | 0.75 | less |"
-    (pipeline,) = (line for line in lines if line.startswith(f"| {ROWS['pipeline'].what} "))
+    (csv,) = (line for line in lines if line.startswith(f"| {ROWS['csv'].name} "))
+    assert csv == f"| {ROWS['csv'].name} | 3 | 4 | 0.75 | less |"
+    (pipeline,) = (line for line in lines if line.startswith(f"| {ROWS['pipeline'].name} "))
     assert pipeline.endswith("| 0.5 | not measured | - | less |")
 
 

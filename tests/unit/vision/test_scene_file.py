@@ -213,12 +213,12 @@ def test_scene_without_board_and_food_has_the_points_around_its_origin(run):
 def test_content_of_a_bowl_has_the_outline_that_is_seen_and_without_a_measure_no_shape(run, views):
     """The ball is taken for the content of an opaque bowl."""
     trace, pair, items = run
-    (item,) = trace.items
-    trace.items = [replace(item, flags=("inside_guessed",))]
+    (measured,) = trace.items
+    trace.items = [replace(measured, flags=("inside_guessed",))]
     (item,) = json.loads(write_scene(trace, pair, items))["items"]
     assert item["shape"]
     assert item["right_rings_from"] == "mask"  # a bowl's wall hides the shape below its top
-    trace.items = [MeasuredItem(Region(item.region.mask), item.points_table, 0.0, None, ("not_measurable",))]
+    trace.items = [MeasuredItem(Region(measured.region.mask), measured.points_table, 0.0, None, ("not_measurable",))]
     unknown = ItemEstimate(items[0].rings, None, None, {}, flags=("not_measurable",))
     (item,) = json.loads(write_scene(trace, pair, [unknown]))["items"]
     assert not {"shape", "slices", "size_mm", "mesh_volume_ml"} & set(item)
