@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from app.vision.model import Float64Array, ItemTraits
 
@@ -195,9 +196,7 @@ def _assign(table: Float64Array, prior: float) -> tuple[float, list[int | None]]
     copies = min(pieces, MAX_PIECES)
     columns = [table + (ONE_MORE_PIECE if copy else 0.0) for copy in range(copies)]
     whole = np.hstack([*columns, np.zeros((pieces, pieces))])  # the last: unmatched, for any of them
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  # 30 MB, saved until an after-meal pair
-
-    rows, chosen = linear_sum_assignment(whole, maximize=True)
+    rows, chosen = scipy.optimize.linear_sum_assignment(whole, maximize=True)
     places: list[int | None] = [None] * pieces
     for row, column in zip(rows, chosen, strict=True):
         if column < copies * items:

@@ -22,6 +22,7 @@ from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
+from app.vision.stereo.features import too_few_matches
 from app.vision.stereo.other_views import place_other_views, stereo_partners
 from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.printed_stereo import reconstruct_as_printed
@@ -32,6 +33,7 @@ from app.vision.trace import Reconstruction, Stages, Trace
 from app.vision.traits import traits_of
 from app.vision.version import PIPELINE_VERSION
 
+UNMEASURED = frozenset({"no_food_found", "food_not_measured"})
 # Failures of a pair after which its left photograph alone may be measured, if it has a depth map.
 PAIR_UNUSABLE = frozenset(
     {"baseline_too_small", "baseline_too_large", "too_few_matches", "scene_moved", "food_not_measured"}
@@ -78,8 +80,10 @@ class _Run:
 def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages) -> _Run:
     """Run with the best partner of the left photograph; while that fails, with the next, or as the phone paired them.
 
-    If all fail, fallbacks are tried. Unless one of them succeeds, the failure is that of the pair as it was sent.
+    A run by the marker alone counts only if no partner has matches. If all fail, fallbacks are tried. Unless one of
+    them succeeds, the failure is that of the pair as it was sent.
     """
+    unmatched: _Run | None = None
     tried = [pair]
     if pair.others and options.marker is not None:
         with stage("marker"):
@@ -89,9 +93,13 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
         place = next(index for index, photo in enumerate(photos, start=1) if photo is each.right)
         run = _run(each, options, Trace(stage, second_place=place))
         if not isinstance(run.outcome, Failure):
-            return run
+            if not run.trace.is_by_marker_alone:
+                return run
+            unmatched = unmatched or run
         if each.right is pair.right:
             failed = run
+    if unmatched is not None:
+        return unmatched
     if isinstance(failed.outcome, Failure):
         for other_pair, other_options in _fallbacks(failed.outcome, failed.trace, pair, options):
             trace = Trace(stage, markers=failed.trace.markers, colours=failed.trace.colours)
@@ -108,8 +116,7 @@ def _fallbacks(
 
     If the poses do not help, and the left photograph shows the marker, that one is measured alone.
     """
-    has_depth = pair.left.depth is not None and options.marker is not None and options.method == "shape"
-    if failure.code in PAIR_UNUSABLE and has_depth:
+    if failure.code in PAIR_UNUSABLE and _may_be_measured_alone(pair, options):
         yield PhotoPair(pair.left), options
     if failure.code in MARKER_UNSEEN and options.poses and pair.right is not None:
         yield pair, replace(options, marker=None)
@@ -118,7 +125,27 @@ def _fallbacks(
 
 
 def _run(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> _Run:
-    return _Run(pair, trace, _run_steps(pair, options, trace))
+    outcome = _run_steps(pair, options, trace)
+    is_doubtful = _may_be_measured_alone(pair, options) or not _is_confirmed(outcome)
+    if trace.matches is not None and trace.is_by_marker_alone and is_doubtful:
+        outcome = too_few_matches(trace.matches.beside_board)
+        trace.items, trace.printed = [], None
+    return _Run(pair, trace, outcome)
+
+
+def _may_be_measured_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
+    """Return whether the left photograph has a depth map and a marker: it needs no other one."""
+    return pair.left.depth is not None and options.marker is not None and options.method == "shape"
+
+
+def _is_confirmed(outcome: tuple[ItemEstimate, ...] | Failure) -> bool:
+    """Return whether a food's surface was measured, which shows that both photographs are of one scene at rest.
+
+    A failure for another reason stays what it is.
+    """
+    if isinstance(outcome, Failure):
+        return outcome.code not in UNMEASURED
+    return any(item.volume_ml is not None and "low_texture" not in item.flags for item in outcome)
 
 
 def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple[ItemEstimate, ...] | Failure:

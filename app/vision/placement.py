@@ -20,14 +20,14 @@ from app.vision.model import DepthMap, EstimateOptions, MarkerObservation, MaskA
 from app.vision.rig import StereoRig
 from app.vision.stereo.depth_parallax import place_by_depth
 from app.vision.stereo.epipolar import compare_fundamentals
-from app.vision.stereo.features import NO_MATCHES, match_features
+from app.vision.stereo.features import match_features
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.rectification import is_swapped
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE, POSES_TURN_SD_RAD, refine_rig, views_of_rig
 from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
-from app.vision.stereo.stillness import judge_heights, judge_matches, poses_mismatch
+from app.vision.stereo.stillness import judge_heights, judge_matches, judge_missing, poses_mismatch
 from app.vision.trace import Reconstruction, Scale, Trace
 
 SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
@@ -96,12 +96,19 @@ def doubt_volumes(
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
-    flags = ("focal_unknown",) if doubt.focal_sd > FLAG_SD else ()
-    return doubt.sd, (*SCALE_FLAGS[placed.scale], *flags)
+    flags = [*SCALE_FLAGS[placed.scale]]
+    if doubt.focal_sd > FLAG_SD:
+        flags.append("focal_unknown")
+    if placed.scale == "marker" and placed.views.matches == 0:
+        flags.append("few_matches")
+    return doubt.sd, tuple(flags)
 
 
 def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:
-    """Poses by the marker, of two views refined by matches unless these show that something moved."""
+    """Poses by the marker, of two views refined by matches unless these show that something moved.
+
+    A plain scene without matches leaves the poses as the marker alone shows them.
+    """
     with trace.stage("marker"):
         observations = _find_markers(pair, marker, options, trace)
     if isinstance(observations, Failure):
@@ -117,22 +124,21 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
     first, second = _in_order(views, trace)
     with trace.stage("match"):
         matches = match_features(first, second)
-        if isinstance(matches, Failure):
-            return matches
         refined = refine_views(first, second, matches)
         trace.matches = matches
         trace.keep_views(refined)
-        moved = judge_heights(refined, matches)
+        moved = judge_heights(refined, matches) if refined.matches else judge_missing(first, second)
         if moved is not None:
             return moved
         trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
         epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
-        if isinstance(epipolar, Failure):
+        if not isinstance(epipolar, Failure):
+            trace.epipolar = epipolar
+            moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
+            if moved is not None:
+                return moved
+        elif refined.matches:
             return epipolar
-        moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
-        if moved is not None:
-            return moved
-        trace.epipolar = epipolar
     return Placement(refined, "marker", trace.focal)
 
 
@@ -150,8 +156,6 @@ def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Tr
     first, second = _in_order(views, trace)
     with trace.stage("match"):
         matches = match_features(first, second)
-        if isinstance(matches, Failure):
-            matches = NO_MATCHES
         refined = refine_rig(first, second, matches, rig.source)
         trace.matches = matches
         trace.keep_views(refined)

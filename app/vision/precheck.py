@@ -25,10 +25,10 @@ from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import EstimateOptions, Float64Array, ImageArray, MarkerObservation, PhotoPair, View
 from app.vision.photo import ReducedPhoto
-from app.vision.stereo.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
+from app.vision.stereo.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
 from app.vision.stereo.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
 from app.vision.stereo.relative_pose import refine_views
-from app.vision.stereo.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches
+from app.vision.stereo.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches, judge_missing
 
 LEAST_LONG_SIDE_PX = 1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
 NEAR_BLUR_SHARE = 0.75  # of the width where measuring ends
@@ -187,16 +187,16 @@ def _judge_views(
 def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
     """Whether the same points are seen in both, on the marker's table or over it, and well inside both."""
     matches = match_features(left, right)
-    if isinstance(matches, Failure):
-        return [PairProblem(matches.code, "stop")], {"matches": 0.0}
     refined = refine_views(left, right, matches)
     is_good = near_epipolar_lines(refined.first, refined.second, matches, GOOD_PX_AT_12MP)
     measures = {"matches": float(np.count_nonzero(is_good))}
     moved = judge_matches(matches, is_good, placed_by="marker")
+    if moved is None and refined.matches == 0:
+        moved = judge_missing(left, right)
     if moved is not None:
         return [PairProblem(moved.code, "stop")], measures
-    if np.count_nonzero(is_good) < MIN_BESIDE_BOARD:
-        return [PairProblem("too_few_matches", "stop")], measures
+    if refined.matches == 0:
+        return [PairProblem("too_few_matches", "warn")], measures
     pixels = (matches.first_px[is_good], matches.second_px[is_good])
     points = triangulate(refined.first, refined.second, *pixels)
     height_mm = np.nan_to_num(points[:, 2])

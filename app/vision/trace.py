@@ -95,6 +95,11 @@ class Trace:
     second_place: int = 1
     scale: Scale | None = None
 
+    @property
+    def is_by_marker_alone(self) -> bool:
+        """Return whether no match took part in placing both views: hardly anything shows that the scene was at rest."""
+        return self.scale == "marker" and self.refined is not None and self.refined.matches == 0
+
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
         left, right = (refined.second, refined.first) if self.is_swapped else (refined.first, refined.second)

@@ -7,13 +7,14 @@ would turn that into five percent of focal length. Intrinsics themselves: camera
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from app.vision.board.print_layout import print_points_mm
+from app.vision.geometry.robust_fit import minimise
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation
@@ -24,7 +25,6 @@ BEND_SD_MM = 1.0  # prior: height of the sheet's edges over its middle, paper on
 FOCAL_SPREAD_EXIF = 0.08  # prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
 FOCAL_SPREAD_UNKNOWN = 0.25  # prior, relative: main cameras of phones lie between 22 and 35 mm
 RADIAL_SPREAD = 0.1  # prior of k1: phones correct most of their distortion themselves
-OUTLIER_SD = 3.0  # beyond, a corner pulls only linearly
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +83,19 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
         points - raised, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
     )
 
+    corner_sd_px = _corner_sd_px(camera)
+
     def residual(pose: Float64Array) -> Float64Array:
-        return (project(camera, points, pose) - observation.corners_px).ravel()
+        return (project(camera, points, pose) - observation.corners_px).ravel() / corner_sd_px
 
     best: tuple[Float64Array, Float64Array, float] | None = None
     for rvec, tvec in zip(turns, shifts, strict=True):
         start = np.concatenate([np.ravel(rvec), np.ravel(tvec) - cv2.Rodrigues(rvec)[0] @ raised])
         if not np.isfinite(start).all() or start[5] <= 0:
             continue
-        loss_scale = OUTLIER_SD * _corner_sd_px(camera)
-        pose = _minimised(residual, start, loss_scale)
+        pose, _ = minimise(residual, start)
         rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
-        rms = _rms_px(residual(pose))
+        rms = _rms_px(residual(pose) * corner_sd_px)
         if _is_above_table(rotation, pose[3:]) and (best is None or rms < best[2]):
             best = (rotation, pose[3:], rms)
     return best
@@ -137,7 +138,7 @@ def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservatio
         prior = unknowns[bend_at:][is_free[bend_at:]] / spreads[is_free[bend_at:]]
         return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in range(count))])
 
-    solved = unpack(_minimised(residual, first[is_free], OUTLIER_SD))
+    solved = unpack(minimise(residual, first[is_free])[0])
     placed = [
         (np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64), solved[at + 3 : at + 6])
         for at in range(0, bend_at, 6)
@@ -178,13 +179,3 @@ def _corner_sd_px(camera: Camera) -> float:
 def _rms_px(residual: Float64Array) -> float:
     """Root mean square distance of corners; residual: (2 n,) of x, y, px."""
     return float(np.sqrt(2.0 * np.mean(residual**2)))
-
-
-def _minimised(
-    residual: Callable[[Float64Array], Float64Array], start: Float64Array, loss_scale: float
-) -> Float64Array:
-    """The unknowns of least residuals, from the start on; beyond the loss's scale they count only linearly."""
-    # Imported here: 30 MB that servers, which read markers' names and fit nothing, save.
-    from scipy.optimize import least_squares  # noqa: PLC0415
-
-    return np.asarray(least_squares(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x, np.float64)

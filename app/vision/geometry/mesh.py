@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from app.vision.model import Float64Array, MaskArray
 
@@ -20,14 +19,16 @@ class Topology:
     """places: (n, k) where each vertex lies on the undeformed surface: unit directions, or two angles of a ring.
 
     faces: (m, 3) vertices of each triangle, counter-clockwise from outside, stored by columns. edges: (e, 2) each once.
-    edge_faces: (e, 2) the triangles on either side. around: (n, m) sparse, one where a triangle has a vertex.
+    edge_faces: (e, 2) the triangles on either side. around: (3 m,) the triangles around each vertex, vertex after
+    vertex. around_from: (n,) where those of each vertex begin.
     """
 
     places: Float64Array
     faces: IntArray
     edges: IntArray
     edge_faces: IntArray
-    around: csr_array
+    around: IntArray
+    around_from: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +106,16 @@ def _grid_faces(cells: int) -> IntArray:
 def _topology(places: Float64Array, faces: IntArray) -> Topology:
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     order = np.lexsort(pairs.T[::-1])  # each edge stands twice, once for the triangle on either side
-    index = (faces.ravel(), np.repeat(np.arange(len(faces)), 3))
-    around = csr_array((np.ones(faces.size), index), shape=(len(places), len(faces)))
-    return Topology(places, np.asfortranarray(faces), pairs[order][::2], (order % len(faces)).reshape(-1, 2), around)
+    corners = np.argsort(faces, axis=None, kind="stable")
+    around_from = np.searchsorted(faces.ravel()[corners], np.arange(len(places)))
+    return Topology(
+        places,
+        np.asfortranarray(faces),
+        pairs[order][::2],
+        (order % len(faces)).reshape(-1, 2),
+        corners // 3,
+        around_from,
+    )
 
 
 def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
@@ -118,7 +126,12 @@ def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
 
 def vertex_normals(vertices: Float64Array, mesh: Topology) -> Float64Array:
     """(n, 3) sum over the triangles around each vertex of face_normals."""
-    return np.asarray(mesh.around @ face_normals(vertices, mesh.faces), np.float64)
+    return summed_around(face_normals(vertices, mesh.faces), mesh)
+
+
+def summed_around(of_faces: Float64Array, mesh: Topology) -> Float64Array:
+    """(n, k) sum over the triangles around each vertex of what each triangle has, (m, k)."""
+    return np.asarray(np.add.reduceat(of_faces.take(mesh.around, axis=0), mesh.around_from), np.float64)
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:

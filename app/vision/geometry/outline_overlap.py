@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from app.vision.model import Float64Array, MaskArray
 
@@ -38,7 +38,7 @@ def matching_outlines(first: Sequence[Rings], second: Sequence[Rings], *, above:
     """
     iou = overlaps(first, second)
     preferred = np.where(iou > above, iou + TIE * np.eye(*iou.shape), 0.0)
-    pairs = zip(*linear_sum_assignment(preferred, maximize=True), strict=True)
+    pairs = zip(*scipy.optimize.linear_sum_assignment(preferred, maximize=True), strict=True)
     return [(int(row), int(column)) for row, column in pairs if iou[row, column] > above]
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from app.vision.model import Float64Array, SliceForm
 
@@ -259,4 +259,4 @@ def _fit_outline(
     if is_ellipse:  # aspect and heading as a vector of twice the angle: smooth through the circle
         log_aspect = max(float(np.log(start.aspect)), 0.05)
         first = np.concatenate([first, log_aspect * np.array([np.cos(2 * start.heading), np.sin(2 * start.heading)])])
-    return read(least_squares(residual, first, loss="soft_l1", f_scale=LOSS_SCALE).x)
+    return read(scipy.optimize.least_squares(residual, first, loss="soft_l1", f_scale=LOSS_SCALE).x)

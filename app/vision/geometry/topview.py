@@ -48,7 +48,8 @@ class TopView:
 
     def cells_px(self, xy_mm: Float64Array | Float32Array) -> Float32Array:
         """(..., 2) mm -> (..., 2) column and row, a cell's centre being whole."""
-        return np.asarray((xy_mm - self.origin_mm) / self.cell_mm - 0.5, np.float32)
+        shift = (self.origin_mm / self.cell_mm + 0.5).astype(np.float32)
+        return np.asarray(xy_mm, np.float32) * np.float32(1.0 / self.cell_mm) - shift
 
     def centres_mm(self) -> Float64Array:
         """(rows, columns, 2) x, y of the cells' centres, mm."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from app.core.units import ml_from_mm3
 from app.vision.geometry.masks import eroded
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.pictures import blurred, grey_of, lab_of
+from app.vision.geometry.pictures import LabPicture, blurred, grey_of
 from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.slices import Slice, disc
 from app.vision.geometry.solids import turned
@@ -60,6 +60,7 @@ FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 BESIDE_MM, BESIDE_LEVEL_MM = (4.0, 20.0), 8.0  # outside a rim, where a vessel's wall falls to the table
 SECTORS, PRINT_SECTORS = 16, 0.75  # around it, and the share in which the surface goes on at its height
 SURE_COVER, TOP_SHARE = 0.7, 0.5  # a rim seen so well may be brimful; of what lies within one that is not
+WINDOW_MM, WINDOW_PX = 5.0, 4  # around a vessel, where the colours beside its surface are taken
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
 
@@ -100,17 +101,23 @@ class LiquidVolume:
 
 
 @dataclass(frozen=True, slots=True)
-class FilledVessel:
-    """silhouette: (H, W) the whole vessel in the first view; content: (H, W) the liquid's surface as far as it is seen.
+class StandingVessel:
+    """silhouette: (H, W) the whole vessel in the first view. rim, table_mm: the table's height there.
 
-    rim and level in the table frame, heights over the marker's plane; table_mm: the table's there.
+    Heights count from the marker's plane.
     """
 
     silhouette: MaskArray
-    content: MaskArray
     rim: Circle
-    level: Level
     table_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class FilledVessel(StandingVessel):
+    """A vessel with its liquid. content: (H, W) the surface as far as it is seen; level as the rim."""
+
+    content: MaskArray
+    level: Level
     liquid: LiquidVolume
 
     @property
@@ -136,10 +143,10 @@ class FilledVessel:
 
 @dataclass(frozen=True, slots=True)
 class Vessels:
-    """filled: those whose liquid's surface is seen. unread: (H, W) silhouettes of others, empty or with clear water."""
+    """filled: those whose liquid's surface is seen. unread: others, empty or with clear water."""
 
     filled: list[FilledVessel]
-    unread: list[MaskArray]
+    unread: list[StandingVessel]
 
 
 def find_vessels(
@@ -155,10 +162,10 @@ def find_vessels(
     if not circles:
         return Vessels([], [])
     first_bgr, second_bgr = pair.both_bgr
-    lab = (lab_of(first_bgr), lab_of(second_bgr))
+    pictures = LabPicture(first_bgr), LabPicture(second_bgr)
     grey = [blurred(grey_of(image).astype(np.float32), 1.0) for image in (first_bgr, second_bgr)]
     vessels: list[FilledVessel] = []
-    unread: list[MaskArray] = []
+    unread: list[StandingVessel] = []
     rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
@@ -166,6 +173,10 @@ def find_vessels(
             continue
         if _is_print(rim, points_table) or (rim.cover < SURE_COVER and _has_top(rim, points_table)):
             continue
+        first_lab, second_lab = (
+            picture.within(_window(sight, rim, table_mm, view)) for view, picture in enumerate(pictures)
+        )
+        lab = first_lab, second_lab
         is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
         level = find_level_in_glass(sight, lab, rim, table_mm) if is_upright else None
         level = level or find_level(sight, lab, grey, rim, table_mm)
@@ -174,7 +185,8 @@ def find_vessels(
         if level is None:
             if is_upright and _is_open(rim, points_table):
                 rims.append(rim)
-                unread.append(_silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm))
+                silhouette = _silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm)
+                unread.append(StandingVessel(silhouette, rim, table_mm))
             continue
         silhouette, content = _masks(sight, rim, level, table_mm)
         is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
@@ -183,7 +195,7 @@ def find_vessels(
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
             rims.append(rim)
-            vessels.append(FilledVessel(silhouette, content, rim, level, table_mm, liquid))
+            vessels.append(FilledVessel(silhouette, rim, table_mm, content, level, liquid))
     return Vessels(vessels, unread)
 
 
@@ -267,7 +279,7 @@ def inside_of_model(model: VesselModel) -> Inside:
     low, high = 0.05 * radius, 2.0 * radius  # a jug may be wider below
     if excess(low) * excess(high) > 0:
         return frustum(low if excess(low) > 0 else high)
-    return frustum(float(brentq(excess, low, high)))
+    return frustum(float(scipy.optimize.brentq(excess, low, high)))
 
 
 def _usual_inside(level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float) -> Inside:
@@ -363,6 +375,17 @@ def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
     """(H, W) the hull of a rim and its foot on the table, in the first view."""
     return _hull(sight, rim.ring(rim.radius_mm, rim.height_mm), rim.ring(foot_mm, table_mm))
+
+
+def _window(sight: Sight, rim: Circle, table_mm: float, view: int) -> tuple[slice, slice]:
+    """Rows and columns that hold all circles about a rim's axis, no wider than it, down to the table."""
+    rings = np.vstack([rim.ring(rim.radius_mm + WINDOW_MM, height) for height in (rim.height_mm, table_mm)])
+    pixels = sight.in_view(*sight.project(rings), view)
+    sides = []
+    for low, high, size in zip(pixels.min(axis=0)[::-1], pixels.max(axis=0)[::-1], sight.pair.shape, strict=True):
+        first = int(np.clip(np.floor(low) - WINDOW_PX, 0, size - 1))
+        sides.append(slice(first, int(np.clip(np.ceil(high) + WINDOW_PX, first + 1, size))))
+    return sides[0], sides[1]
 
 
 def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[MaskArray, MaskArray]:

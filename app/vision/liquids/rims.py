@@ -36,6 +36,7 @@ SEARCH_PX = 5  # across the circle, at most, for its edge
 ROUNDS = 6
 RESTARTS_MM = (-6.0, -3.0, 3.0, 6.0)  # of the height
 ON_EDGE_PX = 1.2
+LEAST_SEEN = 0.3  # of a circle's directions with any edge beside it, in each view: fewer on the way lead to no circle
 MIN_COVER = 0.5  # of a circle's directions with an edge on it, in each view
 
 
@@ -233,17 +234,24 @@ def refine_circles(sight: Sight, grey: list[Float32Array], starts: Float64Array)
     unknowns = starts.astype(np.float64).copy()
     places = np.arange(len(starts))  # of those that are still circles that are sought
     for turn in range(ROUNDS):
-        design, rest = [], []
+        design, rest, seen = [], [], []
         for view in (0, 1):
             jacobian, offset, step, _ = across(sight, grey[view], unknowns[places], view, SEARCH_PX if turn < 3 else 3)
             weight = np.sqrt(((step > LEAST_STEP) & np.isfinite(offset)) / (1.0 + np.nan_to_num(offset) ** 2))
+            seen.append((weight > 0).mean(axis=1))
             design.append(jacobian * weight[..., None])
             rest.append(np.nan_to_num(offset) * weight)
         rows, rests = np.concatenate(design, axis=1), np.concatenate(rest, axis=1)
         normal = rows.mT @ rows + np.diag([1e-4] * 4)
         unknowns[places] += np.clip(np.linalg.solve(normal, rows.mT @ rests[..., None])[..., 0], -6.0, 6.0)
         _, _, radius, height = unknowns[places].T
-        is_sought = (0.8 * RADII_MM[0] < radius) & (radius < 1.1 * RADII_MM[1]) & (height > 8.0) & (height < 200.0)
+        is_sought = (
+            (np.minimum(*seen) > LEAST_SEEN)
+            & (0.8 * RADII_MM[0] < radius)
+            & (radius < 1.1 * RADII_MM[1])
+            & (height > 8.0)
+            & (height < 200.0)
+        )
         places = places[is_sought]
         if not len(places):
             break

@@ -1,5 +1,7 @@
 """Colours of the reduced picture as histograms and contrasts: what tells food, dish, table and their shadows apart."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +62,28 @@ def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
     return np.asarray((lightness * BIN_COUNTS[1] + a) * BIN_COUNTS[2] + b, np.int64)
 
 
+def byte_bins(image_bgr: ImageArray) -> NDArray[np.int64]:
+    """(H, W) colour_bins of a picture in bytes, by tables of what each byte's share of the index is."""
+    lab = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2LAB)
+    by_lightness, by_a, by_b = _byte_tables()
+    return np.asarray(by_lightness[lab[..., 0]] + by_a[lab[..., 1]] + by_b[lab[..., 2]], np.int64)
+
+
+@cache
+def _byte_tables() -> NDArray[np.int64]:
+    """(3, 256) what each byte of L*, a* and b* adds to the index; of a* and b*, beyond what grey adds."""
+    steps = np.full((3, 256, 3), 128.0, np.float32)
+    for axis in range(3):
+        steps[axis, :, axis] = np.arange(256)
+    tables = colour_bins(steps)
+    tables[1:] -= tables[1:, 128:129]
+    return tables
+
+
 def shaded_bins(image_bgr: ImageArray) -> list[NDArray[np.int64]]:
     """The bins of the image as it would look with each of SHADES of its light (of linear intensities, gamma 2.2)."""
     darker = (cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2)) for share in SHADES)
-    return [colour_bins(lab_bytes(np.asarray(image, np.uint8))) for image in darker]
+    return [byte_bins(np.asarray(image, np.uint8)) for image in darker]
 
 
 def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:

@@ -58,7 +58,8 @@ MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
-NOISE_STEPS = 1.5  # standard deviations: a rig's short baseline spreads the heights of a level top
+NOISE_STEPS = 2.0  # standard deviations: a rig's short baseline spreads the heights of a level top
+MAX_STEP_SHARE = 0.5  # of the rim's height, below which a plate's floor lies
 NOISE_CELLS = 3
 MAX_SEARCHES = 8  # for dishes of one table
 MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
@@ -204,7 +205,7 @@ def _with_floor(
 ) -> Dish:
     band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
     is_near = is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)  # no food, whose own slopes are no noise
-    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_near))
+    step_mm = max(RISE_MM, min(NOISE_STEPS * _noise_mm(view, is_near), MAX_STEP_SHARE * rim_mm))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
     is_low = is_solid & (view.height_mm < rim_mm - step_mm)
     low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
@@ -272,15 +273,15 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     rings = np.column_stack([picks[:, 0, :2] + np.column_stack([centre_x, centre_y]), radius])[kept]
     slopes = np.column_stack([slope_x, slope_y])[kept]
     heights = picks[kept, 0, 2] + (slopes * np.column_stack([centre_x, centre_y])[kept]).sum(axis=1)
-    dx = few[None, :, 0] - rings[:, :1]
-    dy = few[None, :, 1] - rings[:, 1:2]
-    beyond = np.hypot(dx, dy) - rings[:, 2:]
-    over = few[None, :, 2] - heights[:, None] - slopes[:, :1] * dx - slopes[:, 1:] * dy
+    near, circles, tilts = (np.asarray(each, np.float32) for each in (few, rings, slopes))
+    levels = heights.astype(np.float32)[:, None]
+    dx = near[None, :, 0] - circles[:, :1]
+    dy = near[None, :, 1] - circles[:, 1:2]
+    beyond = np.hypot(dx, dy) - circles[:, 2:]
+    over = near[None, :, 2] - levels - tilts[:, :1] * dx - tilts[:, 1:] * dy
     on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     hits = _sectors_of(on_rim, dx, dy)
-    outside = (
-        (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (few[None, :, 2] > heights[:, None] - SAME_HEIGHT_MM)
-    )
+    outside = (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (near[None, :, 2] > levels - SAME_HEIGHT_MM)
     walled = _sectors_of(outside, dx, dy)
     score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
     kept_rings: list[_Ring] = []
@@ -298,7 +299,7 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     return kept_rings
 
 
-def _sectors_of(chosen: MaskArray, dx_mm: Float64Array, dy_mm: Float64Array) -> MaskArray:
+def _sectors_of(chosen: MaskArray, dx_mm: Float32Array, dy_mm: Float32Array) -> MaskArray:
     """(n, SECTORS) directions in which a ring has a chosen cell, (n, m), each so far from the ring's centre."""
     ring, cell = np.nonzero(chosen)
     has_cell = np.zeros((len(chosen), SECTORS), np.bool_)

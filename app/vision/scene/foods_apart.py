@@ -2,8 +2,8 @@
 
 A mask -> candidate cuts (clusters of colour, necks of the outline, separate tops), each moved onto the image's edges
 and judged: by the difference of colour across the cut, by the image's edges along it, by notches of the outline at its
-ends, by its length against the parts' width, and by a valley along it. One food of two tones has no notch; one bent
-food has neither contrast nor valley.
+ends, by its length against the parts' width, and by a valley or a step in distance along it. One food of two tones has
+no notch; one bent food has neither contrast nor valley; no convex food hides a part of itself, and so has no step.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,6 +39,9 @@ BESIDE_MM = (2.0, 9.0)  # from the cut, where the colours of its two sides are c
 NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
 SHADE_WEIGHT = 0.5  # of a difference of light alone, which the two faces of one food show as well
+STEP_AT_MM = (4.0, 8.0)  # from the cut, where distances are taken that are continued to it
+STEP_MM = (5.0, 25.0)  # between what is in front and behind: no step, and one that counts in full
+STEP_WEIGHT = 1.0
 FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
@@ -65,13 +68,13 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
     foods: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
     labels, stats, _ = labelled(_opened(food, size))
-    lab = lab_bytes(scene.image_bgr)
+    lab, distance_mm = lab_bytes(scene.image_bgr), scene.distance_mm()
     for label in range(1, len(stats)):
         x, y, width, height, area = (int(value) for value in stats[label])
         if area * scene.pixel_mm**2 < MIN_PART_MM2:
             continue
         window = (slice(max(0, y - 4), y + height + 4), slice(max(0, x - 4), x + width + 4))
-        piece = _Piece(lab[window], scene.height_mm[window], scene.pixel_mm)
+        piece = _Piece(lab[window], scene.height_mm[window], distance_mm[window], scene.pixel_mm)
         waiting = [labels[window] == label]
         while waiting and len(foods) + len(waiting) <= MAX_FOODS:
             mask = waiting.pop()
@@ -88,7 +91,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
 def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[MaskArray]:
     """The mask's share of each seed (h, w), the cuts between neighbours lying on the image's edges."""
     lab = lab_bytes(scene.image_bgr)
-    piece = _Piece(lab, scene.height_mm, scene.pixel_mm)
+    piece = _Piece(lab, scene.height_mm, scene.distance_mm(), scene.pixel_mm)
     nearest = np.stack([distance_px(seed) for seed in seeds]).argmin(axis=0)
     shares = [mask & (nearest == place) for place in range(len(seeds))]
     for first in range(len(seeds)):
@@ -101,13 +104,14 @@ def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[Ma
 
 
 class _Piece:
-    """A window of the scene in which one mask is cut."""
+    """A window of the scene in which one mask is cut. distance_mm: (h, w) from the camera."""
 
-    def __init__(self, lab: Float32Array, height_mm: Float32Array, pixel_mm: float) -> None:
+    def __init__(self, lab: Float32Array, height_mm: Float32Array, distance_mm: Float32Array, pixel_mm: float) -> None:
         self._plain_lab = lab
         self._lab = lab * np.array(COLOUR_WEIGHTS, np.float32)
         self._edges = _edge_strength(self._lab)
         self._height_mm = height_mm
+        self._distance_mm = distance_mm
         self._pixel_mm = pixel_mm
         self._bins = colour_bins(lab)
         self._features = contrast_features(lab)
@@ -120,10 +124,14 @@ class _Piece:
             return tried[0][1] if tried and tried[0][0] > THRESHOLD else None
         size = (round(mask.shape[1] * scale), round(mask.shape[0] * scale))
         lab = np.asarray(cv2.resize(self._plain_lab, size, interpolation=cv2.INTER_AREA), np.float32)
-        height = np.asarray(cv2.resize(self._height_mm, size, interpolation=cv2.INTER_NEAREST), np.float32)
+        height, distance = (
+            np.asarray(cv2.resize(field, size, interpolation=cv2.INTER_NEAREST), np.float32)
+            for field in (self._height_mm, self._distance_mm)
+        )
         small = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         best: tuple[float, list[MaskArray]] | None = None
-        for hope, halves in _Piece(lab, height, self._pixel_mm / scale).scored_cuts(largest_part(small))[:MAX_TRIALS]:
+        reduced = _Piece(lab, height, distance, self._pixel_mm / scale)
+        for hope, halves in reduced.scored_cuts(largest_part(small))[:MAX_TRIALS]:
             if hope < PROMISE:
                 break
             sides = [distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0) for half in halves]
@@ -242,7 +250,10 @@ class _Piece:
         share = min(np.count_nonzero(part) for part in (first, second)) / np.count_nonzero(first | second)
         look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
         whole = WHOLE_WEIGHT * (1.0 - _dented(first | second, CONVEX))  # a loaf's crust and crumb part as clearly
-        return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley - whole
+        score = look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley - whole
+        if score > THRESHOLD:  # a step counts where the look does not convince
+            return score
+        return score + STEP_WEIGHT * dented * self._step(first, second, border)
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
@@ -272,6 +283,30 @@ class _Piece:
             return 0.0
         lower = min(float(np.quantile(top, 0.95)) for top in tops)
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
+
+    def _step(self, first: MaskArray, second: MaskArray, border: MaskArray) -> float:
+        """The extent to which one part ends in front of the other, 0 to 1; less if little of the border is measured.
+
+        Distances from the camera on each side are continued to the border, where those of one surface meet.
+        """
+        side = cv2.GaussianBlur(first.astype(np.float32) - second.astype(np.float32), (0, 0), 2.0)
+        across = np.stack([cv2.Sobel(side, cv2.CV_32F, 1 - y, y)[border] for y in (1, 0)], axis=-1)
+        across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
+        at, last = np.argwhere(border), np.array(border.shape) - 1
+        ends = []
+        for part, sign in ((first, 1.0), (second, -1.0)):
+            distance = np.where(part, self._distance_mm, np.float32(np.nan))
+            near, far = (
+                distance[tuple(np.clip(np.rint(at + across * (sign * away / self._pixel_mm)).astype(int), 0, last).T)]
+                for away in STEP_AT_MM
+            )
+            ends.append(2 * near - far)
+        step = ends[0] - ends[1]
+        measured = step[np.isfinite(step)]
+        if len(measured) <= 5:
+            return 0.0
+        share = (abs(float(np.median(measured))) - STEP_MM[0]) / (STEP_MM[1] - STEP_MM[0])
+        return float(np.clip(share, 0.0, 1.0)) * len(measured) / len(step)
 
 
 def _contrast(first: Float32Array, second: Float32Array, spread: Float32Array) -> float:

@@ -8,9 +8,9 @@ in a gap counts whatever its window.
 import numpy as np
 
 from app.vision.geometry.masks import dilated, distance_px, filled, inward_px, labelled, opened
-from app.vision.geometry.pictures import blurred, lab_bytes
+from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, ImageArray, MaskArray
-from app.vision.scene.colour_bins import colour_bins, colour_histogram, shaded_bins
+from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
 LOW_SHARE = 0.5  # of the height around a gap, below which it is one and not a dent
@@ -69,7 +69,7 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     food = whole & (depth > 2) & (depth < OUTER_SHARE * deepest)
     if deepest < LEAST_DEPTH_PX or not support.any() or not food.any():
         return hole
-    bins = colour_bins(lab_bytes(image_bgr))
+    bins = byte_bins(image_bgr)
     of_food = colour_histogram([bins], food)
     of_support = colour_histogram([bins, *shaded_bins(image_bgr)], support)
     nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[bins]

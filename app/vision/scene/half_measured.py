@@ -9,11 +9,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import labelled, opened
-from app.vision.geometry.pictures import lab_bytes
+from app.vision.geometry.masks import labelled, opened, solidity
 from app.vision.geometry.sectors import sector_of
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import colour_bins, colour_histogram, shaded_bins
+from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 FLAT_MM = 3.0  # from a support's height: its surface
@@ -25,6 +24,7 @@ MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
 MIN_SUPPORT_PX = 500
 FAMILIAR = 1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
 BESIDE_PX = 3
+MIN_SOLIDITY = 0.3  # of a blob: one that fills less of its convex hull is a band painted along a rim, or a part of it
 MIN_WIDTH_PX = 9  # of an unmeasured blob: what the second view does not see beside a food is narrower
 AROUND_PX = 6
 SECTORS = 24
@@ -70,7 +70,7 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     is_support = np.any([is_flat, *shows_dish], axis=0)
     if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
         return np.zeros(is_support.shape, np.bool_)
-    bins = colour_bins(lab_bytes(scene.image_bgr))
+    bins = byte_bins(scene.image_bgr)
     is_unfamiliar = colour_histogram([bins, *shaded_bins(scene.image_bgr)], is_support)[bins] < FAMILIAR
     blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
     labels, stats, _ = labelled(blobs)
@@ -85,4 +85,6 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
     kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False  # goes on unseen
     kept[0] = False
+    for blob in np.flatnonzero(kept):
+        kept[blob] = solidity(labels == blob) >= MIN_SOLIDITY
     return kept[labels]

@@ -55,7 +55,7 @@ def reduced_scene(
             camera_mm=pair.first_centre_mm,
             pixel_mm=REDUCTION * pair.pixel_mm,
             texture=np.ascontiguousarray(fine_texture(pair.first_bgr)[every, every]),
-            table_correlation=np.ascontiguousarray(_table_correlation(pair)[every, every]),
+            table_correlation=_table_correlation(pair),
         ),
         trend,
     )
@@ -70,20 +70,26 @@ def without_heights(scene: Scene) -> Scene:
 
 
 def _table_correlation(pair: RectifiedPair) -> Float32Array:
-    """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane.
+    """(h, w) normalised cross correlation of both views at parallax zero, the marker's plane.
 
     NaN where it is plain, and everywhere in a single view.
     """
     if pair.second_bgr is None:
-        return np.full(pair.shape, np.nan, np.float32)
+        height, width = pair.shape
+        return np.full((-(-height // REDUCTION), -(-width // REDUCTION)), np.nan, np.float32)
     first, second = (grey_of(image).astype(np.float32) for image in pair.both_bgr)
-    window = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
-    mean, mean_second = cv2.boxFilter(first, -1, window), cv2.boxFilter(second, -1, window)
-    variance = cv2.boxFilter(first * first, -1, window) - mean * mean
-    variance_second = cv2.boxFilter(second * second, -1, window) - mean_second * mean_second
-    covariance = cv2.boxFilter(first * second, -1, window) - mean * mean_second
+    mean, mean_second = _window_mean(first), _window_mean(second)
+    variance = _window_mean(first * first) - mean * mean
+    variance_second = _window_mean(second * second) - mean_second * mean_second
+    covariance = _window_mean(first * second) - mean * mean_second
     correlation = covariance / np.sqrt(np.maximum(variance, 1.0) * np.maximum(variance_second, 1.0))
     return np.where(variance > TABLE_TEXTURE**2, correlation, np.float32(np.nan)).astype(np.float32)
+
+
+def _window_mean(image: Float32Array) -> Float32Array:
+    """(h, w) on the reduced grid, over windows of the whole one."""
+    side = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
+    return np.ascontiguousarray(cv2.boxFilter(image, -1, side)[::REDUCTION, ::REDUCTION], np.float32)
 
 
 def _plane_xy(pair: RectifiedPair) -> Float32Array:

@@ -11,9 +11,10 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, distance_px, eroded
 from app.vision.geometry.topview import fit_table_trend, usable_points
-from app.vision.liquids.filled_vessel import FilledVessel, find_vessels
+from app.vision.liquids.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
 from app.vision.scene.segmentation import Foods, HintMask, Region, segment_foods
+from app.vision.scene.support import Support
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.vessel_library import VesselModel
@@ -21,7 +22,13 @@ from app.vision.vessel_library import VesselModel
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own
 HANDLE_AREA = 0.35  # of a vessel's silhouette, that a handle and what shows through it may be
-HANDLE_SHARE, HANDLE_REACH_PX = 0.34, 2 * BESIDE_PX  # of a handle's outline that runs along the vessel; what is along
+BESIDE_SHARE, BESIDE_REACH_PX = 0.34, 2 * BESIDE_PX  # of a strip's outline that runs along the vessel; what is along
+HANDLE_WIDTH = 0.6  # of the rim's radius, across the plane through the vessel's axis in which a handle lies
+HANDLE_BEGIN, HANDLE_END = 1.4, 2.5  # of the rim's radius, from the axis: it is fixed to the wall, and a hand is small
+HANDLE_CLEARANCE = 0.15  # of the rim's height over what lies under a handle, table or dish, to the handle's low end
+HANDLE_TOP = 0.6  # of the same, to its high end at least: what lies on a dish stays below
+HANDLE_SPAN = 0.2  # of the same, from end to end, of a half hidden one as well
+HANDLE_MIN_POINTS = 50  # measured, before they tell what a region is
 UNREAD_SHARE = 0.4  # of a region and such a vessel that they share to be one
 SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
 SHARE_OF_CONTENT = 0.3  # of a vessel's content that a person's outline takes for its own
@@ -77,31 +84,66 @@ def segment_meal(
     )
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
-    walls = [(vessel.silhouette, distance_px(vessel.silhouette) <= HANDLE_REACH_PX) for vessel in vessels.filled]
     regions = [
         replace(region, is_unread=_is_unread(region, vessels.unread))
         for region in foods.regions
-        if region.hint is not None or not any(_is_handle(region.mask, *wall) for wall in walls)
+        if region.hint is not None or not _is_part_of_vessel(region, points_table, vessels)
     ]
     return replace(foods, regions=[*liquids, *regions])
 
 
-def _is_handle(mask: MaskArray, silhouette: MaskArray, is_beside: MaskArray) -> bool:
-    """Return whether a region is a handle of a vessel, or a strip of table seen along its wall.
+def _is_part_of_vessel(region: Region, points_table: Float32Array, vessels: Vessels) -> bool:
+    """Return whether a region is a handle, or a strip of table seen along a filled vessel's wall."""
+    if any(_is_strip_beside(region.mask, vessel.silhouette) for vessel in vessels.filled):
+        return True
+    points = points_table[region.mask]
+    points = points[np.isfinite(points[:, 2])]
+    return any(_is_handle(points, vessel, region.support) for vessel in [*vessels.filled, *vessels.unread])
 
-    All (H, W). is_beside: what lies within reach of the vessel's silhouette.
-    """
+
+def _is_strip_beside(mask: MaskArray, silhouette: MaskArray) -> bool:
+    """Return whether much of a small region's outline runs along a vessel. All (H, W)."""
     if np.count_nonzero(mask) > HANDLE_AREA * np.count_nonzero(silhouette):
         return False
     outline = mask & ~eroded(mask, 3)
-    return bool(np.count_nonzero(outline & is_beside) > HANDLE_SHARE * np.count_nonzero(outline))
+    is_along = distance_px(silhouette)[outline] <= BESIDE_REACH_PX
+    return bool(np.count_nonzero(is_along) > BESIDE_SHARE * np.count_nonzero(outline))
 
 
-def _is_unread(region: Region, silhouettes: Sequence[MaskArray]) -> bool:
+def _is_handle(points_table: Float32Array, vessel: StandingVessel, support: Support | None = None) -> bool:
+    """Return whether points (n, 3), mm, are a vessel's handle: a loop or strap that no food is like.
+
+    It is fixed to the wall and reaches no farther than a hand needs, is narrow across a plane through the vessel's
+    axis, and spans much of the vessel's height, clear of the surface on which a food would lie. support: that surface,
+    a dish's where it is higher than the table.
+    """
+    under_mm = vessel.table_mm if support is None else max(vessel.table_mm, support.height_mm)
+    height_mm = vessel.rim.height_mm - under_mm
+    if len(points_table) < HANDLE_MIN_POINTS or height_mm <= 0:
+        return False
+    apart = points_table[:, :2] - vessel.rim.centre_mm
+    reach = np.linalg.norm(apart, axis=1)
+    outward = np.median(apart / np.maximum(reach, 1e-3)[:, None], axis=0)
+    across = apart @ np.array([-outward[1], outward[0]]) / max(float(np.linalg.norm(outward)), 1e-3)
+    left, right = np.quantile(across, (0.05, 0.95))
+    begin, end = np.quantile(reach, (0.05, 0.95)) / vessel.rim.radius_mm
+    low, high = (np.quantile(points_table[:, 2], (0.05, 0.95)) - under_mm) / height_mm
+    return bool(
+        right - left < HANDLE_WIDTH * vessel.rim.radius_mm
+        and begin < HANDLE_BEGIN
+        and end < HANDLE_END
+        and low > HANDLE_CLEARANCE
+        and high > HANDLE_TOP
+        and high - low > HANDLE_SPAN
+    )
+
+
+def _is_unread(region: Region, vessels: Sequence[StandingVessel]) -> bool:
     """Whether a region is a vessel in which no surface is seen, a glass of water: what stereo makes of it is chance."""
     return any(
-        np.count_nonzero(region.mask & vessel) > UNREAD_SHARE * np.count_nonzero(region.mask | vessel)
-        for vessel in silhouettes
+        np.count_nonzero(region.mask & vessel.silhouette)
+        > UNREAD_SHARE * np.count_nonzero(region.mask | vessel.silhouette)
+        for vessel in vessels
     )
 
 

@@ -37,6 +37,10 @@ class Scene:
         foot = self.camera_mm[:2].astype(np.float32)
         return foot + np.float32(share) * (self.plane_xy_mm - foot)
 
+    def distance_mm(self) -> Float32Array:
+        """(h, w) from the camera to what a pixel shows; NaN where unmeasured."""
+        return np.asarray(np.linalg.norm(self.points_table - self.camera_mm, axis=-1), np.float32)
+
 
 def commonest(heights_mm: Float32Array, span_mm: float) -> float:
     """The median of the values within the span that holds most of them."""

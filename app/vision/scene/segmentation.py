@@ -36,7 +36,7 @@ from app.vision.stereo.rectification import RectifiedPair
 LOW_RIM_MM = 5.0  # lower than any dish's over its table
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
 CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
-HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
+DISH_SHARE = 0.8  # of a dish's outline within a region, or within a person's box or polygon: they are one
 OTHER_FOOD_SHARE = 0.4  # of a region beyond what hints point at, from which on it is another food than theirs
 
 
@@ -131,16 +131,18 @@ def segment_foods(
 def _by_colour(foods: Foods, measured: Scene, find: Callable[[Layout], Foods], *, is_pair: bool) -> Foods:
     """The foods where heights show no dish: of a single view, and of a pair whose table is too plain to be measured.
 
-    foods: those that heights show. What a pair takes for its table may be the plane of a dish's rim.
+    foods: those that heights show. What a pair takes for its table may be the plane of a dish's rim; then foods and
+    floor of that dish may be one region of heights beside the plane.
     """
     layout = lay_out_by_colour(without_heights(measured), foods.table)
     if is_pair:
         layout = replace(layout, dishes=[with_measured_rim(dish, layout.view, measured) for dish in layout.dishes])
-    if not foods.regions:
+    low = [dish for dish in layout.dishes if dish.rim_mm < LOW_RIM_MM]
+    if not foods.regions or any(_is_dish(region, dish, layout) for region in foods.regions for dish in low):
         foods = find(layout)
         standing = [region for region in foods.regions if region.hint is not None or _may_stand(region, measured)]
         foods = replace(foods, regions=standing)
-    elif any(dish.rim_mm < LOW_RIM_MM for dish in layout.dishes):
+    elif low:
         foods = replace(foods, regions=_supported(foods.regions, layout))
     else:
         return foods
@@ -154,7 +156,7 @@ def _canvas(pair: RectifiedPair) -> MaskArray:
 
     Widened by a window of the disparity, which sees the canvas's edge as if something stood there.
     """
-    is_black = opened(pair.first_bgr.max(axis=-1) <= BLACK_LEVEL, CANVAS_WIDTH_PX)
+    is_black = opened(cv2.inRange(pair.first_bgr, (0, 0, 0), (BLACK_LEVEL,) * 3) > 0, CANVAS_WIDTH_PX)
     unseen = np.pad(~pair.is_seen[1:-1, 1:-1], 1, constant_values=True)
     canvas = touching(is_black, dilated(unseen, 3))
     canvas &= pair.is_seen
@@ -197,10 +199,19 @@ def _may_stand(region: Region, scene: Scene) -> bool:
 
 def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bool:
     """Whether a box or polygon is drawn around all of a dish: then it is the food, or its pack, that looks like one."""
-    silhouette = dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm)) > 0
     drawn = [hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel]
-    area = np.count_nonzero(silhouette)
-    return any(np.count_nonzero(silhouette & _reduced(mask, layout.scene)) > HINTED_DISH_SHARE * area for mask in drawn)
+    return any(_covers(mask, dish, layout) for mask in drawn)
+
+
+def _is_dish(region: Region, dish: Dish, layout: Layout) -> bool:
+    """Return whether a region that nobody points at covers all of a dish."""
+    return region.hint is None and _covers(region.mask, dish, layout)
+
+
+def _covers(mask: MaskArray, dish: Dish, layout: Layout) -> bool:
+    silhouette = dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm)) > 0
+    shared = np.count_nonzero(silhouette & _reduced(mask, layout.scene))
+    return bool(shared > DISH_SHARE * np.count_nonzero(silhouette))
 
 
 def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray, *, is_complete: bool) -> list[Region]:

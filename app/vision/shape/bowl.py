@@ -6,7 +6,7 @@ Points of the content, the bowl (vessel.py) and its floor -> volume and its spre
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
@@ -123,7 +123,7 @@ def _fit_wall(vessel: Vessel, table_mm: float) -> _Wall:
         radii = _Wall(rim_mm, vessel.radius_mm, foot, power, np.eye(2)).radius_mm(wall[:, 0])
         return np.concatenate([(radii - wall[:, 1]) / WALL_SD_MM, (unknowns - prior[:, 0]) / prior[:, 1]])
 
-    solution = least_squares(residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1")
+    solution = scipy.optimize.least_squares(residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1")
     covariance = np.linalg.inv(solution.jac.T @ solution.jac)
     return _Wall(rim_mm, vessel.radius_mm, float(solution.x[0]), float(solution.x[1]), covariance)
 

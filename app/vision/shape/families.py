@@ -42,6 +42,8 @@ BEHIND_SHARE = 0.4  # of the smaller of radius and half height, by which the mid
 ROUND = ("ball", "lying", "bent")  # families whose section across C is
 STRAY_SHARE = 3.0  # of the radius: points farther from the middle are not the food's
 MIN_POINTS = 50
+GAP_SHARE = 0.3  # of the height below a gap among the points: above it lie mismatches, if few
+MISMATCHED_SHARE = 0.25  # of the points that may lie above such a gap
 
 _PLACE = (X, Y, SUPPORT, A, B, C, E1, E2, *range(TURN_X, TURN_Z + 1))
 _UPRIGHT = (*_PLACE, TAPER)
@@ -81,6 +83,21 @@ def families(
         _rectangle(upper) if len(upper) >= MIN_POINTS else None,
     )
     return begin_families(extent, support_mm, support_sd_mm)
+
+
+def below_gap(points_table: Float64Array, support_mm: float) -> Float64Array:
+    """(m, 3) the points, mm, without the few above a wide gap in height: a patch that was mismatched.
+
+    Forms begin as high as the points reach, and from twice a food's height they do not come down to it.
+    """
+    if len(points_table) < MIN_POINTS:
+        return points_table
+    heights = np.sort(points_table[:, 2])
+    upper = heights[int((1 - MISMATCHED_SHARE) * (len(heights) - 1)) :]
+    gaps = np.diff(upper) > GAP_SHARE * np.maximum(upper[:-1] - support_mm, 2 * MIN_HALF_MM)
+    if not gaps.any():
+        return points_table
+    return np.asarray(points_table[points_table[:, 2] <= upper[gaps.argmax()]], np.float64)
 
 
 @dataclass(frozen=True, slots=True)

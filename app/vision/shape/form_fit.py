@@ -4,16 +4,16 @@ Evidence (Seen) + a family with its start (forms.py) -> unknowns, their covarian
 Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow taken for food or a highlight bends little.
 """
 
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from app.core.units import ml_from_mm3
-from app.vision.geometry.masks import inward_px
+from app.vision.geometry.masks import filled, inward_px
 from app.vision.geometry.mesh import (
     IntArray,
     Topology,
@@ -22,8 +22,10 @@ from app.vision.geometry.mesh import (
     face_normals,
     normals_towards,
     outline_vertices,
+    summed_around,
     unit,
 )
+from app.vision.geometry.nearest import Nearest
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.shape.forms import COARSE, EXACT, Form
 from app.vision.shape.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
@@ -66,8 +68,8 @@ class Seen:
 class _Terms:
     """Misfits that hang on one vertex each. vertex: (n,). by_point: (n, 3) derivative by its place, px/mm.
 
-    sd_px: (n,), NaN of an outline, whose sd each fit has its own of. unmeasured: how many observations more the form
-    would show if parallax were known everywhere.
+    sd_px: (n,); a fit's tolerance multiplies all of them. unmeasured: how many observations more the form would show
+    if parallax were known everywhere.
     """
 
     vertex: IntArray
@@ -77,19 +79,16 @@ class _Terms:
     weight: Float64Array
     unmeasured: float = 0.0
 
-    def loss(self, outline_sd_px: float) -> float:
-        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(self._scaled(outline_sd_px) ** 2)).sum())
+    def loss(self, tolerance: float) -> float:
+        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(self._scaled(tolerance) ** 2)).sum())
         return measured + TUNING.unmeasured_loss * self.unmeasured
 
-    def precision(self, outline_sd_px: float) -> Float64Array:
+    def precision(self, tolerance: float) -> Float64Array:
         """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
-        return self.weight / self._sd_px(outline_sd_px) ** 2 / (1 + self._scaled(outline_sd_px) ** 2)
+        return self.weight / (tolerance * self.sd_px) ** 2 / (1 + self._scaled(tolerance) ** 2)
 
-    def _scaled(self, outline_sd_px: float) -> Float64Array:
-        return self.residual_px / self._sd_px(outline_sd_px) / TUNING.loss_scale
-
-    def _sd_px(self, outline_sd_px: float) -> Float64Array:
-        return np.where(np.isnan(self.sd_px), outline_sd_px, self.sd_px)
+    def _scaled(self, tolerance: float) -> Float64Array:
+        return self.residual_px / (tolerance * TUNING.loss_scale * self.sd_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,7 @@ class _Prior:
 class FormAt:
     """A form at unknowns (k,), and how it fits there what is seen. cells: COARSE or FINE.
 
-    Fits with different tolerances of the outline that come by the same place share what is computed there.
+    Fits with different tolerances that come by the same place share what is computed there.
     """
 
     form: Form
@@ -113,14 +112,14 @@ class FormAt:
     prior: _Prior
     terms: _Terms
 
-    def cost(self, outline_sd_px: float) -> float:
+    def cost(self, tolerance: float = 1.0) -> float:
         """-2 log of the posterior, all that a step is judged by."""
         apart = self.unknowns - self.prior.expected
-        return self.terms.loss(outline_sd_px) + float(apart @ self.prior.precision @ apart)
+        return self.terms.loss(tolerance) + float(apart @ self.prior.precision @ apart)
 
-    def linearised(self, outline_sd_px: float) -> tuple[Float64Array, Float64Array]:
+    def linearised(self, tolerance: float = 1.0) -> tuple[Float64Array, Float64Array]:
         """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the cost itself."""
-        weighted = self._jacobian * self.terms.precision(outline_sd_px)
+        weighted = self._jacobian * self.terms.precision(tolerance)
         slope = weighted @ self.terms.residual_px + self.prior.precision @ (self.unknowns - self.prior.expected)
         return weighted @ self._jacobian.T + self.prior.precision, slope
 
@@ -131,14 +130,17 @@ class FormAt:
 
 @dataclass(frozen=True)
 class FormFit:
-    """A form where its posterior is at a maximum. cost: -2 log of it there. outline_sd_px: that it was fitted with.
+    """A form where its posterior is at a maximum. cost: -2 log of it there. tolerance: that it was fitted with.
+
+    uncovered: how many observations the part of the food's mask would be that a fine fit does not cover.
 
     What a coarse fit never needs (the volume, its spread, the evidence) is computed when it is first asked for.
     """
 
     at: FormAt
     cost: float
-    outline_sd_px: float
+    tolerance: float = 1.0
+    uncovered: float = 0.0
 
     @property
     def form(self) -> Form:
@@ -159,7 +161,7 @@ class FormFit:
     def evidence(self) -> float:
         """As a cost, -2 log: with the price of what had to be fitted, log of det(precision times prior variance)."""
         log_occam = float(np.linalg.slogdet(self._normal)[1]) - self.form.prior_log_determinant
-        return self.cost + TUNING.occam_weight * log_occam
+        return self.cost + TUNING.unmeasured_loss * self.uncovered + TUNING.occam_weight * log_occam
 
     @cached_property
     def volume_ml(self) -> float:
@@ -178,7 +180,7 @@ class FormFit:
 
     @cached_property
     def _normal(self) -> Float64Array:
-        return self.at.linearised(self.outline_sd_px)[0]
+        return self.at.linearised(self.tolerance)[0]
 
 
 def form_at(form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _Prior | None = None) -> FormAt | None:
@@ -198,36 +200,42 @@ def fit_form(
     cells: int,
     rounds: int,
     start: Float64Array | FormAt | None = None,
-    outline_sd_px: float | None = None,
+    tolerance: float = 1.0,
 ) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE.
 
-    outline_sd_px: None: what is seen tells it.
+    tolerance: by which all misfits may be larger than usual. What a form covers changes by leaps from place to place,
+    so that a step may rise over the last costs but not over all of them (Grippo, Lampariello and Lucidi, 1986).
     """
-    sd_px = seen.outline_sd_px if outline_sd_px is None else outline_sd_px
     if not isinstance(start, FormAt):
         start = form_at(form, form.start if start is None else start, cells, seen)
         if start is None:
             return None
-    best, stride = FormFit(start, start.cost(sd_px), sd_px), form.stride
+    now, stride = start, form.stride
+    best = FormFit(start, start.cost(tolerance), tolerance)
+    costs, idle = deque([best.cost], TUNING.patience), 0
     damping, least, most = TUNING.damping
     converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
     for _ in range(rounds):
-        before = best
-        normal, slope = before.at.linearised(sd_px)
+        normal, slope = now.linearised(tolerance)
         for _ in range(TUNING.tries):
             step = -_solved(normal + damping * np.diag(np.diag(normal)), slope)
             step /= max(1.0, float(np.abs(step / stride).max()))
-            trial = form_at(form, form.bounded(before.unknowns + step), cells, seen, start.prior)
-            cost = trial.cost(sd_px) if trial is not None else np.inf
-            if trial is not None and cost < before.cost:
-                best = FormFit(trial, cost, sd_px)
+            trial = form_at(form, form.bounded(now.unknowns + step), cells, seen, start.prior)
+            if trial is not None and (cost := trial.cost(tolerance)) < max(costs):
                 break
             damping = min(damping * 5, most)
-        damping = max(damping / 4, least)
-        if before.cost - best.cost < converged * before.cost:
+        else:
             break
-    return best
+        damping = max(damping / 4, least)
+        now = trial
+        costs.append(cost)
+        idle = 0 if best.cost - cost > converged * best.cost else idle + 1
+        if cost < best.cost:
+            best = FormFit(now, cost, tolerance)
+        if idle == TUNING.patience:
+            break
+    return best if cells == COARSE else replace(best, uncovered=_uncovered(best.at, seen))
 
 
 def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
@@ -306,7 +314,7 @@ def _outline_terms(
     if line is None:
         return None
     pixels = placed.pixels[view][index]
-    _, nearest = line.tree.query(pixels)
+    _, nearest = line.nearest.query(pixels)
     towards = line.normals[nearest]
     residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
     by_point = np.einsum("na,nab->nb", towards, seen.pixel_gradient(placed.vertices[index], view))
@@ -314,7 +322,7 @@ def _outline_terms(
     weight = line.weights[nearest] * share * length / TUNING.outline_run_px
     if is_folded:
         weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
-    return _Terms(index, by_point, residual, np.full(len(residual), np.nan), weight)
+    return _Terms(index, by_point, residual, np.full(len(residual), seen.outline_sd_px), weight)
 
 
 def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:
@@ -330,9 +338,7 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bo
         index, pixels = _sampled_edges(placed)
     else:
         pixels = placed.pixels[0][index]
-    squared = cdist(line.points_px, pixels, "sqeuclidean")  # the form's outline has too few points for a tree to pay
-    nearest = squared.argmin(axis=1)
-    distance = np.sqrt(squared[np.arange(len(squared)), nearest])
+    distance, nearest = Nearest(pixels).query(line.points_px)
     apart = np.flatnonzero((distance > TUNING.unexplained_px) & (line.weights > 0))
     if len(apart) == 0:
         return None
@@ -346,6 +352,16 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bo
         np.full(len(apart), seen.outline_sd_px),
         weight,
     )
+
+
+def _uncovered(at: FormAt, seen: Seen) -> float:
+    """Return how many observations the part of the mask is worth that the form, with its hole, does not cover.
+
+    Where another food hides the outline, nothing else draws a form over the whole of the mask.
+    """
+    placed = _placed(at.form, at.unknowns, at.cells, seen)
+    covered = filled(draw_mask(placed.pixels[0], placed.mesh.faces, seen.mask.shape))
+    return float(np.count_nonzero(seen.mask & ~covered)) / TUNING.dense_area_px
 
 
 def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:
@@ -403,7 +419,7 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> list[_Terms | None]:
     The photographs and each depth map measure it on their own.
     """
     sight, vertices = seen.sight, placed.vertices
-    normals = placed.mesh.around @ placed.normals
+    normals = summed_around(placed.normals, placed.mesh)
     support_mm = float(vertices[:, 2].min())
     first, second = sight.cameras_mm
     ray = vertices - first

@@ -7,6 +7,7 @@ Terms that are the same all round the form's axis are the freest: a food turned 
 visible side what the hidden one is like (Thrun and Wegbreit, 2005).
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from scipy.special import sph_harm_y
+from numpy.polynomial import Legendre
 
 from app.vision.geometry.mesh import IntArray, Topology, ring, sphere, unit, vertex_normals
 from app.vision.model import Float64Array
@@ -218,13 +219,19 @@ def harmonics(cells: int) -> Float64Array:
 
 
 def real_harmonics(directions: Float64Array, orders: Sequence[tuple[int, int]]) -> Float64Array:
-    """(n, len(orders)) real spherical harmonics of degree and order at unit directions (n, 3), mean square one."""
-    polar, azimuth = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
+    """(n, len(orders)) real spherical harmonics of degree and order at unit directions (n, 3), mean square one.
+
+    Without the sign of Condon and Shortley: the weights' priors are the same for either sign.
+    """
+    height, azimuth = directions[:, 2], np.arctan2(directions[:, 1], directions[:, 0])
+    radius = np.hypot(directions[:, 0], directions[:, 1])
     columns = []
     for degree, order in orders:
-        value = sph_harm_y(degree, abs(order), polar, azimuth)
-        real = value.real if order == 0 else np.sqrt(2) * (value.real if order > 0 else value.imag)
-        columns.append(np.sqrt(4 * np.pi) * real)
+        waves = abs(order)
+        ratio = math.factorial(degree - waves) / math.factorial(degree + waves)
+        size = math.sqrt((2 * degree + 1) * ratio * (1 if order == 0 else 2))
+        legendre = Legendre.basis(degree).deriv(waves)(height) * radius**waves
+        columns.append(size * legendre * (np.cos(waves * azimuth) if order >= 0 else np.sin(waves * azimuth)))
     return np.column_stack(columns)
 
 

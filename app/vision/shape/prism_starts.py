@@ -18,7 +18,6 @@ from app.vision.stereo.sight import Sight
 MIN_SOLIDITY = 0.85  # a mask that fills less of its hull is no prism's
 MIN_LIKENESS = 0.85  # of the silhouettes (intersection over union): less, and the family is not tried
 HEIGHT_RATIOS = np.geomspace(0.5, 2.0, 15)  # of the points' height
-OTHER_HEIGHT = 1.12  # ratio by which heights by points and by outline differ for both to be tried
 MIN_HEIGHT_MM = 5.0
 CAMERA_SHARE = 0.8  # of the camera's height, up to which a food may reach
 MIN_SIDE_MM = 6.0
@@ -37,7 +36,7 @@ class _Candidate:
 def begin_prisms(
     sight: Sight, mask: MaskArray, height_mm: float, support_mm: float, support_sd_mm: float
 ) -> list[Prism]:
-    """Blocks and wedges to try, at most two each: with the points' height, and with the outline's where it differs.
+    """Blocks and wedges to try, at most two each: with the points' height, and with the outline's.
 
     mask: (H, W) in the first view. height_mm: of the points over the support.
     """
@@ -54,11 +53,8 @@ def begin_prisms(
         if not usable:
             continue
         likest = max(usable, key=lambda each: each.likeness)
-        chosen = [likest]
-        of_points = candidates[0]
-        if of_points is not None and of_points.likeness > MIN_LIKENESS:
-            ratio = likest.height_mm / of_points.height_mm
-            chosen = [of_points, likest] if max(ratio, 1 / ratio) > OTHER_HEIGHT else [likest]
+        is_of_points = usable[0] is candidates[0]
+        chosen = [usable[0], likest] if is_of_points and likest is not usable[0] else [likest]
         out += [prism(name, each.polygon, each.height_mm, support_mm, support_sd_mm) for each in chosen]
     return out
 

@@ -18,7 +18,7 @@ from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
-from app.vision.shape.families import families
+from app.vision.shape.families import below_gap, families
 from app.vision.shape.form_average import Flags, average_forms, likely_fits, log_normal_volume
 from app.vision.shape.form_fit import FormFit, Seen, fit_form, form_at
 from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
@@ -138,6 +138,7 @@ class _Scene:
         pixels = measured[:, ::-1] + [window[1].start, window[0].start]
         points = sight.points(pixels.astype(np.float64), parallax)
         support_mm, support_sd_mm = self._support(number, points if len(points) else plane_xy_mm[mask[window]])
+        points = below_gap(points, support_mm)
         seen = Seen(sight, mask, inward, (line, None), self.disparity, others=self.others)
         if self.grey is None and len(points) == 0:
             seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
@@ -256,14 +257,14 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
 
 
 def begin_fit(form: Form, seen: Seen) -> FormFit | None:
-    """Return the better of two coarse fits: from the form's own start, and from a fit with a wide outline tolerance.
+    """Return the better of two coarse fits: from the form's own start, and from a fit with a wide tolerance.
 
-    The loss is flat far from the outline, so that a form that starts there is not drawn towards it.
+    The loss is flat far from what is seen, so that a form that starts there is not drawn towards it.
     """
     start = form_at(form, form.start, COARSE, seen)
     if start is None:
         return None
-    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, start, outline_sd_px=TUNING.wide_outline_sd_px)
+    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, start, TUNING.wide_outline_sd_px / seen.outline_sd_px)
     starts = [start] if wide is None else [start, wide.at]
     fits = [fit_form(form, seen, COARSE, TUNING.first_rounds, each) for each in starts]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
@@ -340,7 +341,7 @@ def _outline_in(food: _Food, view: int, covered: MaskArray) -> Outline | None:
     shift = first.points_px.mean(axis=0) - outline(rings, np.empty(0)).points_px.mean(axis=0)
 
     def reference(points: Float64Array) -> tuple[Float64Array, Float64Array]:
-        _, nearest = first.tree.query(points + shift)
+        _, nearest = first.nearest.query(points + shift)
         return inside[nearest], outside[nearest]
 
     line = _without(snap(lab, rings, TUNING.snap_second_px, reference), food.hidden_by[view])

@@ -8,7 +8,7 @@ class FormTuning:
     """Tuning of form_fit.py and shape.py, in the order in which a fit meets it; px are those of the working grid."""
 
     outline_sd_px: float = 0.7  # sd of an outline
-    wide_outline_sd_px: float = 2.8  # the same for a form that still lies beyond the loss's reach of the outline
+    wide_outline_sd_px: float = 2.8  # the same for a form that lies beyond the loss's reach; other sds widen as much
     outline_run_px: float = 10.0  # length along an outline over which its errors are one
     dense_sd_px: float = 0.5  # sd of the dense parallax
     dense_area_px: float = 100.0  # area over which errors of the dense parallax are one
@@ -27,6 +27,7 @@ class FormTuning:
     min_outline: int = 8  # points of an outline below which it takes no part
     damping: tuple[float, float, float] = (0.1, 1e-4, 1e4)  # Levenberg's damping: start, least, most
     tries: int = 5  # steps tried in a round
+    patience: int = 3  # rounds whose highest cost a step may not exceed; rounds without progress that end a fit
     converged_coarse: float = 1e-2  # relative fall of the cost that ends a coarse fit, which only ranks families
     converged_fine: float = 2e-3  # the same of a fine fit
     coverage_weight: float = 0.5  # of a point of the food's outline against one of the form's

@@ -4,7 +4,9 @@ Two Views in -> matched points in each photograph, px. Which matches are good is
 """
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -49,17 +51,24 @@ class Matches:
         """Number of matches."""
         return len(self.first_px)
 
+    @property
+    def beside_board(self) -> int:
+        """Number of matches that are not the marker's."""
+        return int(np.count_nonzero(~self.is_board))
 
-NO_MATCHES = Matches(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_), np.empty(0, np.bool_))
+    @property
+    def are_few(self) -> bool:
+        """Return whether too few lie beside the marker to tell anything: a plain table, or two different scenes."""
+        return self.beside_board < MIN_MATCHES
 
 
-def match_features(first: View, second: View, gate_share: float = GATE_SHARE) -> Matches | Failure:
+def match_features(first: View, second: View, gate_share: float = GATE_SHARE) -> Matches:
     """Mutual SIFT matches that pass the ratio test, together with the marker's own corners, which match by name.
 
     gate_share: see GATE_SHARE.
 
     SIFT alone can hardly match a checkerboard, all of whose corners look alike. Without a marker there are SIFT's
-    alone. Failure "too_few_matches".
+    alone.
     """
     first_px, second_px = _sift_matches(first, second, gate_share)
     points = triangulate(first, second, first_px, second_px)
@@ -68,15 +77,12 @@ def match_features(first: View, second: View, gate_share: float = GATE_SHARE) ->
     corners_px, corners_second_px = _shared_corners(first, second)
     corners = np.ones(len(corners_px), np.bool_)
     keep = ~on_sheet  # the sheet's SIFT matches are the ambiguous ones; its corners stand for it
-    matches = Matches(
+    return Matches(
         np.concatenate([corners_px, first_px[keep]]),
         np.concatenate([corners_second_px, second_px[keep]]),
         np.concatenate([corners, np.zeros(int(keep.sum()), np.bool_)]),
         np.concatenate([~corners, is_food[keep]]),
     )
-    if int((~matches.is_board).sum()) < MIN_MATCHES:
-        return too_few_matches(int((~matches.is_board).sum()))
-    return matches
 
 
 def _shared_corners(first: View, second: View) -> tuple[Float64Array, Float64Array]:
@@ -91,7 +97,7 @@ def too_few_matches(count: int) -> Failure:
     """The failure where the two photographs share too little."""
     return Failure(
         "too_few_matches",
-        f"Only {count} points of the meal could be found again in the other photograph, {MIN_MATCHES} are needed.",
+        f"Only {count} points of the meal could be found again in the other photograph, too few to measure it.",
         "Take both photographs from the same side of the table, about a hand's width apart, sharp and well lit.",
     )
 
@@ -169,7 +175,9 @@ def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64
     turned = cv2.warpPerspective(grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     mask = _beside_sheet(first, factor, size)
     has_tags = first.marker is not None and first.marker.spec.dictionary is not None
-    features = [_detect(np.asarray(picture, np.uint8), mask, has_tags=has_tags) for picture in (grey, turned)]
+    with ThreadPoolExecutor(2) as threads:  # OpenCV lets go of the interpreter
+        detect = partial(_detect, mask=mask, has_tags=has_tags)
+        features = list(threads.map(detect, (grey, np.asarray(turned, np.uint8))))
     at, at_second = features[0][0], map_points(to_second, features[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
     is_near = _is_near_line(first, second, first_px, second_px, gate_share)

@@ -97,7 +97,7 @@ def _nearest(pairs: Sequence[tuple[View, View]]) -> tuple[View, View] | None:
 def _refined(first: View, second: View) -> tuple[View, View]:
     """Two views with poses by their own matches: those by matches with a third view leave rows apart."""
     matches = match_features(first, second)
-    if isinstance(matches, Failure):
+    if matches.are_few:
         return first, second
     refined = refine_views(first, second, matches)
     return refined.first, refined.second
@@ -126,7 +126,7 @@ def _placed(photo: Photo, first: View, options: EstimateOptions) -> View | None:
     if isinstance(views, Failure):
         return None
     matches = match_features(*views)
-    if isinstance(matches, Failure):
+    if matches.are_few:
         return None
     refined = refine_views(*views, matches)
     is_good = surely_on_epipolar_lines(refined.first, refined.second, matches) | matches.is_board

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
-from scipy.spatial import cKDTree
 
 from app.vision.geometry.masks import window_around
+from app.vision.geometry.nearest import Nearest
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, Float64Array, MaskArray
 
@@ -31,6 +30,8 @@ ROUNDS = 2
 STEEP_SAMPLE_PX = 0.25  # along a normal
 STEEP_SD_PX = 0.5  # over which the change of colour is taken
 STEEP_REACH_PX = 1.5  # around where the colours part
+_STEEP_AT = np.arange(-8, 9) / (STEEP_SD_PX / STEEP_SAMPLE_PX)
+STEEP_KERNEL = _STEEP_AT * np.exp(-0.5 * _STEEP_AT**2)  # a Gaussian's derivative, but for a factor
 
 Reference = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
@@ -42,7 +43,7 @@ class Outline:
     points_px: Float64Array
     normals: Float64Array
     weights: Float64Array
-    tree: cKDTree
+    nearest: Nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ class Ring:
 def outline(rings: Sequence[Ring], weights: Float64Array) -> Outline:
     """All rings as one."""
     points = np.concatenate([ring.points_px for ring in rings])
-    return Outline(points, np.concatenate([ring.normals for ring in rings]), weights, cKDTree(points))
+    return Outline(points, np.concatenate([ring.normals for ring in rings]), weights, Nearest(points))
 
 
 def rings_of_mask(mask: MaskArray) -> list[Ring]:
@@ -155,7 +156,7 @@ def _steepest(lab: Float32Array, points: Float64Array, normals: Float64Array) ->
     most = STEEP_REACH_PX + 6 * STEEP_SD_PX
     along = np.arange(-most, most + STEEP_SAMPLE_PX / 2, STEEP_SAMPLE_PX)
     profiles = _around(_profiles(lab, points, normals, along), ALONG)
-    slope = np.linalg.norm(gaussian_filter1d(profiles, STEEP_SD_PX / STEEP_SAMPLE_PX, axis=1, order=1), axis=2)
+    slope = np.linalg.norm(cv2.sepFilter2D(profiles, cv2.CV_64F, STEEP_KERNEL[None], np.ones(1)), axis=2)
     best = np.where(np.abs(along) <= STEEP_REACH_PX, slope, -np.inf).argmax(axis=1)
     before, there, after = (slope[np.arange(len(points)), best + side] for side in (-1, 0, 1))
     bend = before - 2 * there + after  # a parabola through three samples has its top between them

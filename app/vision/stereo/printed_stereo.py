@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from app.core.errors import Failure
 from app.vision.board.pose import bent_points
@@ -296,8 +295,8 @@ def _largest_surface(disparity_px: Float32Array, mask: MaskArray) -> MaskArray:
         joins[joins] = np.abs(disparity_px[here][joins] - disparity_px[beside][joins]) < SURFACE_STEP_PX
         ends.append(np.stack([index[here][joins], index[beside][joins]]))
     start, end = np.concatenate(ends, axis=1)
-    graph = coo_array((np.ones(len(start), np.int8), (start, end)), shape=(mask.size, mask.size))
-    label = connected_components(graph, directed=False)[1].reshape(mask.shape)
+    graph = scipy.sparse.coo_array((np.ones(len(start), np.int8), (start, end)), shape=(mask.size, mask.size))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
     if not is_measured.any():
         return is_measured
     return np.asarray(is_measured & (label == np.bincount(label[is_measured]).argmax()), np.bool_)

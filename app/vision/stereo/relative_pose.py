@@ -7,7 +7,7 @@ the whole scene bring rows together and tell more of the lens. The scale stays t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ from app.vision.board.pose import (
     bent_points,
 )
 from app.vision.geometry.projective import cross_matrix, homogeneous
+from app.vision.geometry.robust_fit import minimise
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, View
 from app.vision.stereo.epipolar import (
@@ -32,7 +33,6 @@ from app.vision.stereo.epipolar import (
     surely_on_epipolar_lines,
 )
 from app.vision.stereo.features import MIN_MATCHES, Matches
-from app.vision.stereo.robust_fit import minimise
 from app.vision.stereo.table_matches import TableMatches, matches_on_table
 
 MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
@@ -113,19 +113,25 @@ def fit_views(
     lenses = [_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)]
     start = np.concatenate([*map(_unknown_pose, views, lenses), np.zeros(3), *lenses])
 
+    @lru_cache(maxsize=4)  # most of a fit's steps change another unknown than a view's lens
+    def ideal_rays(index: int, *lens: float) -> tuple[Float64Array, Float64Array]:
+        corner_rays, match_rays = (undistort_by_lens(rays[index], np.array(lens)) for rays in (corners, matched))
+        return corner_rays, match_rays
+
     def residual(unknowns: Float64Array) -> Float64Array:
         points = bent_points(first.required_marker.spec, unknowns[12:15])
         parts = [unknowns[12:15] / BEND_SD_MM, prior @ unknowns[15:]]
         poses, ideal, focal_px = [], [], []
         for index in (0, 1):
             rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
+            corner_rays, match_rays = ideal_rays(index, *lens.tolist())
             in_camera = views[index].required_marker.seen_of(points) @ rotation.T + translation_mm
-            error = in_camera[:, :2] / in_camera[:, 2:] - undistort_by_lens(corners[index], lens)
+            error = in_camera[:, :2] / in_camera[:, 2:] - corner_rays
             # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
             focal_px.append(bases[index].fx * np.exp(lens[0]))
             parts.append(error.ravel() * (focal_px[index] / (CORNER_SD_PX_AT_12MP * unit)))
             poses.append((rotation, translation_mm))
-            ideal.append(undistort_by_lens(matched[index], lens))
+            ideal.append(match_rays)
         sampson = sampson_distance(_essential_matrix(poses[0], poses[1]), ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         if table is not None:

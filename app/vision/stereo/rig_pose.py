@@ -16,6 +16,7 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.board.pose import LONG_SIDE_12MP
 from app.vision.geometry.projective import cross_matrix
+from app.vision.geometry.robust_fit import minimise
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, Int64Array, MaskArray, Photo, PhotoPair, View
 from app.vision.rig import StereoRig, adapt_rig
@@ -32,7 +33,6 @@ from app.vision.stereo.relative_pose import (
     sampson_distance,
     undistort_by_lens,
 )
-from app.vision.stereo.robust_fit import minimise
 from app.vision.stereo.stillness import poses_mismatch
 from app.vision.stereo.table_plane import MAX_TILT_DEG, RigPose, find_table_plane, table_from_plane
 
@@ -98,8 +98,6 @@ def _adjusted_views(
     table = np.append(normal, -normal[2] * ROUGH_DISTANCE_MM)
     first, second = _views_over(table, photos, cameras, pose)
     matches = match_features(first, second, ROUGH_GATE_SHARE)
-    if isinstance(matches, Failure):
-        return poses_mismatch(matches.message)
     refined = refine_rig(first, second, matches, "poses")
     if refined.matches == 0:
         return poses_mismatch("hardly any point is found again where they put it.")

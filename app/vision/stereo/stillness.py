@@ -11,9 +11,9 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.board.print_layout import sheet_half_mm
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import Float32Array, MaskArray
+from app.vision.model import Float32Array, MaskArray, View
 from app.vision.stereo.epipolar import surely_on_epipolar_lines
-from app.vision.stereo.features import Matches
+from app.vision.stereo.features import Matches, match_features
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.table_matches import points_of_matches
 
@@ -53,6 +53,20 @@ def judge_matches(
             f"{judged} points were found again in the other photograph, but only {good} of them near."
         )
     return _moved(f"The marker and the rest of the meal moved against each other: {placed} puts them.")
+
+
+def judge_missing(first: View, second: View) -> Failure | None:
+    """Why hardly a match lies near its epipolar line: failure "scene_moved" if there are others, else None.
+
+    A plain scene has none anywhere, nor have two different scenes.
+    """
+    anywhere = match_features(first, second, gate_share=1.0)
+    if anywhere.beside_board < MIN_JUDGED_MATCHES:
+        return None
+    return _moved(
+        f"The marker and the rest of the meal moved against each other: {anywhere.beside_board} points were found "
+        "again in the other photograph, but hardly one of them where the marker puts it."
+    )
 
 
 def poses_mismatch(reason: str) -> Failure:

@@ -215,5 +215,5 @@ def test_board_under_a_short_baseline_keeps_its_floor_and_a_plate_has_none():
             seen.append(found_in(view, noise_mm=2.0).floor_mm)
     assert floors[plate] == [0.0] * 6
     kept = [floor_mm for floor_mm in floors[board] if floor_mm > 0]
-    assert len(kept) >= 3  # none, if a step of 3 mm made a cell lower
-    assert kept == pytest.approx([11.0] * len(kept), abs=1.5)
+    assert len(kept) >= 4  # none, if a step of 3 mm made a cell lower; 3, if one of 4.5 mm did
+    assert kept == pytest.approx([11.0] * len(kept), abs=3.0)  # the heights' own standard deviation

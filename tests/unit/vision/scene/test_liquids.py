@@ -4,8 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.geometry.masks import distance_px
-from app.vision.scene.liquids import HANDLE_REACH_PX, _is_handle
+from app.vision.liquids.filled_vessel import StandingVessel, Vessels
+from app.vision.liquids.rims import Circle
+from app.vision.scene.liquids import HANDLE_MIN_POINTS, _is_handle, _is_part_of_vessel, _is_strip_beside
+from app.vision.scene.segmentation import Region
+from app.vision.scene.support import Support
 
 SHAPE = (400, 600)
 
@@ -21,15 +24,132 @@ def drawn(*shapes):
 
 
 @pytest.mark.parametrize(
-    ("region", "is_handle"),
+    ("region", "is_strip"),
     [
-        (drawn(("box", (335, 150), (375, 250))), True),  # a handle with the table that is seen through it
+        (drawn(("box", (335, 150), (375, 250))), True),  # a piece of a handle with the table that is seen through it
         (drawn(("box", (340, 105), (355, 295))), True),  # a strip of cloth along the wall
         (drawn(("ellipse", (375, 260), (38, 34))), False),  # a strawberry that touches the mug
         (drawn(("ellipse", (420, 260), (38, 34))), False),  # and one beside it
         (drawn(("box", (340, 120), (500, 300))), False),  # a loaf against it
     ],
 )
-def test_handle_is_told_from_food_beside_the_vessel(region, is_handle):
+def test_strip_along_the_wall_is_told_from_food_beside_the_vessel(region, is_strip):
     mug = drawn(("box", (200, 100), (330, 300)))
-    assert _is_handle(region, mug, distance_px(mug) <= HANDLE_REACH_PX) == is_handle
+    assert _is_strip_beside(region, mug) == is_strip
+
+
+RIM_MM, TABLE_MM = 90.0, 1.5
+MUG = StandingVessel(
+    np.zeros((1, 1), np.bool_), Circle(np.array([30.0, -20.0]), 42.0, RIM_MM + TABLE_MM, 0.9), TABLE_MM
+)
+rng = np.random.default_rng(5)
+
+
+def turned(points, degrees):
+    """Points (n, 3) of a mug about the z axis through the origin -> about MUG's axis, turned, with 1 mm of noise."""
+    turn = np.radians(degrees)
+    matrix = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    return points @ matrix.T + [*MUG.rim.centre_mm, TABLE_MM] + rng.normal(0.0, 1.0, points.shape)
+
+
+def loop(ring_mm=24.0, half_thick_mm=5.0, middle_mm=42.0):
+    """A mug's handle: half a torus whose ends are in the wall, in the x-z plane."""
+    along, around = rng.uniform(-np.pi / 2, np.pi / 2, 800), rng.uniform(0.0, 2 * np.pi, 800)
+    out = ring_mm + half_thick_mm * np.cos(around)
+    return np.column_stack(
+        [middle_mm + out * np.cos(along), half_thick_mm * np.sin(around), 48.0 + out * np.sin(along)]
+    )
+
+
+def upper_half(points):
+    return points[points[:, 2] > 48.0]
+
+
+def ellipsoid(middle, half_axes):
+    points = rng.normal(size=(800, 3))
+    return np.array(middle) + points / np.linalg.norm(points, axis=1, keepdims=True) * half_axes
+
+
+@pytest.mark.parametrize("degrees", [0, 75, 200, 300])
+@pytest.mark.parametrize(
+    ("points", "is_handle"),
+    [
+        (loop(), True),
+        (loop(ring_mm=14.0, half_thick_mm=3.5), True),  # a cup's
+        (upper_half(loop()), True),  # the upper half, where a fruit hides the rest
+        (ellipsoid((72.0, 0.0, 27.0), (27.0, 22.0, 27.0)), False),  # an egg that touches the mug
+        (ellipsoid((100.0, 0.0, 8.0), (55.0, 8.0, 8.0)), False),  # a sausage that points at it
+        (ellipsoid((62.0, 0.0, 10.0), (10.0, 10.0, 10.0)), False),  # a grape beside it
+        (ellipsoid((75.0, 0.0, 60.0), (30.0, 30.0, 30.0)), False),  # an apple on something beside it
+        (loop(middle_mm=122.0), False),  # another mug's, behind
+    ],
+    ids=["mug", "cup", "half_hidden", "egg", "sausage", "grape", "raised_apple", "other_mug"],
+)
+def test_handle_is_told_from_food_by_its_points(points, is_handle, degrees):
+    assert _is_handle(turned(points, degrees), MUG) == is_handle
+
+
+def test_twice_the_size_is_told_alike():
+    twice = StandingVessel(
+        MUG.silhouette, Circle(2 * MUG.rim.centre_mm, 84.0, 2 * MUG.rim.height_mm, 0.9), 2 * TABLE_MM
+    )
+    assert _is_handle(2 * turned(loop(), 20), twice)
+
+
+def test_hardly_measured_region_is_not_told_to_be_a_handle():
+    points = turned(loop(), 0)
+    assert not _is_handle(points[: HANDLE_MIN_POINTS - 1], MUG)
+    assert not _is_handle(points[:0], MUG)
+
+
+def vessel_of(radius_mm, height_mm):
+    return StandingVessel(MUG.silhouette, Circle(MUG.rim.centre_mm, radius_mm, height_mm + TABLE_MM, 0.9), TABLE_MM)
+
+
+CUP, GLASS = vessel_of(33.0, 60.0), vessel_of(40.0, 80.0)
+
+
+def bar(begin_mm, size, z_mm, climb=0.0):
+    """A biscuit, size its length outward, width and height, mm, whose outer end is lower by climb of its length."""
+    points = rng.uniform(size=(800, 3)) * size
+    return points - [0.0, size[1] / 2, 0.0] + [begin_mm, 0.0, z_mm] + np.outer(size[0] - points[:, 0], [0, 0, climb])
+
+
+@pytest.mark.parametrize("degrees", [0, 130])
+@pytest.mark.parametrize(
+    ("points", "vessel"),
+    [
+        (bar(40.0, (50.0, 18.0, 8.0), 14.0), CUP),
+        (bar(40.0, (35.0, 18.0, 8.0), 14.0), CUP),
+        (bar(34.0, (40.0, 18.0, 8.0), 12.0, climb=0.3), CUP),
+        (ellipsoid((122.0, 0.0, 26.0), (75.0, 12.0, 12.0)), GLASS),
+        (bar(42.0, (150.0, 18.0, 30.0), 30.0), GLASS),
+        (bar(42.0, (50.0, 18.0, 8.0), 55.0), GLASS),
+    ],
+    ids=["biscuit", "short_biscuit", "biscuit_on_the_rim", "sausage", "baguette_on_board", "biscuit_on_a_stand"],
+)
+def test_food_on_a_dish_is_no_handle_even_where_the_dish_was_not_found(points, vessel, degrees):
+    assert not _is_handle(turned(points, degrees), vessel)
+
+
+def on_dish(height_mm):
+    return Support(TABLE_MM + height_mm, 1.0, "floor")
+
+
+@pytest.mark.parametrize(
+    ("points", "vessel", "dish_mm", "is_part"),
+    [
+        (loop(ring_mm=17.0, half_thick_mm=3.5, middle_mm=33.0), vessel_of(33.0, 80.0), 8.0, True),  # over a saucer
+        (bar(36.0, (25.0, 18.0, 8.0), 12.0, climb=1.2), CUP, 12.0, False),  # a biscuit that leans on the cup
+        (bar(42.0, (50.0, 20.0, 24.0), 40.0), vessel_of(40.0, 100.0), 40.0, False),  # a sausage beside it on its board
+        (loop(), MUG, RIM_MM + 5.0, False),  # on a stand higher than the mug
+    ],
+    ids=["handle", "leaning_biscuit", "sausage_on_board", "high_stand"],
+)
+def test_handle_is_clear_of_the_dish_beneath(points, vessel, dish_mm, is_part):
+    seen = turned(points, 40).reshape(20, 40, 3)
+    vessels = Vessels([], [vessel])
+    region = Region(np.ones(seen.shape[:2], np.bool_), support=on_dish(dish_mm))
+    assert _is_part_of_vessel(region, seen, vessels) == is_part
+    on_table = Region(region.mask, support=Support(TABLE_MM, 1.0, "table"))
+    assert _is_part_of_vessel(on_table, seen, vessels)

@@ -73,14 +73,16 @@ class Meal:
         y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
         return np.stack([x, y, heights], -1).astype(np.float32)
 
-    def segment(self, hints=(), ignored=None, unmeasured=None, *, is_complete=False):
+    def segment(self, hints=(), ignored=None, unmeasured=None, *, is_complete=False, is_table_sure=True):
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
         points = self.points(pair)
         if unmeasured is not None:
             points[unmeasured] = np.nan
-        found = segment_foods(pair, disparity, points, ignored, hints, is_complete=is_complete)
+        found = segment_foods(
+            pair, disparity, points, ignored, hints, is_complete=is_complete, is_table_sure=is_table_sure
+        )
         return found if isinstance(found, Failure) else found.regions
 
 
@@ -213,6 +215,20 @@ def test_foods_on_two_plates_and_beside_them_are_all_found():
     found = meal.segment()
     assert len(found) == 3
     assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.9
+
+
+def test_plate_whose_own_rim_is_the_plane_is_no_food():
+    """On a plain table nothing but the rim and the foods is measured, and the foods stand around the floor's middle."""
+    rim = disc(210, 280, 190) & ~disc(210, 280, 170)
+    places = [(145, 280, 45), (240, 215, 45), (245, 345, 45)]
+    meal = Meal()
+    meal.image[disc(210, 280, 190)] = PLATE_BGR
+    for (row, column, radius), colour in zip(places, (FOOD_BGR, OTHER_BGR, FOOD_BGR), strict=True):
+        meal.food(row, column, radius, 45.0, colour)
+    meal.height[rim] = 3.5
+    found = meal.segment(unmeasured=meal.height == 0, is_table_sure=False)
+    assert len(found) == 3
+    assert min(max(iou(region.mask, disc(*place)) for region in found) for place in places) > 0.9
 
 
 def test_knife_and_napkin_beside_a_food_are_no_food():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from app.vision.geometry.mesh import enclosed_mm3
-from app.vision.shape.families import MIN_POINTS, families
+from app.vision.shape.families import MIN_POINTS, below_gap, families
 from app.vision.shape.forms import COARSE, EXACT, Ring
 
 SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
@@ -97,3 +97,19 @@ def test_few_points_begin_nothing(count):
 def test_points_under_the_support_begin_nothing():
     points, area_mm2 = visible((30.0, 30.0, 28.0))
     assert begun(points - np.array([0.0, 0.0, 100.0]), area_mm2) == []
+
+
+def test_few_points_above_a_wide_gap_are_left_out_and_no_others():
+    points, _ = visible((32.0, 32.0, 25.0))
+    patch = np.array([80.0, 10.0, 130.0]) + np.random.default_rng(1).normal(0, 1.0, (len(points) // 8, 3))
+    assert np.array_equal(below_gap(np.concatenate([points, patch]), SUPPORT_MM), points)
+    assert np.array_equal(below_gap(points, SUPPORT_MM), points)
+
+
+def test_what_stands_high_with_many_points_is_kept():
+    """A low part and a high one with nothing measured between them: a slice that stands, its side in the shade."""
+    points, _ = visible((32.0, 32.0, 25.0))
+    high = points[: len(points) // 2] + np.array([0.0, 0.0, 90.0])
+    both = np.concatenate([points, high])
+    assert np.array_equal(below_gap(both, SUPPORT_MM), both)
+    assert len(below_gap(np.empty((0, 3)), SUPPORT_MM)) == 0

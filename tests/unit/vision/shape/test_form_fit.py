@@ -6,9 +6,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
+from app.vision.geometry.masks import filled
 from app.vision.geometry.mesh import faces_towards, ring, sphere
+from app.vision.geometry.nearest import Nearest
 from app.vision.shape.form_average import likely_fits
 from app.vision.shape.form_fit import Seen, _solved, fit_form, form_at
 from app.vision.shape.forms import (
@@ -175,7 +176,7 @@ def test_strayed_parallax_and_outline_hardly_change_the_volume():
     strayed = replace(
         seen,
         surface=replace(seen.surface, parallax_px=parallax),
-        outlines=(replace(line, points_px=points, tree=cKDTree(points)), seen.outlines[1]),
+        outlines=(replace(line, points_px=points, nearest=Nearest(points)), seen.outlines[1]),
     )
     fit = fit_form(ball(has_displacement=False), strayed, FINE, ROUNDS)
     assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.03)
@@ -220,11 +221,11 @@ def test_form_that_shows_nothing_of_the_food_is_no_fit():
 def test_fit_from_a_form_that_was_looked_at_is_that_from_its_unknowns():
     seen, form = seen_of(is_along=False), ball(has_displacement=False)
     at = form_at(form, form.start, COARSE, seen)
-    for outline_sd_px in (TUNING.wide_outline_sd_px, TUNING.outline_sd_px):
-        shared = fit_form(form, seen, COARSE, 3, at, outline_sd_px)
-        alone = fit_form(form, seen, COARSE, 3, form.start, outline_sd_px)
+    for tolerance in (4.0, 1.0):
+        shared = fit_form(form, seen, COARSE, 3, at, tolerance)
+        alone = fit_form(form, seen, COARSE, 3, form.start, tolerance)
         assert np.array_equal(shared.unknowns, alone.unknowns)
-        assert shared.cost == alone.cost < at.cost(outline_sd_px)
+        assert shared.cost == alone.cost < at.cost(tolerance)
 
 
 def test_family_of_no_weight_is_fitted_no_further():
@@ -249,3 +250,24 @@ def test_fitting_leaves_start_and_evidence_as_they_were():
 def test_unknown_that_nothing_tells_stays_where_it_is():
     normal = np.diag([2.0, 0.0, 4.0])
     assert _solved(normal, np.array([2.0, 0.0, 8.0])) == pytest.approx([1.0, 0.0, 2.0])
+
+
+def test_part_of_the_mask_left_out_counts_against_a_form():
+    """Where another food hides the outline, a banana along the rest of it leaves half of a cake uncovered."""
+    seen = seen_of((40.0, 30.0, 13.0))
+    fit = fit_form(ball((38.0, 28.0, 12.0), has_displacement=False), seen, FINE, ROUNDS)
+    rows, columns = np.nonzero(seen.mask)
+    beside = np.zeros_like(seen.mask)
+    beside[rows.min() - 20 : rows.min(), columns.min() : columns.max()] = True
+    half_seen = fit_form(fit.form, replace(seen, mask=seen.mask | beside), FINE, 0, fit.unknowns)
+    more = np.count_nonzero(beside) / TUNING.dense_area_px
+    assert fit.uncovered < 1.0
+    assert half_seen.uncovered == pytest.approx(fit.uncovered + more)
+    assert half_seen.evidence == pytest.approx(fit.evidence + TUNING.unmeasured_loss * more)
+
+
+def test_hole_of_a_ring_is_not_left_out():
+    seen = seen_of("torus")
+    fit = fit_form(flat_ring(), replace(seen, mask=filled(seen.mask)), FINE, ROUNDS)
+    assert fit.form.name == "ring"
+    assert fit.uncovered < 2.0

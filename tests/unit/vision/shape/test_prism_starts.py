@@ -64,9 +64,11 @@ def test_empty_mask_begins_no_prism():
 def test_sharp_prism_has_its_volume_from_outlines_and_parallax(name):
     vertices, mesh, mm3 = solid(name)
     seen = seen_of_mesh(vertices, mesh)
-    form = next(each for each in starts(seen.mask, 1.1 * HEIGHT_MM) if each.name == name)
-    coarse = fit_form(form, seen, COARSE, 20)
-    fit = fit_form(form, seen, FINE, 30, coarse.unknowns)
+    forms = [each for each in starts(seen.mask, 1.1 * HEIGHT_MM) if each.name == name]
+    assert len(forms) == 2  # one with the points' height, one with the outline's
+    coarse = [fit_form(form, seen, COARSE, 20) for form in forms]
+    fits = [fit_form(each.form, seen, FINE, 30, each.unknowns) for each in coarse]
+    fit = min(fits, key=lambda each: each.cost)
     assert fit.volume_ml == pytest.approx(
         mm3 / 1000, rel=0.03
     )  # the prior expects 1.5 mm of rounding where there is none

@@ -149,4 +149,4 @@ def test_outline_of_several_rings_is_searched_as_one():
     total = sum(len(ring.points_px) for ring in rings)
     line = outline(rings, np.ones(total))
     assert len(line.points_px) == len(line.normals) == total
-    assert line.tree.query(line.points_px[total - 1])[1] == total - 1
+    assert line.nearest.query(line.points_px[total - 1 :])[1][0] == total - 1

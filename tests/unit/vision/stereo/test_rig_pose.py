@@ -7,7 +7,7 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.model import PhotoPair
-from app.vision.stereo.features import NO_MATCHES, Matches, triangulate
+from app.vision.stereo.features import Matches, triangulate
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.rig_pose import TURN_SD_RAD, refine_rig, views_of_rig
 from tests.unit.vision.rigs import rig_of
@@ -49,7 +49,8 @@ def test_second_camera_that_turned_about_the_baseline_is_turned_back():
 
 def test_without_matches_the_calibration_stands_with_its_doubt():
     first, second = map(without_marker, blank_views())
-    refined = refine_rig(first, second, NO_MATCHES)
+    no_matches = Matches(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_), np.empty(0, np.bool_))
+    refined = refine_rig(first, second, no_matches)
     assert refined.matches == 0
     assert np.allclose(refined.second.rotation, second.rotation)
     # a turn about the vertical shifts all disparities by f x angle, which is what depth is read from

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from app.vision.marker_spec import MarkerSpec
-from app.vision.stereo.features import Matches
+from app.vision.stereo.features import Matches, match_features
 from app.vision.stereo.relative_pose import RefinedViews
-from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
+from app.vision.stereo.stillness import judge_heights, judge_matches, judge_missing, judge_table
 from tests.unit.vision.stereo.test_epipolar import project
-from tests.unit.vision.stereo_scene import blank_views
+from tests.unit.vision.stereo_scene import blank_views, rendered_views
 
 SPEC = MarkerSpec("plain", 9, 7, 11.0)
 
@@ -115,3 +115,14 @@ def test_matches_off_their_lines_say_that_a_rig_does_not_fit():
     failure = judge_matches(matches(100), np.arange(148) < 50, placed_by="rig")
     assert failure.code == "rig_mismatch"
     assert "moved" not in failure.message
+
+
+def test_scene_that_left_its_epipolar_lines_was_moved():
+    first, second = rendered_views(None)
+    pushed = replace(second, translation_mm=second.translation_mm + second.rotation @ [0.0, 40.0, 0.0])
+    assert match_features(first, pushed).are_few
+    assert judge_missing(first, pushed).code == "scene_moved"
+
+
+def test_scene_without_texture_may_have_stayed():
+    assert judge_missing(*blank_views()) is None

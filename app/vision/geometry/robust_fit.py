@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from app.vision.board.pose import OUTLIER_SD
 from app.vision.model import Float64Array
 
+OUTLIER_SD = 3.0  # beyond, a residual pulls only linearly
 MAX_STEPS = 20
 LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
 DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
@@ -17,7 +17,8 @@ def minimise(
 ) -> tuple[Float64Array, Float64Array]:
     """The least of a sum and its Gauss-Newton matrix before the last step, which is the covariance's inverse.
 
-    Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
+    residual: in standard deviations. Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units
+    of OUTLIER_SD (soft l1).
 
     Differences stand for derivatives. Few unknowns, near the optimum: a general solver takes three times as long.
     Seen from above, focal length and distance change hardly any residual together and much each alone: the least

@@ -1,0 +1,45 @@
+"""Pairs of plain foods on plain tables, where hardly a point is matched: the marker alone places the cameras."""
+
+import cv2
+import pytest
+
+from app.vision.model import EstimateOptions, PhotoPair
+from app.vision.pipeline import estimate_meal
+from app.vision.stereo import features
+from tests.scenes import load_scene
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def hardly_any_features(monkeypatch):
+    """Make SIFT see edges alone, as if the scene had no texture."""
+    cv2.setNumThreads(1)
+    monkeypatch.setattr(features, "MIN_CONTRASTS", (0.3,))
+
+
+@pytest.mark.parametrize("name", ["apple-1", "orange-1", "kiwi-1"])
+def test_plain_meal_is_measured_by_its_marker_alone(shared_data, name):
+    scene = load_scene(shared_data, name)
+    estimate = scene.estimate()
+    assert estimate.failure is None
+    [item] = estimate.items
+    low, high = item.volume_interval_ml
+    truth = scene.truth["items"][0]["volume_ml"]
+    assert low < truth < high
+    assert item.volume_ml == pytest.approx(truth, rel=0.08)
+    assert "few_matches" in item.flags
+    assert estimate.parameters["pose_matches"] == 0
+
+
+@pytest.mark.parametrize("names", [("meal-04", "hard-02-pale"), ("apple-1", "pear-1")])
+def test_photographs_of_two_plain_meals_are_not_measured(shared_data, names):
+    left, right = (load_scene(shared_data, name) for name in names)
+    pair = PhotoPair(left.pair.left, right.pair.right)
+    estimate = estimate_meal(pair, EstimateOptions(left.spec, left.camera), want_artefacts=True)
+    assert estimate.failure.code == "too_few_matches"
+    assert estimate.failure.advice
+    assert estimate.items == ()
+    assert {"scene.json", "matches.jpg", "slices.jpg"} & {artefact.name for artefact in estimate.artefacts} <= {
+        "scene.json"
+    }
