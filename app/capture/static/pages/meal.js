@@ -1,0 +1,219 @@
+// One meal as the server sees it: the foods over the photograph, to be confirmed or corrected, and what was left.
+
+import { newId } from "../client/index.js";
+import { button, h, svg } from "../dom.js";
+import * as store from "../store.js";
+import { sentenceOf } from "../texts.js";
+import { localInstant, newDraft } from "./take.js";
+
+const PICTURE_PX = 1024;
+const CANDIDATES = 4;
+const FOUND_FOODS = 8;
+const TYPING_MS = 250;
+const TRY_AGAIN_MS = 5000;
+const LARGEST_PORTION = 3; // of the slider: times the measured grams
+const OPEN = new Set(["proposed", "needs_review", "confirmed", "corrected"]); // an item that is part of the meal
+const AFTER_OPEN = new Set([null, "failed"]);
+
+export async function showMeal(main, { t, phone, client, go }, id) {
+  const stop = new AbortController();
+  const status = h("p", { role: "status" });
+  const following = h("p", { role: "alert" }); // why the meal cannot be read
+  const alert = h("p", { role: "alert" }); // why the person's last change failed
+  const photograph = h("div", { class: "stage" });
+  const items = h("ol", { class: "items" });
+  const actions = h("div", { class: "actions" });
+  let meal = null;
+  let isAfterWaiting = (await store.meal(`${id}/after`))?.state === "waiting";
+  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, actions);
+  store.onChange(noteAfter, stop.signal);
+  follow().catch(showProblem);
+  return () => stop.abort();
+
+  // Until nothing waits for an estimate. A server that is away for a while, or a network, ends only this try.
+  async function follow() {
+    const kept = await store.meal(id);
+    if (kept?.thumbnail) await showPicture(store.blobOf(kept.thumbnail));
+    while (!stop.signal.aborted) {
+      try {
+        return void (await client.waitForEstimate(id, { signal: stop.signal, onChange: showFresh }));
+      } catch (error) {
+        if (stop.signal.aborted) return;
+        following.textContent = sentenceOf(error, t);
+        if (error.name !== "NetworkError" && !error.retryable) return;
+        await new Promise((resolve) => setTimeout(resolve, TRY_AGAIN_MS));
+      }
+    }
+  }
+
+  async function showFresh(fresh) {
+    following.textContent = "";
+    await render(fresh);
+  }
+
+  async function render(fresh) {
+    if (stop.signal.aborted) return;
+    const isFirst = meal === null;
+    meal = fresh;
+    const failure = meal.failure?.localised?.[document.documentElement.lang] ?? meal.failure?.message;
+    status.textContent = failure ?? t(`state_${meal.status}`);
+    const parts = meal.items.filter((item) => OPEN.has(item.status));
+    items.replaceChildren(...parts.map((item, index) => card(item, index + 1)));
+    const isDone = ["estimated", "needs_review", "failed", "confirmed"].includes(meal.status);
+    actions.replaceChildren(...(isDone ? mealActions(parts) : []));
+    if (isFirst || parts.length) await drawFoods(parts);
+  }
+
+  async function drawFoods(parts) {
+    const size = meal.images.left;
+    if (!size?.durable) return;
+    if (!photograph.dataset.isFull) {
+      const blob = await client.getPhotograph(id, "left", { width: PICTURE_PX, signal: stop.signal }).catch(() => null);
+      if (!blob) return;
+      await showPicture(blob);
+      photograph.dataset.isFull = "true";
+    }
+    const shapes = parts.flatMap((item, index) => outline(item, index + 1));
+    photograph.querySelector("svg")?.remove();
+    photograph.append(svg("svg", { class: "outline", viewBox: `0 0 ${size.width_px} ${size.height_px}`, "aria-hidden": "true" }, ...shapes));
+  }
+
+  async function showPicture(blob) {
+    const image = h("img", { alt: t("photograph_of_meal") });
+    image.src = URL.createObjectURL(blob);
+    await image.decode().catch(() => {});
+    photograph.replaceChildren(image);
+    stop.signal.addEventListener("abort", () => URL.revokeObjectURL(image.src), { once: true });
+  }
+
+  function card(item, number) {
+    const name = item.food?.name ?? t("food_unknown");
+    const grams = item.mass_g === null ? t("amount_unknown") : t("grams", { grams: Math.round(item.mass_g), low: Math.round(item.mass_interval_g?.[0] ?? item.mass_g), high: Math.round(item.mass_interval_g?.[1] ?? item.mass_g) });
+    const isSettled = item.status === "confirmed" || item.status === "corrected";
+    return h(
+      "li",
+      { "data-item": item.id, "data-status": item.status },
+      h("h2", {}, h("span", { class: "number", "aria-hidden": "true" }, String(number)), name, isSettled ? h("span", { class: "good" }, ` ✓ ${t(`item_${item.status}`)}`) : null),
+      h("p", {}, grams),
+      item.food && item.mass_g !== null && !isSettled ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
+      h("details", {}, h("summary", {}, t("correct")), ...corrections(item)),
+    );
+  }
+
+  function corrections(item) {
+    const chosen = (key) => say({ kind: "set_food", item: item.id, food: key });
+    const candidates = item.candidates.filter((candidate) => candidate.food.key !== item.food?.key).slice(0, CANDIDATES);
+    return [
+      h("div", { class: "choices" }, ...candidates.map((candidate) => button(candidate.food.name, () => chosen(candidate.food.key)))),
+      foodSearch(chosen),
+      portion(item),
+      button(t("not_a_food"), () => say({ kind: "reject", item: item.id }), { kind: "danger" }),
+    ];
+  }
+
+  // Grams as seen on the plate, by slider or number; sent when the person says so.
+  function portion(item) {
+    const grams = Math.round(item.mass_g ?? 100);
+    const name = `grams-${item.id}`;
+    const slider = h("input", { type: "range", min: 0, max: Math.max(50, grams * LARGEST_PORTION), step: 1, value: grams, "aria-label": t("portion_slider") });
+    const number = h("input", { type: "number", id: name, min: 1, max: 5000, step: 1, value: grams, inputmode: "numeric" });
+    slider.addEventListener("input", () => (number.value = slider.value));
+    number.addEventListener("input", () => (slider.value = number.value));
+    const set = button(t("set_portion"), () => number.reportValidity() && say({ kind: "set_mass", item: item.id, mass_g: Number(number.value), of: "as_seen" }));
+    return h("div", { class: "portion" }, h("label", { for: name }, t("portion")), slider, number, set);
+  }
+
+  function foodSearch(onChosen) {
+    const name = `search-${newId()}`;
+    const field = h("input", { id: name, type: "search", autocomplete: "off", enterkeyhint: "search" });
+    const results = h("div", { class: "choices", role: "status" });
+    let timer;
+    field.addEventListener("input", () => {
+      clearTimeout(timer);
+      timer = setTimeout(search, TYPING_MS);
+    });
+    return h("div", { class: "search" }, h("label", { for: name }, t("search_food")), field, results);
+
+    async function search() {
+      const words = field.value.trim();
+      const foods = words ? await client.searchFoods(words, { limit: FOUND_FOODS, signal: stop.signal }).catch(() => []) : [];
+      if (field.value.trim() !== words) return; // typed on meanwhile
+      results.replaceChildren(...(words && !foods.length ? [t("no_food")] : foods.map((food) => button(food.name, () => onChosen(food.key)))));
+    }
+  }
+
+  function mealActions(parts) {
+    const isOpen = parts.some((item) => item.status === "proposed" || item.status === "needs_review");
+    const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
+    const expectsAfter = !isAfterWaiting && phone.expects_after_pair && AFTER_OPEN.has(meal.after?.status ?? null) && meal.images.left;
+    return [
+      canConfirmAll ? button(t("confirm_all"), () => say({ kind: "confirm_meal" }), { kind: "main large" }) : null,
+      h("details", {}, h("summary", {}, t("something_missing")), addFood()),
+      ...(expectsAfter ? [button(t("after_pair"), () => go(`take/${id}/after`)), button(t("all_eaten"), allEaten)] : []),
+      button(t("erase_meal"), erase, { kind: "danger" }),
+    ].filter(Boolean);
+  }
+
+  function addFood() {
+    const name = `added-${id}`;
+    const grams = h("input", { type: "number", id: name, min: 1, max: 5000, value: 100, inputmode: "numeric" });
+    const add = (food) => grams.reportValidity() && say({ kind: "add", food, amount: { mass_g: Number(grams.value), of: "edible" } });
+    return h("div", {}, h("label", { for: name }, t("grams_eaten")), grams, foodSearch(add));
+  }
+
+  // Goes by the queue, so it works offline. It takes the place of photographs that were begun.
+  async function allEaten() {
+    const record = { ...newDraft(phone, id), state: "waiting", captured_at: localInstant(new Date()), all_eaten: { id: newId() } };
+    await store.deleteMeal(record.id, "draft");
+    await store.saveDraft(record);
+    actions.replaceChildren(h("p", {}, t("state_waiting")));
+  }
+
+  // What was left has been sent, or waits now: show the meal as it is then.
+  async function noteAfter() {
+    const isWaiting = (await store.meal(`${id}/after`))?.state === "waiting";
+    if (isWaiting === isAfterWaiting) return;
+    isAfterWaiting = isWaiting;
+    if (!isWaiting) await reread().catch(showProblem);
+  }
+
+  async function erase() {
+    if (!confirm(t("erase_confirm"))) return;
+    await client.deleteMeal(id).catch((error) => {
+      if (error.code !== "meal_deleted") throw error; // the answer to an earlier try was lost
+    });
+    await store.deleteMeal(id);
+    go("meals");
+  }
+
+  // One tap, one event. If somebody else changed the meal meanwhile, show how it is now and let the person decide anew.
+  async function say(event) {
+    alert.textContent = "";
+    try {
+      await render(await client.sendEvent(meal, event));
+    } catch (error) {
+      if (error.code === "precondition_failed") {
+        alert.textContent = t("changed_meanwhile");
+        await reread();
+      } else showProblem(error);
+    }
+  }
+
+  async function reread() {
+    await render(await client.getMeal(id));
+  }
+
+  function showProblem(error) {
+    alert.textContent = sentenceOf(error, t);
+  }
+}
+
+function outline(item, number) {
+  if (!item.polygon.length) return [];
+  const path = item.polygon.map((ring) => `M${ring.map((point) => point.join(",")).join("L")}Z`).join("");
+  const xs = item.polygon[0].map(([x]) => x);
+  const ys = item.polygon[0].map(([, y]) => y);
+  const middle = (values) => (Math.min(...values) + Math.max(...values)) / 2;
+  const label = svg("text", { x: middle(xs), y: middle(ys), class: "label" }, String(number));
+  return [svg("path", { d: path, "fill-rule": "evenodd", class: "food" }), label];
+}

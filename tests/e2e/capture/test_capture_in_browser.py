@@ -1,0 +1,544 @@
+"""The capture page on a phone: correcting a meal, notes, what is left, days, and what can go wrong."""
+
+import gzip
+import re
+
+import pytest
+
+from tests import estimates
+from tests.e2e.browser import WatchedPage
+from tests.e2e.capture.capture_page import (
+    both_photographs,
+    capture_link,
+    enrolled,
+    first_photograph,
+    photograph,
+    require_accessible,
+    send,
+)
+from tests.e2e.clients.lossy_line import lossy_line
+from tests.e2e.dashboard_server import PASSWORD, require
+from tests.estimates import identified_item
+
+pytestmark = pytest.mark.slow
+
+WITHOUT_MICROPHONE = """() => {
+  navigator.mediaDevices.getUserMedia = async () => { throw new DOMException("", "NotAllowedError"); };
+}"""
+SLOW_MICROPHONE = """() => {
+  const ask = navigator.mediaDevices.getUserMedia.bind(navigator.mediaDevices);
+  navigator.mediaDevices.getUserMedia = (options) => new Promise((resolve) => {
+    window.allow = async () => {
+      const stream = await ask(options);
+      resolve(stream);
+      await new Promise((done) => setTimeout(done, 200));
+      return stream.getTracks().map((track) => track.readyState);
+    };
+  });
+}"""
+EMPTY_RECORDING = """() => {
+  const listen = MediaRecorder.prototype.addEventListener;
+  MediaRecorder.prototype.addEventListener = function (name, ...rest) {
+    if (name !== "dataavailable") listen.call(this, name, ...rest);
+  };
+}"""
+UNREADABLE_NOTE = """async () => {
+  const store = await import("/capture/store.js");
+  const [draft] = await store.meals();
+  await store.saveDraft({ ...draft, slots: [...draft.slots, "voice_note"] }, { voice_note: new Blob(["no sound"]) });
+}"""
+NOTE_BYTES = """async () => {
+  const store = await import("/capture/store.js");
+  const [meal] = await store.meals();
+  return (await store.photograph(meal.id, "voice_note"))?.bytes.byteLength ?? null;
+}"""
+PLAYED = """async () => {
+  const audio = document.querySelector("#voice-note audio");
+  audio.muted = true;
+  await audio.play();
+  await new Promise((resolve) => audio.addEventListener("ended", resolve));
+  return audio.currentTime;
+}"""
+DIGESTS = """async () => {
+  const store = await import("/capture/store.js");
+  const [draft] = await store.meals();
+  const digests = {};
+  for (const slot of draft.slots) {
+    const { bytes } = await store.photograph(draft.id, slot);
+    const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
+    digests[slot] = [Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join(""), bytes.byteLength];
+  }
+  return digests;
+}"""
+
+
+def open_estimated(served, page, meal):
+    """Measure a meal that was sent, and open it."""
+    estimates.save(served, meal, identified_item({"apple": 0.9}))
+    page.click(f"li[data-meal='{meal}'] a")
+
+
+def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.fill("#note", "with my sister")
+    meal = send(page)
+    open_estimated(served, page, meal)
+    page.get_by_text("Correct it").click()
+    page.get_by_label("Search for another food").first.fill("pear")
+    page.locator(".search .choices button").first.click()
+    page.wait_for_selector("li[data-status=corrected]")
+    page.get_by_text("Correct it").click()
+    page.get_by_label("Grams on the plate", exact=True).fill("120")
+    page.get_by_role("button", name="Set the amount").click()
+    page.get_by_text("120 g").wait_for()
+    page.get_by_text("Something is missing").click()
+    page.locator(".actions").get_by_label("Search for another food").fill("honey")
+    page.locator(".actions .search .choices button").first.click()
+    page.wait_for_selector(".items > li:nth-child(2)")
+    items = served.meal(meal)["items"]
+    assert [item["food"]["key"] for item in items] == ["pear", "honey"]
+    assert items[0]["mass_g"] == 120
+    events = require(served.admin.get(f"/v1/meals/{meal}/events"))["items"]
+    assert [event["new"]["text"] for event in events if event["kind"] == "comment"] == ["with my sister"]
+
+
+def test_voice_note_is_recorded_replaced_sent_and_played_by_a_reviewer(served, open_phone, browser):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.get_by_role("button", name="Record a voice note").click()
+    page.get_by_text("Recording: speak now").wait_for()
+    require_accessible(page)
+    page.wait_for_timeout(500)
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_role("button", name="Delete the voice note").click()
+    page.get_by_role("button", name="Record a voice note").click()
+    page.wait_for_timeout(1500)
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_label("Voice note", exact=True).wait_for()
+    require_accessible(page)
+    page.reload()
+    page.get_by_label("Voice note", exact=True).wait_for()
+    meal = send(page)
+    note = served.meal(meal)["voice_note"]
+    assert (note["media_type"], note["durable"]) == ("audio/webm", True)
+    assert 2_000 < note["bytes"] < 200_000
+    assert list(served.meal(meal)["images"]) == ["left", "right"]
+
+    desk = WatchedPage(browser.new_page(), served.address)
+    served.make_staff("rita", pilot="reviewer")
+    desk.sign_in("rita", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
+    seconds = desk.page.evaluate(PLAYED)
+    assert 0.5 < seconds < 10
+    desk.require_quiet()
+    desk.page.close()
+
+
+def test_recording_that_still_runs_is_sent_too(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.get_by_role("button", name="Record a voice note").click()
+    page.get_by_text("Recording: speak now").wait_for()
+    page.wait_for_timeout(500)
+    assert served.meal(send(page))["voice_note"]["durable"]
+
+
+def test_without_a_microphone_the_page_says_so(served, open_phone):
+    tab = open_phone(permissions=["camera"])
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate(WITHOUT_MICROPHONE)
+    page.get_by_role("button", name="Record a voice note").click()
+    page.get_by_text("The microphone cannot be used here").wait_for()
+    assert served.meal(send(page))["voice_note"] is None
+
+
+def test_microphone_that_is_allowed_after_the_page_was_left_is_released(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate(SLOW_MICROPHONE)
+    page.get_by_role("button", name="Record a voice note").click()
+    assert served.meal(send(page))["voice_note"] is None
+    assert page.evaluate("window.allow()") == ["ended"]
+
+
+def test_recording_without_sound_is_not_kept(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate(EMPTY_RECORDING)
+    page.get_by_role("button", name="Record a voice note").click()
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_text("Nothing was recorded").wait_for()
+    assert served.meal(send(page))["voice_note"] is None
+
+
+def test_refused_note_does_not_hold_its_meal_back(served, open_phone):
+    tab = open_phone()
+    tab.expect("status of 422")
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate(UNREADABLE_NOTE)
+    meal = send(page)
+    page.get_by_text("The voice note could not be kept").wait_for()
+    sent = served.meal(meal)
+    assert (list(sent["images"]), sent["voice_note"]) == (["left", "right"], None)
+    assert page.evaluate(NOTE_BYTES) is None
+
+
+def test_deleted_note_leaves_no_bytes_on_the_phone(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.get_by_role("button", name="Record a voice note").click()
+    page.wait_for_timeout(500)
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_label("Voice note", exact=True).wait_for()
+    assert page.evaluate(NOTE_BYTES) > 0
+    page.get_by_role("button", name="Delete the voice note").click()
+    page.get_by_role("button", name="Record a voice note").wait_for()
+    assert page.evaluate(NOTE_BYTES) is None
+
+
+def test_reload_between_the_photographs_loses_nothing(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    page.get_by_role("button", name="Photograph a meal").click()
+    first_photograph(page)
+    page.reload()
+    page.get_by_role("heading", name="Second photograph").wait_for()
+    page.goto(served.address + "/capture/")
+    page.click("li[data-state=draft] a")
+    page.get_by_role("heading", name="Second photograph").wait_for()
+    page.get_by_role("button", name="Send with one photograph").click()
+    page.wait_for_selector("li[data-state=sent]")
+    meal = served.meal(page.get_attribute("li[data-state=sent]", "data-meal"))
+    assert list(meal["images"]) == ["left"]
+    assert meal["missing"] == []
+
+
+def test_meal_that_was_sent_is_no_longer_a_draft_for_the_way_back(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    address = page.url
+    assert "#take/" in address
+    send(page)
+    page.goto(address)
+    page.get_by_role("button", name="Photograph a meal").wait_for()
+    assert page.locator("li[data-state=sent]").count() == 1
+
+
+def test_what_is_left_is_photographed_or_nothing_is(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    open_estimated(served, page, meal)
+    page.get_by_role("button", name="Photograph what is left").click()
+    both_photographs(page)
+    page.get_by_role("button", name="Send").click()
+    page.wait_for_selector(f"li[data-meal='{meal}'][data-state=sent]")
+    page.wait_for_selector(f"li[data-meal='{meal}/after']", state="detached")
+    assert served.meal(meal)["after"]["status"] == "queued"
+
+
+def test_all_eaten_takes_the_place_of_a_pair_that_was_begun(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    open_estimated(served, page, meal)
+    page.get_by_role("button", name="Photograph what is left").click()
+    first_photograph(page)
+    page.goto(f"{served.address}/capture/#meal/{meal}")
+    page.get_by_role("button", name="I ate all of it").click()
+    page.get_by_role("button", name="I ate all of it").wait_for(state="detached")
+    page.get_by_role("button", name="Erase this meal").wait_for()  # shown again once it was sent
+    assert served.meal(meal)["after"]["status"] == "nothing_left"
+    assert served.meal(meal)["after"]["images"] == {}
+
+
+def test_full_phone_says_so_and_keeps_what_it_has(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    page.get_by_role("button", name="Photograph a meal").click()
+    first_photograph(page)
+    page.evaluate(  # as the browser does when the disk is full: the transaction aborts
+        """() => {
+      window.put = IDBObjectStore.prototype.put;
+      window.error = Object.getOwnPropertyDescriptor(IDBTransaction.prototype, "error");
+      IDBObjectStore.prototype.put = function () { this.transaction.abort(); };
+      const full = { get: () => new DOMException("full", "QuotaExceededError"), configurable: true };
+      Object.defineProperty(IDBTransaction.prototype, "error", full);
+    }"""
+    )
+    page.get_by_role("button", name="Take the photograph").click()
+    page.get_by_text("This phone has no room for the photograph").wait_for()
+    page.evaluate(
+        """() => {
+      IDBObjectStore.prototype.put = window.put;
+      Object.defineProperty(IDBTransaction.prototype, "error", window.error);
+    }"""
+    )
+    page.get_by_role("button", name="Take the photograph").click()
+    page.get_by_role("heading", name="Are both good?").wait_for()
+    tab.thrown.clear()  # the error itself
+
+
+@pytest.mark.parametrize(("ending", "left"), [("revocation", 1), ("withdrawal", 0)])
+def test_phone_that_the_server_no_longer_knows_keeps_its_meals_unless_the_person_has_left(
+    served, open_phone, ending, left
+):
+    participant = {"revocation": "P020", "withdrawal": "P021"}[ending]
+    require(served.admin.post("/v1/studies/pilot/participants", json={"code": participant}))
+    tab = open_phone()
+    tab.expect("status of 4(01|10)|ERR_INTERNET_DISCONNECTED")
+    tab.page.goto(capture_link(served, participant))
+    tab.page.get_by_role("button", name="Photograph a meal").wait_for()
+    photograph(tab.page)
+    tab.page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    tab.page.context.set_offline(True)
+    tab.page.get_by_role("button", name="Send").click()
+    tab.page.wait_for_selector("li[data-state=waiting]")
+    if ending == "revocation":
+        devices = require(served.admin.get("/v1/studies/pilot/devices"))["items"]
+        device = next(device["id"] for device in devices if device["participant"] == participant)
+        require(served.admin.delete(f"/v1/studies/pilot/devices/{device}"))
+    else:
+        require(served.admin.post(f"/v1/studies/pilot/participants/{participant}/withdrawal"))
+    tab.page.context.set_offline(False)
+    tab.page.reload()
+    tab.page.get_by_role("heading", name="Join the study").wait_for()
+    kept = tab.page.evaluate('import("/capture/store.js").then((store) => store.meals()).then((meals) => meals.length)')
+    assert kept == left
+
+
+def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone):
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    served.say(meal, "question", text="Was the bread buttered?")
+    page.get_by_role("link", name="Days").click()
+    page.get_by_label("Was the bread buttered?").fill("No")
+    page.get_by_role("button", name="Answer").click()
+    page.get_by_label("Was the bread buttered?").wait_for(state="detached")
+    require_accessible(page)
+    day = served.meal(meal)["local_date"]
+    page.locator(f"li[data-day='{day}']").get_by_role("button", name="That was everything").click()
+    page.wait_for_selector(f"li[data-day='{day}'][data-status=closed]")
+    page.locator(f"li[data-day='{day}']").get_by_role("button", name="Open again").click()
+    page.wait_for_selector(f"li[data-day='{day}'][data-status=open]")
+    events = require(served.admin.get(f"/v1/meals/{meal}/events"))["items"]
+    assert [event["new"]["text"] for event in events if event["kind"] == "answer"] == ["No"]
+
+
+def reload_before_the_answer(page, pattern, act):
+    """The server carries out a call, but the page is loaded again before it has the answer."""
+    page.route(pattern, lambda route: (route.fetch(), route.abort()))
+    with page.expect_event("requestfailed", lambda request: request.method == "POST"):
+        act()
+    page.unroute(pattern)
+    page.reload()
+
+
+def test_joining_and_leaving_continue_after_a_reload_though_the_answers_were_lost(served, open_phone):
+    require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P030"}))
+    tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
+    tab.expect("ERR_FAILED|status of 410|Service Worker registration blocked")
+    page, link = tab.page, capture_link(served, "P030")
+    reload_before_the_answer(page, "**/v1/enrolments", lambda: page.goto(link))
+    assert page.get_by_label("Code on the card").input_value() == link.partition("code=")[2]
+    page.get_by_role("button", name="Join").click()
+    page.get_by_text("Participant P030").wait_for()
+    devices = require(served.admin.get("/v1/studies/pilot/devices"))["items"]
+    assert [device["participant"] for device in devices].count("P030") == 1
+    page.get_by_role("link", name="This phone").click()
+    page.once("dialog", lambda dialog: dialog.accept())
+    leave = page.get_by_role("button", name="Leave the study for good")
+    reload_before_the_answer(page, "**/v1/me/withdrawal", leave.click)
+    page.get_by_role("link", name="Meals").click()
+    page.get_by_text("You have left the study. Nothing more is sent.").wait_for()
+    receipt = page.get_by_text("Your receipt: ").inner_text().split()[-1]
+    assert require(served.admin.get(f"/v1/receipts/{receipt}"))["what"] == "participant"
+
+
+def test_large_photograph_continues_after_a_broken_line_and_a_reload(served, open_phone):
+    require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P031"}))
+    with lossy_line(served.address, share=0) as line:
+        tab = open_phone(line.address)
+        tab.expect(r"Failed to load resource: net::|status of 409.*/upload\)$")
+        page = tab.page
+        page.goto(capture_link(served, "P031").replace(served.address, line.address))
+        photograph(page)
+        digests = page.evaluate(DIGESTS)
+        checked = line.photograph_bytes
+        line.broken_bodies += [400_000, *[0] * 100]  # the page tries twice, then its queue waits; Chromium tries, too
+        page.get_by_role("button", name="Send").click()
+        page.wait_for_selector("li[data-state=waiting] .problem")
+        line.broken_bodies.clear()
+        page.reload()
+        page.wait_for_selector("li[data-state=sent]")
+        assert line.photograph_bytes - checked < sum(size for _, size in digests.values()) + 100_000
+        images = served.meal(page.get_attribute("li[data-state=sent]", "data-meal"))["images"]
+    received = {slot: (image["received_sha256"], image["durable"]) for slot, image in images.items()}
+    assert received == {slot: (sha256, True) for slot, (sha256, _) in digests.items()}
+
+
+def test_used_code_is_refused_and_a_meal_that_cannot_be_accepted_is_kept(served, open_phone):
+    tab = open_phone()
+    tab.expect("status of 409")
+    link = capture_link(served)
+    tab.page.goto(link)
+    tab.page.get_by_role("button", name="Photograph a meal").wait_for()
+    other = open_phone()
+    other.expect("status of 404")
+    other.page.goto(link)
+    other.page.get_by_text("This code is not valid").wait_for()
+
+    photograph(tab.page)
+    tab.page.evaluate(  # a phone whose clock is years ahead
+        """async () => {
+      const store = await import("/capture/store.js");
+      const [meal] = await store.meals();
+      await store.changeMeal(meal.id, (meal) => { meal.captured_at = "2031-01-01T12:00:00Z"; });
+    }"""
+    )
+    tab.page.get_by_role("button", name="Send").click()
+    tab.page.get_by_text("The date or the time of this phone is wrong.").wait_for()
+    kept = tab.page.evaluate(
+        """async () => {
+      const store = await import("/capture/store.js");
+      const [meal] = await store.meals();
+      return (await store.photograph(meal.id, "right")).bytes.byteLength;
+    }"""
+    )
+    assert kept > 10_000
+
+
+# Waits until the first try has failed, whose end sets the time of the next.
+HOLD_FOR_AN_HOUR = """async () => {
+  const store = await import("/capture/store.js");
+  const only = async () => (await store.meals())[0];
+  while (!(await only()).tries) await new Promise((done) => setTimeout(done, 50));
+  const now = Date.now();
+  await store.changeMeal((await only()).id, (record) => {
+    Object.assign(record, { waited_from_ms: now, next_try_ms: now + 3_600_000 });
+  });
+}"""
+
+
+def test_meal_of_another_participant_of_the_phone_is_not_sent_as_one_of_this_one(served, open_phone):
+    require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P009"}))
+    tab = open_phone()
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.context.set_offline(True)
+    tab.expect("ERR_INTERNET_DISCONNECTED")
+    page.get_by_role("button", name="Send").click()
+    page.wait_for_selector("li[data-state=waiting]")
+    page.evaluate(HOLD_FOR_AN_HOUR)  # else it might be sent before the other person comes
+    page.context.set_offline(False)
+    page.goto("about:blank")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.goto(capture_link(served, "P009"))
+    page.get_by_text("Participant P001").wait_for()
+    page.goto("about:blank")
+    tab.expect("status of 404")
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.goto(f"{served.address}/capture/#code=wrong")
+    page.get_by_text("This code is not valid").wait_for()
+    page.get_by_role("link", name="Meals").click()
+    page.get_by_text("Participant P001").wait_for()  # a wrong code ends no enrolment
+    page.goto("about:blank")
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.goto(capture_link(served, "P009"))
+    page.get_by_text("Participant P009").wait_for()
+    page.get_by_text("Belongs to another participant").wait_for()
+    listed = served.admin.get("/v1/meals", params={"study": "pilot", "participant": "P009"}).json()["items"]
+    assert listed == []
+
+
+def test_meal_is_followed_again_after_the_server_was_away(served, open_phone):
+    tab = open_phone()
+    tab.expect("ERR_(CONNECTION|EMPTY|INCOMPLETE)")
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    page.click(f"li[data-meal='{meal}'] a")
+    page.get_by_text("Waiting to be measured").wait_for()
+    served.server.kill()
+    page.get_by_text("This needs a network connection.").wait_for(timeout=90_000)
+    estimates.save(served, meal, identified_item({"apple": 0.9}))
+    served.server.start()
+    served.server.wait_until_ready()
+    page.get_by_role("button", name="That is right").wait_for(timeout=90_000)
+    assert page.get_by_text("This needs a network connection.").count() == 0
+
+
+def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_phone):
+    tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
+    tab.expect("ERR_FAILED|status of 410|Service Worker registration blocked")
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    estimates.save(served, meal, identified_item({"apple": 0.9}))
+    page.click(f"li[data-meal='{meal}'] a")
+
+    lost = []
+
+    def lose_the_first_answer(route):
+        if route.request.method != "DELETE" or lost:
+            return route.fallback()
+        lost.append(route.fetch().status)
+        return route.abort()
+
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.route("**/v1/meals/*", lose_the_first_answer)
+    page.get_by_role("button", name="Erase this meal").click()
+    page.get_by_role("button", name="Photograph a meal").wait_for()
+    assert page.locator(f"li[data-meal='{meal}']").count() == 0
+    assert served.admin.get(f"/v1/meals/{meal}").status_code == 404
+    assert lost == [200]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_are_accessible_and_their_targets_are_large(served, open_phone, scheme):
+    tab = open_phone(color_scheme=scheme, reduced_motion="reduce")
+    page = tab.page
+    tab.goto("/capture/")
+    page.get_by_role("button", name="Scan the card").wait_for()
+    require_accessible(page)
+    enrolled(served, tab)
+    require_accessible(page)
+    page.get_by_role("button", name="Photograph a meal").click()
+    page.get_by_role("button", name="Take the photograph").wait_for()
+    require_accessible(page)
+    both_photographs(page)
+    require_accessible(page)
+    meal = send(page)
+    open_estimated(served, page, meal)
+    page.get_by_text("Correct it").click()
+    page.wait_for_selector("svg .food")
+    require_accessible(page)
+    page.get_by_role("link", name="This phone").click()
+    page.get_by_role("button", name="Leave the study for good").wait_for()
+    require_accessible(page)
+
+
+def test_first_view_is_small(served, open_phone):
+    """Compressed, as a proxy would: what is loaded before anything is tapped."""
+    tab = open_phone()
+    loaded = []
+    tab.page.on("response", lambda response: loaded.append(response) if response.ok else None)
+    tab.goto("/capture/")
+    tab.page.get_by_role("button", name="Scan the card").wait_for()
+    of_the_page = [response for response in loaded if response.request.frame == tab.page.main_frame]
+    assert sum(len(gzip.compress(response.body())) for response in of_the_page) < 150_000
+    assert not [response.url for response in of_the_page if re.search("vendor", response.url)]

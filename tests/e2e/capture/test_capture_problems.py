@@ -1,0 +1,79 @@
+"""Errors on the capture page: whose fault the page says it is, and how long it says so."""
+
+import re
+
+import pytest
+
+from app.capture.files import STATIC
+from tests import estimates
+from tests.e2e.browser import WatchedPage
+from tests.e2e.capture.capture_page import enrolled, photograph, send
+from tests.e2e.static_modules import open_modules
+from tests.estimates import identified_item
+
+pytestmark = pytest.mark.slow
+
+OF_THE_PHONE = "An error occurred on this phone (x is null). Please try again later."
+BUSY = "The study's server cannot answer now. Please try again later."
+REFUSAL = {"code": "invalid_input", "detail": "No such food.", "retryable": False}
+SENTENCES = """async (errors) => {
+  const { loadTexts, sentenceOf } = await import("/texts.js");
+  const t = await loadTexts("en");
+  return [...errors, new TypeError("x is null"), new DOMException("x is null", "InvalidStateError")]
+    .map((error) => sentenceOf(error, t));
+}"""
+
+
+def test_only_what_the_server_says_is_shown_as_the_server_s_words(browser):
+    context = browser.new_context()
+    tab = open_modules(lambda address: WatchedPage(context.new_page(), address), STATIC)
+    of_a_record = {"code": "internal", "detail": "x is null"}  # of a meal that waits
+    errors = [REFUSAL, of_a_record | {"retryable": True}, of_a_record, {"code": "busy", "retryable": True}]
+    sentences = tab.page.evaluate(SENTENCES, errors)
+    context.close()
+    assert sentences == [
+        "The study's server says: No such food.",
+        OF_THE_PHONE,
+        OF_THE_PHONE,
+        BUSY,
+        *[OF_THE_PHONE] * 2,
+    ]
+
+
+def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, open_phone):
+    tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
+    tab.expect("status of 422|Service Worker registration blocked")
+    page = enrolled(served, tab)
+    photograph(page)
+    meal = send(page)
+    estimates.save(served, meal, identified_item({"apple": 0.9}))
+    estimated = served.admin.get(f"/v1/meals/{meal}").json()
+    documents = [estimated | {"status": "processing"}]
+
+    def answer(route):
+        """The next document; the meal is unchanged while there is none."""
+        if documents:
+            route.fulfill(json=documents.pop(0))
+        else:
+            route.fulfill(status=304)
+
+    page.route(re.compile(rf"/v1/meals/{meal}(\?.*)?$"), answer)
+    refusal = {"status": 422, "json": REFUSAL, "content_type": "application/problem+json"}
+    page.route(f"**/v1/meals/{meal}/events", lambda route: route.fulfill(**refusal))
+    page.click(f"li[data-meal='{meal}'] a")
+    page.get_by_role("button", name="That is right").click()
+    page.get_by_text("The study's server says: No such food.").wait_for()
+    documents.append(estimated | {"version": estimated["version"] + 1})
+    page.get_by_role("button", name="Erase this meal").wait_for()  # shown once the meal is measured
+    assert page.get_by_text("The study's server says: No such food.").is_visible()
+
+
+def test_form_that_is_sent_without_its_button_joins_too(open_phone):
+    """As some keyboards and password managers send it: the event then names no button."""
+    tab = open_phone()
+    tab.expect("status of 404")
+    tab.goto("/capture/")
+    tab.page.get_by_label("Code on the card").fill("wrong")
+    tab.page.evaluate('document.querySelector("form").requestSubmit()')
+    tab.page.get_by_text("This code is not valid").wait_for()
+    assert tab.page.get_by_role("button", name="Join", exact=True).is_enabled()

@@ -1,0 +1,69 @@
+"""The capture page's files over HTTP: headers, the client's modules, the service worker, and nothing besides."""
+
+import re
+
+import pytest
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
+
+from app.capture import files
+from app.capture.files import HEADERS, PATH, STATIC, CaptureFiles, service_worker
+
+
+@pytest.fixture
+def client():
+    app = Starlette()
+    app.mount(PATH, CaptureFiles())
+    return TestClient(app)
+
+
+@pytest.mark.parametrize("path", ["/", "/main.js", "/client/index.js", "/service-worker.js"])
+def test_every_answer_has_the_page_s_headers(client, path):
+    answer = client.get(PATH + path)
+    assert {name: answer.headers[name] for name in HEADERS} == dict(HEADERS)
+
+
+def test_address_without_a_slash_leads_to_the_page(client):
+    answer = client.get(PATH)
+    assert answer.status_code == 200
+    assert "<main" in answer.text
+
+
+def test_page_runs_no_script_but_its_own():
+    page = (STATIC / "index.html").read_text()
+    assert re.findall(r"<script[^>]*>", page) == ['<script type="module" src="main.js">']
+    assert not re.search(r"style=|<style| on[a-z]+=", page)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/.hidden",
+        "/client/schema.d.ts",
+        "/client/../package.json",
+        "/client/../../../pyproject.toml",
+        "/client/%2e%2e/package.json",
+        "/../files.py",
+        "/client",
+    ],
+)
+def test_nothing_besides_the_page_is_served(client, path):
+    assert client.get(PATH + path).status_code == 404
+
+
+def test_service_worker_keeps_every_file_that_the_page_can_ask_for(client):
+    listed = re.search(r'"files": (\[.*?\])', service_worker().decode()).group(1)
+    names = re.findall(r'"([^"]*)"', listed)
+    assert {"", "main.js", "client/index.js", "texts/zh.json", "live/frame_worker.js"} <= set(names)
+    for name in names:
+        assert client.get(f"{PATH}/{name}").status_code == 200, name
+
+
+def test_changed_file_gives_another_version_of_the_service_worker(tmp_path, monkeypatch):
+    (tmp_path / "index.html").write_text("one")
+    (tmp_path / "service-worker.js").write_text("script")
+    monkeypatch.setattr(files, "STATIC", tmp_path)
+    before = service_worker.__wrapped__()
+    assert service_worker.__wrapped__() == before
+    (tmp_path / "index.html").write_text("two")
+    assert service_worker.__wrapped__() != before
