@@ -13,10 +13,10 @@ import pytest
 
 from app.core.settings import Settings
 from app.main import create_app
-from tests.e2e.processes import REPOSITORY, Server
+from tests.e2e.processes import REPOSITORY, Server, enrolment_code
 
 FOR_PYTHON = "openapi-python-client==0.29.1"
-FOR_TYPESCRIPT = ("openapi-typescript@7.13.0", "typescript@5.9.3")
+FOR_TYPESCRIPT = ("openapi-typescript@7.13.0", "openapi-fetch@0.17.0", "typescript@5.9.3", "@types/node@24.10.1")
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +51,7 @@ def test_python_client_is_whole_and_carries_a_phones_conversation(document, tmp_
     server.start()
     try:
         server.wait_until_ready()
-        script = REPOSITORY / "tests" / "e2e" / "generated_client.py"
+        script = REPOSITORY / "tests" / "e2e" / "clients" / "generated_client.py"
         photographs = REPOSITORY / "app" / "demo_data"
         talk = [python, "-W", "error", script, tmp_path, server.address, admin_token(server), document, photographs]
         run(tmp_path, *talk)
@@ -65,16 +65,17 @@ def admin_token(server):
     return done.stdout.strip()
 
 
-def test_typescript_types_compile(document, tmp_path):
+def test_typescript_types_carry_a_phones_conversation(document, server, tmp_path):
     if shutil.which("npm") is None:
         pytest.skip("npm is not installed")
     run(tmp_path, "npm", "install", "--silent", "--no-save", "--no-package-lock", "--no-audit", *FOR_TYPESCRIPT)
     tools = tmp_path / "node_modules" / ".bin"
-    run(tmp_path, tools / "openapi-typescript", document, "--output", "schema.d.ts")
-    (tmp_path / "use.ts").write_text(
-        'import type { components, operations } from "./schema";\n'
-        'type Meal = components["schemas"]["MealOut"];\n'
-        "export const isDone = (meal: Meal): boolean => meal.missing.length === 0;\n"
-        'export type Kept = operations["put_photograph"]["responses"][202]["content"]["application/json"];\n'
-    )
-    run(tmp_path, tools / "tsc", "--noEmit", "--strict", "use.ts")
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    generate = (tools / "openapi-typescript", document, "--default-non-nullable", "false")  # as docs/apps.md says
+    run(tmp_path, *generate, "--output", "schema.d.ts")
+    shutil.copy(REPOSITORY / "tests" / "e2e" / "clients" / "generated_conversation.ts", tmp_path)
+    strict = ("--strict", "--noUncheckedIndexedAccess", "--module", "nodenext", "--target", "es2022", "--types", "node")
+    run(tmp_path, tools / "tsc", *strict, "generated_conversation.ts")
+    photographs = REPOSITORY / "app" / "demo_data"
+    code = enrolment_code(server, study="generated")
+    assert run(tmp_path, "node", "generated_conversation.js", server.address, code, photographs).endswith("done\n")
