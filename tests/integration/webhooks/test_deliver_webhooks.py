@@ -29,8 +29,8 @@ from app.webhooks.queries import Due
 from app.webhooks.webhook_post import WebhookPost
 from app.webhooks.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
 from tests.receivers import receiver
+from tests.waiting import PATIENCE_SECONDS
 
-PATIENCE_SECONDS = 30.0
 KEY = "a key for tests only, of no worth"
 
 

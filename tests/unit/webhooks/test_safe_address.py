@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from app.webhooks import safe_address
 from app.webhooks.safe_address import AddressError, is_public, parse_target, resolve_safely, system_resolver
+from tests.waiting import PATIENCE_SECONDS
 
 NOT_PUBLIC = {
     "0.0.0.0": "unspecified",
@@ -238,6 +239,6 @@ def test_resolver_that_hangs_or_fails_gives_no_answer(monkeypatch):
     assert system_resolver("hooks.example.org", 443) == []
     monkeypatch.setattr(safe_address, "RESOLVE_SECONDS", 0.05)
     released = threading.Event()
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: released.wait(20) and [])
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: released.wait(PATIENCE_SECONDS) and [])
     assert system_resolver("hooks.example.org", 443) == []
     released.set()

@@ -1,0 +1,71 @@
+"""SQL of subscriptions: those that are due, and meals whose after-meal window ends soon."""
+
+import uuid
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.meals.models import Meal
+from app.people.models import Device, Participant, PushSubscription, Study
+
+EATING = timedelta(minutes=10)  # however short the window is
+
+
+def due(session: Session, now: datetime, limit: int) -> Sequence[tuple[PushSubscription, list[str]]]:
+    """Return locked subscriptions whose next reminder is due, with their study's times."""
+    query = _of_phones().where(PushSubscription.next_at <= now).order_by(PushSubscription.next_at).limit(limit)
+    rows = session.execute(query.with_for_update(of=PushSubscription, skip_locked=True))
+    return [(row.PushSubscription, row.reminder_times or []) for row in rows]
+
+
+def unscheduled(session: Session, limit: int) -> Sequence[tuple[PushSubscription, list[str]]]:
+    """Return locked subscriptions that follow their study's times and have not been scheduled since these changed."""
+    has_times = Study.reminder_times.is_not(None)
+    query = _of_phones().where(PushSubscription.next_at.is_(None), PushSubscription.times.is_(None), has_times)
+    rows = session.execute(query.limit(limit).with_for_update(of=PushSubscription, skip_locked=True))
+    return [(row.PushSubscription, row.reminder_times or []) for row in rows]
+
+
+def windows_ending(
+    session: Session, now: datetime, before: datetime, limit: int
+) -> Sequence[tuple[PushSubscription, datetime]]:
+    """Return locked subscriptions with the end of an after-meal window until `before` that has no pair yet."""
+    query = (
+        sa.select(PushSubscription, Meal.after_due_at)
+        .join(Meal, Meal.device_id == PushSubscription.device_id)
+        .join(Device, Device.id == PushSubscription.device_id)
+        .where(
+            PushSubscription.after_meal,
+            Device.revoked_at.is_(None),
+            Meal.after_status.is_(None),
+            Meal.after_due_at.between(now, before),
+            Meal.captured_at <= now - EATING,
+            sa.or_(
+                PushSubscription.after_reminded_at.is_(None), PushSubscription.after_reminded_at < Meal.after_due_at
+            ),
+        )
+        .order_by(Meal.after_due_at)
+        .limit(limit)
+    )
+    rows = session.execute(query.with_for_update(of=PushSubscription, skip_locked=True))
+    return [(row.PushSubscription, row.after_due_at) for row in rows]
+
+
+def remove_subscription(session: Session, device_id: uuid.UUID, endpoint: str | None = None) -> bool:
+    """Remove a phone's subscription, if it still has this endpoint. Returns whether there was one."""
+    query = sa.delete(PushSubscription).where(PushSubscription.device_id == device_id)
+    if endpoint is not None:
+        query = query.where(PushSubscription.endpoint == endpoint)
+    return session.execute(query.returning(PushSubscription.device_id)).first() is not None
+
+
+def _of_phones() -> sa.Select[PushSubscription, list[str] | None]:
+    return (
+        sa.select(PushSubscription, Study.reminder_times)
+        .join(Device, Device.id == PushSubscription.device_id)
+        .join(Participant, Participant.id == Device.participant_id)
+        .join(Study, Study.id == Participant.study_id)
+        .where(Device.revoked_at.is_(None), Participant.withdrawn_at.is_(None))
+    )

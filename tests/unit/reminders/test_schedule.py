@@ -1,0 +1,56 @@
+"""The next reminder: local times, over midnight and over changes of the clocks; quiet hours."""
+
+from datetime import UTC, datetime, time
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from app.reminders.schedule import is_quiet, next_due
+
+BERLIN, AUCKLAND = ZoneInfo("Europe/Berlin"), ZoneInfo("Pacific/Auckland")
+NOON, EVENING = time(12), time(18, 30)
+
+
+def utc(text):
+    return datetime.fromisoformat(text).replace(tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("times", "zone", "after", "due"),
+    [
+        ([NOON, EVENING], BERLIN, "2026-11-27T10:00", "2026-11-27T11:00"),
+        ([NOON, EVENING], BERLIN, "2026-11-27T11:00", "2026-11-27T17:30"),  # not the same one again
+        ([NOON, EVENING], BERLIN, "2026-11-27T20:00", "2026-11-28T11:00"),
+        ([time(0, 15)], AUCKLAND, "2026-11-27T11:00", "2026-11-27T11:15"),  # there it is the next day
+        ([time(2, 30)], BERLIN, "2026-03-28T12:00", "2026-03-29T01:30"),  # does not exist: 03:30
+        ([time(2, 30)], BERLIN, "2026-10-25T00:00", "2026-10-25T00:30"),  # comes twice
+        ([time(2, 30)], BERLIN, "2026-10-25T00:30", "2026-10-26T01:30"),
+    ],
+)
+def test_next_reminder_is_at_the_local_time(times, zone, after, due):
+    assert next_due(times, zone, utc(after)) == utc(due)
+
+
+def test_without_times_none_is_due():
+    assert next_due([], BERLIN, utc("2026-11-27T10:00")) is None
+
+
+def test_every_day_of_a_year_has_each_time_once():
+    at, reminders = utc("2026-01-01T00:00"), []
+    while at < utc("2027-01-01T00:00"):
+        at = next_due([time(2, 30), NOON], BERLIN, at)
+        reminders.append(at)
+    assert len(reminders) == 2 * 365 + 1
+
+
+@pytest.mark.parametrize(
+    ("at", "quiet"), [(time(23), True), (time(3), True), (time(22), True), (time(7), False), (time(12), False)]
+)
+def test_quiet_hours_pass_midnight(at, quiet):
+    assert is_quiet(at, time(22), time(7)) is quiet
+
+
+def test_quiet_hours_within_a_day_and_none():
+    assert is_quiet(time(13), time(12), time(14))
+    assert not is_quiet(time(14), time(12), time(14))
+    assert not is_quiet(time(13), time(12), time(12))
