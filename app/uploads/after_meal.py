@@ -33,7 +33,7 @@ from app.people.calibration_models import CameraDetails
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.people.tombstones import meal_id_of, require_not_deleted
 from app.photos.slots import AFTER_SLOTS
 from app.records.project_records import project_meal
 from app.uploads.submit_meal import keep_unknown
@@ -185,8 +185,7 @@ class SubmitAfterPair:
 
     def _require_meal(self, session: Session, meal: Meal | None, meal_id: uuid.UUID) -> Meal:
         if meal is None:
-            if is_meal_deleted(session, self._box, meal_id):
-                raise meal_deleted_error()
+            require_not_deleted(session, self._box, meal_id)
             raise NotFoundError("There is no such meal: send the meal before its after-meal pair.")
         return meal
 

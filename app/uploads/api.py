@@ -2,18 +2,20 @@
 
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, cast
 
 import anyio.to_thread
 from fastapi import APIRouter, Path, Query, Request, Response
-from fastapi.responses import JSONResponse, StreamingResponse
+from fastapi.responses import StreamingResponse
 from pydantic import JsonValue
 
 from app.core.errors import MalformedRequestError
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
 from app.http.metadata import read_limited, validated_with_unknown
+from app.http.model_response import ModelResponse
 from app.http.parameters import MealId, OfWhichParticipant, Slot
 from app.http.problems import problem_responses
 from app.http.state import ApiState
@@ -27,10 +29,12 @@ from app.people.access.deps import CurrentCaller, CurrentDevice, State
 from app.people.calibrate_device import rig_details
 from app.people.calibration_models import CameraDetails
 from app.people.calibration_schemas import CameraIn
-from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS
+from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, VOICE_NOTE
+from app.photos.voice_note import MAX_NOTE_BYTES
 from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn, PosesIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
+from app.sandbox.answers import inject_into_meal
 from app.uploads.after_meal import SubmitAfterPair
 from app.uploads.submit_meal import MealMetadata, SubmitMeal
 from app.uploads.waiting import MealWaiter
@@ -116,7 +120,9 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
         missing = [slot for slot in announced if slot not in parts.files]
         if missing:
             raise _part_missing(missing)
-        return await _submit(state, caller, checked.id, _metadata(checked.id, checked, unknown), parts.files)
+        outcome = await inject_into_meal(request, state, caller, checked.id, unknown)
+        metadata = replace(_metadata(checked.id, checked, unknown), sandbox=outcome)
+        return await _submit(state, caller, checked.id, metadata, parts.files)
 
 
 @router.put(
@@ -125,7 +131,9 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 async def put_meal(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
     """Announce a meal, to send its photographs one by one."""
     checked, unknown = validated_with_unknown(MealMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
-    return await _submit(state, caller, meal_id, _metadata(meal_id, checked, unknown), {})
+    outcome = await inject_into_meal(request, state, caller, meal_id, unknown)
+    metadata = replace(_metadata(meal_id, checked, unknown), sandbox=outcome)
+    return await _submit(state, caller, meal_id, metadata, {})
 
 
 @router.put(
@@ -149,10 +157,9 @@ async def put_photograph(
     """
     await anyio.to_thread.run_sync(require_room, state)
     staging = state.blobs.staging_folder()
-    async with received_body(request, slot, staging, _limits(state), state.upload_limiter) as file:
-        if slot in AFTER_SLOTS:
-            return await _submit_after(state, caller, meal_id, {slot: file})
-        return await _submit(state, caller, meal_id, None, {slot: file})
+    limits = UploadLimits(photo_limit(state, slot), MAX_METADATA_BYTES)
+    async with received_body(request, slot, staging, limits, state.upload_limiter) as file:
+        return await submit_photograph(state, caller, meal_id, slot, file)
 
 
 @router.get(
@@ -261,6 +268,21 @@ def hint_details(hints: Sequence[HintIn]) -> tuple[HintDetails, ...]:
     return tuple(cast(HintDetails, hint.model_dump(mode="json", exclude_none=True, by_alias=True)) for hint in hints)
 
 
+def photo_limit(state: ApiState, slot: str) -> int:
+    """Return the most bytes of a slot's photograph, map or voice note."""
+    most = state.settings.max_photo_bytes
+    return min(most, MAX_NOTE_BYTES) if slot == VOICE_NOTE else most
+
+
+async def submit_photograph(
+    state: ApiState, caller: DeviceCaller, client_id: uuid.UUID, slot: str, file: ReceivedFile
+) -> Response:
+    """Take one photograph of an announced meal or of its after-meal pair; return the meal."""
+    if slot in AFTER_SLOTS:
+        return await _submit_after(state, caller, client_id, {slot: file})
+    return await _submit(state, caller, client_id, None, {slot: file})
+
+
 async def _submit(
     state: ApiState,
     caller: DeviceCaller,
@@ -293,12 +315,12 @@ def will_change(view: MealView) -> bool:
     return view.meal.status not in FINAL or view.meal.after_status in WAITING or is_remeasured
 
 
-def meal_response(view: MealView, status: int) -> JSONResponse:
+def meal_response(view: MealView, status: int) -> ModelResponse:
     """Return a meal with its ETag; with status 202 also its Location."""
     headers = {"ETag": _etag(view)}
     if status == 202:
         headers["Location"] = f"/v1/meals/{view.meal.client_id}"
-    return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)
+    return ModelResponse(render_meal(view), status_code=status, headers=headers)
 
 
 def _etag(view: MealView) -> str:

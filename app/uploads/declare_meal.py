@@ -27,7 +27,7 @@ from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.people.tombstones import meal_id_of, require_not_deleted
 from app.records.project_records import project_meal
 from app.records.review.meal_events import insert_event
 from app.records.review.review_context import ReviewContext
@@ -70,8 +70,7 @@ class DeclareMeal:
             if meal is not None:
                 _require_same(meal, declared)
                 return False
-            if is_meal_deleted(session, self._box, meal_id):
-                raise meal_deleted_error()
+            require_not_deleted(session, self._box, meal_id)
             meal = _new_meal(session.get_one(Study, caller.study_id), caller, meal_id, declared)
             session.add(meal)
             session.flush()

@@ -29,9 +29,13 @@ FEATURES = (  # docs/apps.md describes each
     "parts",
     "poses",
     "questions",
+    "reminders",
+    "repeatable_enrolment",
+    "resumable_uploads",
     "rigs",
     "unknown_fields",
     "vessels",
+    "voice_notes",
 )
 
 

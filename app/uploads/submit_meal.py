@@ -45,8 +45,8 @@ from app.people.calibration_models import CameraDetails, RigDetails
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
-from app.photos.slots import DEPTH_SLOTS, image_name
+from app.people.tombstones import meal_id_of, require_not_deleted
+from app.photos.slots import DEPTH_SLOTS, VOICE_NOTE, image_name
 from app.records.read_meal import MealView
 from app.vision.depth_camera import depth_camera_from_mapping, size_mismatch
 
@@ -73,7 +73,7 @@ class MealMetadata:
     """The checked metadata of a meal.
 
     location: WGS84, degrees. views: number of photographs. depth_maps: their slots. unknown: fields that no
-    model has, by their place.
+    model has, by their place. sandbox: how the estimate is to end.
     """
 
     client_id: uuid.UUID
@@ -90,6 +90,7 @@ class MealMetadata:
     depth_camera: DepthCameraDetails | None = None
     depth_maps: tuple[str, ...] = ()
     unknown: Mapping[str, JsonValue] = field(default_factory=dict)
+    sandbox: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +174,7 @@ class SubmitMeal:
         """Return the meal's stored photographs by slot. Raises if the upload cannot be added to them."""
         details = upload.details
         if meal is None:
-            if is_meal_deleted(session, self._box, upload.meal_id):
-                raise meal_deleted_error()
+            require_not_deleted(session, self._box, upload.meal_id)
             if details is None:
                 raise _unknown_meal()
             _require_announced(details, photos)
@@ -276,6 +276,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
         details["views"] = metadata.views
     if metadata.rig is not None:
         details["rig"] = metadata.rig
+    if metadata.sandbox is not None:
+        details["sandbox"] = metadata.sandbox
     if metadata.depth_camera is not None:
         details["depth_camera"], details["depth_maps"] = metadata.depth_camera, list(metadata.depth_maps)
     if metadata.poses is not None:
@@ -292,7 +294,7 @@ def keep_unknown(details: AsideDetails, unknown: Mapping[str, JsonValue]) -> Non
 def _require_announced(details: MealDetails, photos: Mapping[str, SealablePhoto]) -> None:
     """Raise InvalidInputError if a slot is none that the metadata announced, or a map is not of the depth camera."""
     slots = announced_slots(details)
-    surplus = [slot for slot in photos if slot not in slots]
+    surplus = [slot for slot in photos if slot not in slots and slot != VOICE_NOTE]
     if surplus:
         raise InvalidInputError(
             f"The metadata announced {', '.join(slots)} (by views and depth_maps), so there is no "

@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 import uuid
 
 import pytest
@@ -11,9 +10,11 @@ from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
 from app.people.privacy_models import BlobDeletion
+from app.uploads.waiting import MealWaiter
 from tests import estimates
 from tests.integration.records.after_pairs import Table, left_of_apple
 from tests.photographs import photograph
+from tests.waiting import wait_until
 
 FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
 
@@ -119,6 +120,7 @@ def test_pair_before_its_meal_cannot_be(table):
         ({"hints": [{"item": str(uuid.uuid4())}]}, "metadata_invalid"),
     ],
 )
+@pytest.mark.same_on_both
 def test_word_that_cannot_be_is_refused(table, body, code):
     answer = table.tell(**body)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
@@ -201,11 +203,11 @@ def test_pair_is_measured_also_where_the_meal_has_failed(table):
     assert meal["after"]["leftovers"][0]["class"] == "unmatched"
 
 
-def test_wait_comes_back_when_the_pair_moves(table):
+def test_wait_comes_back_when_the_pair_moves(table, state):
     tag = table.measured().send_after().phone.get(f"/v1/meals/{table.id}").headers["etag"]
 
     def measure():
-        time.sleep(0.6)
+        wait_until(lambda: state.part(MealWaiter)._waiting, "the call to wait")
         table.after_measured(left_of_apple())
 
     thread = threading.Thread(target=measure)

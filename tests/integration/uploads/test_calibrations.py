@@ -122,6 +122,7 @@ def test_photograph_without_the_board_is_left_out_and_told(phone, boards):
     assert [(one["photograph"], one["code"]) for one in made.json()["left_out"]] == [(1, "image_blurred")]
 
 
+@pytest.mark.same_on_both
 def test_bad_photographs_are_refused_with_their_reason(phone, boards):
     good = [jpeg(board) for board in boards]
     turned = jpeg(np.ascontiguousarray(np.rot90(boards[0])))
@@ -136,12 +137,14 @@ def test_bad_photographs_are_refused_with_their_reason(phone, boards):
     assert phone.get("/v1/calibrations").json()["items"] == []
 
 
+@pytest.mark.same_on_both
 def test_board_seen_in_the_middle_only_is_refused(phone, boards):
     far = [cv2.resize(board, None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA) for board in boards]
     framed = [cv2.copyMakeBorder(board, 203, 202, 270, 270, cv2.BORDER_REPLICATE) for board in far]
     assert code(calibrate(phone, [jpeg(one) for one in framed])) == (422, "calibration_coverage_small")
 
 
+@pytest.mark.same_on_both
 def test_bent_board_is_refused(phone, boards):
     rng = np.random.default_rng(3)
     y, x = np.mgrid[:900, :1200].astype(np.float32)

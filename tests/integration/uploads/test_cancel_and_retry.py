@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -12,7 +11,6 @@ import sqlalchemy as sa
 from app.children.faults import INTERNAL_ERROR, JOB_GAVE_UP
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
-from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
@@ -22,6 +20,7 @@ from app.uploads.job_list_queries import FailedFilter
 from app.uploads.look_after_jobs import failed_pairs, retry_failed
 from tests import estimates
 from tests.commands import run_tada
+from tests.deadlocks import deadlock_over_a_meal
 from tests.estimates import found_item
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
@@ -283,20 +282,9 @@ def test_failed_meals_are_listed_the_last_first_and_those_without_a_time_behind_
 def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, state, meal):
     """The other has locked the meal and wants its person; on SQLite the retry just waits for its turn."""
     fail(state, meal)
-    has_meal, job = threading.Event(), jobs_of(state, meal)[-1]
-
-    def lock_in_the_other_order():
-        with state.database.write() as session:
-            person = meals.lock_meal(session, job.meal_id).participant_id
-            has_meal.set()
-            time.sleep(0.3)  # by then the retry has the person and waits for the meal
-            privacy.lock_participant(session, person)
-
-    other = threading.Thread(target=lock_in_the_other_order)
-    other.start()
-    assert has_meal.wait(10)
-    assert retry_failed(state.database, state.part(JobQueue), FailedFilter(code=INTERNAL_ERROR.code)).queued == 1
-    other.join()
+    job = jobs_of(state, meal)[-1]
+    with deadlock_over_a_meal(state.database, job.meal_id, privacy.lock_participant):
+        assert retry_failed(state.database, state.part(JobQueue), FailedFilter(code=INTERNAL_ERROR.code)).queued == 1
     assert [one.state for one in jobs_of(state, meal)] == ["failed", "queued"]
 
 

@@ -34,6 +34,7 @@ def sent(phone, photos):
     return f"/v1/meals/{body['id']}/images/left"
 
 
+@pytest.mark.same_on_both
 def test_photograph_of_thousands_of_scans_is_refused_at_upload(phone):
     answer = phone.post({"left": costly_photograph(), "right": photograph(1)})
     assert (answer.status_code, answer.json()["code"]) == (422, "image_unreadable")

@@ -60,6 +60,7 @@ def test_known_field_that_cannot_be_is_refused_beside_one_that_is_not_known(phon
 @pytest.mark.parametrize(
     "path", ["/v1/records?studdy=pilot", "/v1/meals?limit=2&page=3", "/v1/me?verbose=1", "/v1/foods?q=a&=1"]
 )
+@pytest.mark.same_on_both
 def test_parameter_that_is_not_known_is_refused(phone, client, path):
     answer = client.get(path, headers=phone.headers)
     problem = answer.json()

@@ -17,7 +17,7 @@ def kind():
 
 @pytest.fixture
 def phone(phone):
-    """Of a server whose children are up."""
+    """A phone of a server whose children are up."""
     files = {slot: (f"{slot}.jpg", content, "image/jpeg") for slot, content in pair().items()}
     assert phone.client.post("/v1/checks", headers=phone.headers, files=files).status_code == 200
     return phone

@@ -79,6 +79,7 @@ def test_marker_and_poses_both_reach_the_estimate_and_a_rig_that_is_named_leaves
         (POSES | {"gravity": [0.0, 0.0, 0.0]}, "poses_invalid"),
     ],
 )
+@pytest.mark.same_on_both
 def test_poses_that_cannot_be_are_refused(phone, data, expected):
     refused = phone.post(pair(), metadata=meal_metadata(poses=data))
     assert refused.status_code == 422

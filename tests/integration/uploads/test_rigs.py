@@ -228,6 +228,7 @@ def test_camera_of_a_phone_is_never_taken_from_its_rig(phone, state, settings):
         ({"left": None}, "invalid"),
     ],
 )
+@pytest.mark.same_on_both
 def test_rig_that_cannot_be_is_refused_everywhere(phone, client, admin, changes, expected):
     body = rig(**changes)
     sent = [

@@ -105,6 +105,7 @@ def test_same_id_with_another_number_of_views_is_another_meal(phone):
 
 
 @pytest.mark.parametrize("views", [0, 9, 2.5, "3", True])
+@pytest.mark.same_on_both
 def test_number_of_views_out_of_range_or_no_number_is_422(phone, views):
     assert phone.post(pair(), views=views).status_code == 422
 
