@@ -1,6 +1,6 @@
 """The HTTP composition root: settings in, app out. `create_app(settings)` opens nothing; its lifespan does."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 
 import anyio
@@ -8,6 +8,8 @@ from fastapi import Depends, FastAPI
 
 import app.tables  # noqa: F401  # defines every table
 from app import __version__
+from app.capture.files import PATH as CAPTURE
+from app.capture.files import CaptureFiles
 from app.children.api_children import ApiChildren
 from app.core.errors import NotFoundError
 from app.core.settings import Settings
@@ -63,6 +65,7 @@ from app.people.access.last_use import LastUse
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import open_secret_box
 from app.people.access.sign_in_limits import SignInLimits
+from app.people.access.web_origins import WEB_PATHS, WebOrigins
 from app.people.location_policy import FilesWithPlaces
 from app.privacy import me_api as me_privacy
 from app.privacy import receipts_api as receipts
@@ -76,6 +79,8 @@ from app.records.review.meal_events import MealEvents
 from app.releases import api as releases
 from app.releases.queries import take_back_places as take_back_releases
 from app.remeasurements import api as remeasurements
+from app.reminders import api as reminders
+from app.sandbox.answers import MetadataInjections, SandboxAnswers
 from app.storage.opening import open_blob_store
 from app.uploads import after_meal_api as after_meal
 from app.uploads import api as meals
@@ -83,9 +88,11 @@ from app.uploads import checks_api as checks
 from app.uploads import declared_api as declared
 from app.uploads import me_api as me
 from app.uploads import meal_jobs_api as meal_jobs
+from app.uploads import partial_uploads_api as partial_uploads
 from app.uploads import server_api as server
 from app.uploads.after_meal import SubmitAfterPair
 from app.uploads.declare_meal import DeclareMeal
+from app.uploads.partial_uploads import PartialUploads
 from app.uploads.submit_meal import SubmitMeal
 from app.uploads.waiting import MealWaiter
 from app.vessels import api as study_vessels
@@ -99,9 +106,18 @@ problem documents with a stable `code`.
 """
 
 
+def make_limits(settings: Settings, processes: int = 1) -> tuple[CallLimits, EnrolmentLimit, SignInLimits]:
+    """The limits that processes share which are forked after this call."""
+    return (
+        CallLimits(settings, processes=processes),
+        EnrolmentLimit(settings.enrolment_attempts_per_minute),
+        SignInLimits(settings.sign_in_attempts_per_minute),
+    )
+
+
 @asynccontextmanager
-async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
-    """What the endpoints of one process share: opened at its start, closed at its end."""
+async def open_parts(settings: Settings, limits: Iterable[object]) -> AsyncIterator[ApiState]:
+    """Open the parts that the endpoints of one process share; close them at its end. limits: by make_limits."""
     register_build("api")
     box = open_secret_box(settings)
     database = open_database(settings)
@@ -125,21 +141,21 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             parts=(
                 queue,
                 SubmitMeal(database, photo_intake, queue, box),
+                PartialUploads(blobs.partial_folder()),
                 SubmitAfterPair(database, photo_intake, queue, box),
                 MealEvents(database, queue),
                 DeclareMeal(database, box),
+                MetadataInjections(),
                 waiter,
-                CallLimits(settings),
-                EnrolmentLimit(settings.enrolment_attempts_per_minute),
                 box,
                 children,
                 Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
-                SignInLimits(settings.sign_in_attempts_per_minute),
                 Passwords(),
                 ExportPlaces(),
                 last_use,
                 DeploymentFigures(database, blobs, settings),
                 FilesWithPlaces((take_back_exports, take_back_releases)),
+                *limits,
             ),
         )
     finally:
@@ -152,12 +168,13 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
 @asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     """From the app's settings, as they are when it starts, to the parts that its endpoints ask for."""
-    async with open_parts(app.state.settings) as app.state.api:
+    limits = app.state.limits or make_limits(app.state.settings)
+    async with open_parts(app.state.settings, limits) as app.state.api:
         yield
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """The app of one process."""
+def create_app(settings: Settings, limits: Iterable[object] = ()) -> FastAPI:
+    """The app of one process. limits: by make_limits, of a server with several processes."""
     app = FastAPI(
         title="tada-server",
         version=__version__,
@@ -170,17 +187,22 @@ def create_app(settings: Settings) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
+    app.state.limits = limits
     install_problem_handlers(app)
     app.add_exception_handler(NotFoundError, me_privacy.on_not_found)
+    app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=SandboxAnswers)
     app.add_middleware(Edge, calls=RULES)
+    app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=WebOrigins)
     app.add_middleware(AroundPath, pattern=FHIR_PATHS, middleware=FhirErrors)
     app.add_middleware(RequestLog)
     app.add_middleware(AroundPath, pattern=DASHBOARD_PATHS, middleware=DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
+    app.mount(CAPTURE, CaptureFiles())
     app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
     for resource in (
         meal_lists,
         meals,
+        partial_uploads,
         meal_jobs,
         photographs,
         checks,
@@ -220,6 +242,7 @@ def create_app(settings: Settings) -> FastAPI:
         study_densities,
         study_vessels,
         webhooks,
+        reminders,
         server,
         health,
         metrics,

@@ -4,6 +4,8 @@ FastAPI knows what an endpoint takes and gives when all goes well. What stands a
 is counted, what a body may be) follows here from the same tables that it goes by at run time.
 """
 
+import importlib.resources
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -24,13 +26,15 @@ OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, Ch
 OF_FASTAPI = ("HTTPValidationError", "ValidationError")  # its own form of a 422: ours is a Problem
 OF_BODIES = (400, 408, 413, 415)
 OF_PARAMETERS, OF_FHIR_PARAMETERS = 422, 400
-NOT_NOW = 503
+OF_ANY, NOT_NOW = 500, 503
 UNKNOWN_CALLER = 401
 OK, CONFLICT, FIRST_ERROR = 200, 409, 400
 PART, NO_SUCH_PART = "206", 416
 FILE_TYPES = frozenset(
     {"text/csv", "application/x-ndjson", "application/vnd.apache.parquet", "application/geo+json", "application/zip"}
 )
+# pydantic's names of limits of types with a validator before them, which JSON Schema does not know
+LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
 COUNTED_AT_401 = frozenset({"post_password"})  # the caller is known, the password in the body is wrong
 
 HEADERS: dict[str, dict[str, Any]] = {
@@ -53,6 +57,15 @@ HEADERS: dict[str, dict[str, Any]] = {
         "description": "Which bytes of how many are sent; of a 416, how many there are.",
         "schema": {"type": "string"},
     },
+    "Tus-Resumable": {"description": "The version of the tus protocol.", "schema": {"type": "string"}},
+    "Upload-Offset": {
+        "description": "Bytes of the photograph that are here: the next piece begins there.",
+        "schema": {"type": "integer", "minimum": 0},
+    },
+    "Upload-Length": {
+        "description": "Bytes of the whole photograph.",
+        "schema": {"type": "integer", "minimum": 1},
+    },
     "RateLimit-Policy": {
         "description": 'The limit that the call is counted in: `"upload";q=120;w=60` is 120 a minute.',
         "schema": {"type": "string"},
@@ -73,10 +86,12 @@ IF_NONE_MATCH = {
 LOCATED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "post_declared_meal", "post_export", "post_release",
+        "post_upload",
         "post_study", "post_participant", "post_study_density", "post_study_vessel", "post_webhook", "post_food",
         "post_density", "post_retry", "post_remeasurement",
     }
 )  # fmt: skip
+OF_UPLOADS = frozenset({"post_upload", "get_upload", "patch_upload"})
 LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export", "post_remeasurement"})  # in the 200 of a repeat too
 COMPARE_CLOCKS = frozenset(
     {"post_meal", "put_meal", "put_after", "post_declared_meal"}
@@ -108,20 +123,44 @@ def openapi_document(app: FastAPI) -> dict[str, Any]:
             found = model.model_json_schema(ref_template="#/components/schemas/{model}")
             schemas |= found.pop("$defs", {})
             schemas[model.__name__] = found
+        for name, example in _examples().items():
+            schemas[name]["example"] = example
         for path, operations in document["paths"].items():
             for method, operation in operations.items():
                 _complete(operation, path, RULES[method.upper(), path])
         for name in OF_FASTAPI:
             schemas.pop(name, None)
+        _name_limits(schemas)
         document["components"]["headers"] = HEADERS
         app.openapi_schema = document
     return app.openapi_schema
+
+
+def _examples() -> dict[str, Any]:
+    """Examples by schema, beside those that the models have themselves."""
+    text = (importlib.resources.files("app") / "openapi_examples.json").read_text("utf-8")
+    examples: dict[str, Any] = json.loads(text)
+    return examples
+
+
+def _name_limits(schema: Any) -> None:
+    """Give the limits of numbers the names of JSON Schema."""
+    if isinstance(schema, list):
+        for part in schema:
+            _name_limits(part)
+    elif isinstance(schema, dict):
+        for name, value in list(schema.items()):
+            if name in LIMITS and not isinstance(value, dict):  # a dict: a property of that name
+                schema[LIMITS[name]] = schema.pop(name)
+            elif name not in {"example", "default"}:
+                _name_limits(value)
 
 
 def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
     """Add what follows from the route's rule, its place and what it takes."""
     if rule.is_open:
         operation.pop("security", None)
+    operation["summary"] = operation["description"].partition("\n")[0].partition(". ")[0].rstrip(".")
     responses = operation["responses"]
     if path.startswith(PREFIX):
         responses.pop("422", None)
@@ -144,8 +183,10 @@ def _complete_conditions(operation: dict[str, Any]) -> None:
     for parameter in operation.get("parameters", ()):
         if parameter["name"].lower() == "if-match" and "428" in operation["responses"]:
             parameter["required"] = True
+            parameter["schema"] = next(each for each in parameter["schema"]["anyOf"] if each["type"] != "null")
     if "304" in operation["responses"]:
-        operation.setdefault("parameters", []).append(IF_NONE_MATCH)
+        others = [each for each in operation.get("parameters", ()) if each["name"].lower() != "if-none-match"]
+        operation["parameters"] = [*others, IF_NONE_MATCH]
 
 
 def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]:
@@ -161,7 +202,7 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
     if "{study}" in path:
         yield 404
     if path not in UNCOUNTED_PATHS:
-        yield from (429, NOT_NOW)
+        yield from (429, OF_ANY, NOT_NOW)
 
 
 def _headers(operation_id: str, status: int, rule: Rule) -> Iterator[str]:
@@ -169,6 +210,8 @@ def _headers(operation_id: str, status: int, rule: Rule) -> Iterator[str]:
         yield "Location"
     if status < FIRST_ERROR and operation_id in TAGGED:
         yield "ETag"
+    if status < FIRST_ERROR and operation_id in OF_UPLOADS:
+        yield from ("Tus-Resumable", "Upload-Offset", "Upload-Length")
     if status in {408, 429, NOT_NOW} or (status == CONFLICT and operation_id in COMPARE_CLOCKS):
         yield "Retry-After"
     if status == UNKNOWN_CALLER:

@@ -1,7 +1,7 @@
 """How fast meals are taken and told about, over HTTP from a real `tada serve`, beside a yardstick of the same run.
 
     python -m benchmarks.api [--only sqlite|postgresql] [--rounds 3] [--meals 64] [--concurrency 1 8 32]
-                             [--flow-seconds 30] [--folder FOLDER] [--no-polls]
+                             [--flow-seconds 30] [--folder FOLDER] [--no-polls] [--processes 1]
 
 On SQLite with files, and on PostgreSQL with an S3 server (SeaweedFS), each fresh and of our own. No worker: meals wait
 in the queue, which is what stands in the pipeline's place. The load comes from another process
@@ -81,6 +81,7 @@ def main() -> int:
     parser.add_argument("--concurrency", type=int, nargs="+", default=[1, 8, 32])
     parser.add_argument("--flow-seconds", type=float, default=30.0)
     parser.add_argument("--no-polls", action="store_true")
+    parser.add_argument("--processes", type=int, default=1, help="Of the server; figures of memory are their sums.")
     parser.add_argument("--folder", type=Path, help="On the disk that is measured; default: the system's for such.")
     arguments = parser.parse_args()
     needed = 4 * 2 * PHOTO_BYTES * arguments.meals + 4_000 * MEGABYTE
@@ -91,7 +92,7 @@ def main() -> int:
             if free < needed:
                 print(f"{free / MEGABYTE:.0f} MB are free in {name}; this needs {needed / MEGABYTE:.0f}")
                 return 1
-            with deployment(kind, Path(name)) as server:
+            with deployment(kind, Path(name), arguments.processes) as server:
                 is_fine &= measure(server, arguments)
     return 0 if is_fine else 1
 
@@ -108,6 +109,12 @@ class Deployment:
     yardstick: dict[str, Any]
     bare: tuple[subprocess.Popen[bytes], int] | None = None  # the bare endpoint and its port
     rest_mb: float = 0.0
+    processes: int = 1
+
+    @property
+    def pids(self) -> list[int]:
+        """The processes that answer, without those that decode photographs."""
+        return children_of(self.process.pid) if self.processes > 1 else [self.process.pid]
 
     @property
     def settings(self) -> Settings:
@@ -129,25 +136,28 @@ class Deployment:
 
     def cpu_seconds(self) -> float:
         """Processor time of the server so far, without its children."""
-        return processor_seconds([self.process.pid])
+        return processor_seconds(self.pids)
 
     def child_seconds(self) -> float:
         """Processor time of the server's living children so far."""
-        return processor_seconds(children_of(self.process.pid))
+        return processor_seconds([child for pid in self.pids for child in children_of(pid)])
 
     def clear_peak(self) -> None:
         """Let the peak of memory begin anew."""
-        Path(f"/proc/{self.process.pid}/clear_refs").write_text("5")
+        for pid in self.pids:
+            Path(f"/proc/{pid}/clear_refs").write_text("5")
 
     def memory_mb(self, which: str) -> float:
         """Resident memory in 10^6 bytes. which: VmRSS, as it is; VmHWM, at its highest since `clear_peak`."""
-        status = Path(f"/proc/{self.process.pid}/status").read_text()
-        kib = next(line.split()[1] for line in status.splitlines() if line.startswith(f"{which}:"))
-        return int(kib) * 1024 / MEGABYTE
+        kib = 0
+        for pid in self.pids:
+            status = Path(f"/proc/{pid}/status").read_text()
+            kib += int(next(line.split()[1] for line in status.splitlines() if line.startswith(f"{which}:")))
+        return kib * 1024 / MEGABYTE
 
 
 @contextlib.contextmanager
-def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
+def deployment(kind: str, folder: Path, processes: int = 1) -> Iterator[Deployment]:
     """A fresh server; all that was started for it ends with it."""
     with contextlib.ExitStack() as stack:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
@@ -172,7 +182,7 @@ def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
             name = "PostgreSQL + S3"
         log = stack.enter_context((folder / "server.log").open("wb"))
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "serve", "--no-worker"],
+            [sys.executable, "-m", "app.cli", "serve", "--no-worker", "--processes", str(processes)],
             env=environment,
             stdout=log,
             stderr=log,
@@ -187,7 +197,8 @@ def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
             bare_process = subprocess.Popen(command, stdout=bare_log, stderr=bare_log, cwd=ROOT)
             stack.callback(end, bare_process)
             bare = bare_process, _port(bare_process, folder / "bare.log")
-        yield Deployment(name, folder, environment, process, _port(process, folder / "server.log"), yardstick, bare)
+        port = _port(process, folder / "server.log")
+        yield Deployment(name, folder, environment, process, port, yardstick, bare, processes=processes)
 
 
 def _port(process: subprocess.Popen[bytes], log: Path) -> int:

@@ -341,10 +341,10 @@ class Loader:
                 cursor.execute(sql)
             cursor.execute(MARK_ALL_DAYS)
             self._connection.commit()
+            cursor.execute("ANALYZE")  # without it the sums of some thousand days read whole tables
+            self._connection.commit()
             write_all_sums(self._database, MARKS_A_TURN)
-            if self._database.is_sqlite:
-                cursor.execute("ANALYZE")
-            else:
+            if not self._database.is_sqlite:
                 self._connection.dbapi_connection.autocommit = True
                 cursor.execute("SET statement_timeout = 0")
                 cursor.execute("VACUUM ANALYZE")

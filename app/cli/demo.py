@@ -11,10 +11,11 @@ import tempfile
 import threading
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from types import FrameType
 from zoneinfo import ZoneInfo
 
 import httpx2
@@ -33,6 +34,7 @@ START_SECONDS = 60
 ESTIMATE_SECONDS = 180
 SHOWN_CANDIDATES = 3
 SHOWN_NUTRIENTS = ("ENERC_KCAL", "CHOCDF", "FIBTG", "SUGAR", "PROCNT", "FAT", "K", "VITC")
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LISTENING = re.compile(r"listens on (http://\S+)")
 
 
@@ -61,6 +63,20 @@ def say(text: str) -> None:
     print(f"== {text}", flush=True)
 
 
+def throwaway_settings(folder: Path, *, port: int, host: str = "127.0.0.1", public_url: str | None = None) -> Settings:
+    """Return settings of a server that keeps all of its data in a folder, whatever the environment says."""
+    return Settings(
+        data_dir=folder,
+        database_url=None,
+        blob_url=None,
+        erasure_url=None,
+        public_url=public_url,
+        host=host,
+        port=port,
+        log_level="WARNING",
+    )
+
+
 @contextmanager
 def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
     """Run a server with its worker on a temporary folder, ignoring the environment; yield an admin's client.
@@ -68,15 +84,7 @@ def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
     port 0: any free one.
     """
     with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
-        settings = Settings(
-            data_dir=Path(folder),
-            database_url=None,
-            blob_url=None,
-            erasure_url=None,
-            public_url=None,
-            port=port,
-            log_level="WARNING",
-        )
+        settings = throwaway_settings(Path(folder), port=port)
         say("A throwaway server: SQLite and files in a temporary folder, removed at the end.")
         database = Database(settings.resolved_database_url)
         try:
@@ -87,6 +95,28 @@ def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
         with running_server(settings) as address, client_of(address, token) as admin:
             say(f"The server and its worker run at {address} (API pages: {address}/docs).")
             yield admin
+
+
+def serve_until_interrupted(port: int, fill: Callable[[httpx2.Client], object]) -> int:
+    """Run a throwaway server, fill it as its admin, and serve it until Ctrl-C. Returns the exit status."""
+    for number in ENDINGS:
+        signal.signal(number, _interrupt)  # SIGINT too, since shells make background processes ignore it
+    try:
+        with throwaway_server(port) as admin:
+            fill(admin)
+            say("Ctrl-C ends the server and removes its data.")
+            while True:
+                time.sleep(3600)
+    except KeyboardInterrupt:
+        say("Done; the folder is removed.")
+    return 0
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    """End the server as Ctrl-C does, once: a second signal must not interrupt the removal of the folder."""
+    for number in ENDINGS:
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 @contextmanager

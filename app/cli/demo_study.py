@@ -8,13 +8,11 @@ the events of participants and reviewers. All but ids and passwords is drawn fro
 import io
 import random
 import secrets
-import signal
 import time
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timedelta
-from types import FrameType
 from zoneinfo import ZoneInfo
 
 import httpx2
@@ -29,7 +27,7 @@ from app.cli.demo import (
     meal_of,
     say,
     send_event,
-    throwaway_server,
+    serve_until_interrupted,
     upload,
 )
 from app.cli.demo_menus import APPLE, DOUGHNUT, OCCASIONS, ORANGE, PEOPLE, RICE, SALAD, Person, Plate
@@ -48,7 +46,6 @@ AFTER_MINUTES = 40
 PLATE_HOUR = 12.25  # local hour of the first of three photographed meals, one hour apart
 WAIT_SECONDS = 25
 SETTLE_SECONDS = 900
-ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,14 +118,7 @@ class SampleStudy:
 
 def browse_demo(seed: int, port: int) -> int:
     """Run the demo and return the exit status. port 0: any free one."""
-    for number in ENDINGS:
-        signal.signal(number, _interrupt)  # SIGINT too, since shells make background processes ignore it
-    try:
-        with throwaway_server(port) as admin:
-            _browse(admin, seed)
-    except KeyboardInterrupt:
-        say("Done; the folder is removed.")
-    return 0
+    return serve_until_interrupted(port, lambda admin: _browse(admin, seed))
 
 
 def _browse(admin: httpx2.Client, seed: int) -> None:
@@ -148,18 +138,8 @@ def _browse(admin: httpx2.Client, seed: int) -> None:
             meals_by_status = settle(study, reviewer)
         measured = ", ".join(f"{count} {status}" for status, count in sorted(meals_by_status.items()))
         say(f"Photographed meals are measured: {measured}; one waits for its other photograph.")
-        say("Ctrl-C ends the server and removes its data.")
-        while True:
-            time.sleep(3600)
     finally:
         study.close()
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """End the demo as Ctrl-C does, once: a second signal must not interrupt the removal of the folder."""
-    for number in ENDINGS:
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
 
 
 def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> SampleStudy:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from app import __version__
 from app.cli.backup import backup, restore
+from app.cli.conformance import conformance_cli
 from app.cli.database import JsonOption, author, opened_database, unmigrated_database
 from app.cli.foods import foods_cli
 from app.cli.index import index_cli
@@ -47,6 +48,7 @@ for name, group in (
     ("admin", admin_cli),
     ("staff", staff_cli),
     ("vessels", vessels_cli),
+    ("conformance", conformance_cli),
 ):
     cli.add_typer(group, name=name)
 cli.command()(backup)
@@ -94,11 +96,17 @@ def version() -> None:
 @cli.command()
 def serve(
     worker: Annotated[bool, typer.Option(help="Run a worker too, if the database is embedded.")] = True,
+    processes: Annotated[int, typer.Option(min=1, max=64, help="Processes that answer requests together.")] = 1,
 ) -> None:
     """Run the HTTP server and, with the embedded database, a worker."""
+    from app.metrics.shared_metrics import share_metrics
+
+    settings = Settings()
+    if processes > 1:
+        share_metrics()  # before the program is imported
     from app.cli.serving import serve as run
 
-    raise SystemExit(run(Settings(), with_worker=worker))
+    raise SystemExit(run(settings, with_worker=worker, processes=processes))
 
 
 @cli.command()
@@ -128,6 +136,21 @@ def demo(
     from app.cli.demo import run_demo
 
     raise SystemExit(run_demo(output))
+
+
+@cli.command()
+def sandbox(
+    server: Annotated[
+        str | None, typer.Option(help="Address of a server, with an admin's TADA_TOKEN; default: a throwaway one.")
+    ] = None,
+    study: Annotated[str, typer.Option(help="Code of the sandbox study.")] = "sandbox",
+    send: Annotated[bool, typer.Option("--send", help="Send the bundled meals, from a phone of its own.")] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the throwaway server; 0: any free one.")] = 0,
+) -> None:
+    """Open a sandbox study for trying an app: its address, an enrolment code and the answers that can be asked for."""
+    from app.cli.sandbox import run_sandbox
+
+    raise SystemExit(run_sandbox(study, server=server, sends=send, port=port))
 
 
 @cli.command()

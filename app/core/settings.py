@@ -66,6 +66,17 @@ class Settings(BaseSettings):
         default=None, description="Addresses or networks, separated by commas, whose X-Forwarded-For is trusted."
     )
 
+    web_origins: str | None = Field(
+        default=None,
+        description="Origins of others' web apps that may call the API, separated by commas, such as "
+        "https://app.example.org; unset: those of studies alone.",
+    )
+
+    push_contact: str | None = Field(
+        default=None,
+        pattern=r"^(mailto:[^@\s]+@[^@\s]+|https://\S+)$",
+        description="Turns reminders by Web Push on: mailto: or https: address at which push services reach you.",
+    )
     webhook_allow_loopback: bool = Field(
         default=False, description="Allow webhooks to 127.0.0.1, also by plain http: for tests only."
     )
@@ -128,7 +139,7 @@ class Settings(BaseSettings):
     )
     max_connections: int = Field(default=1000, ge=1, description="Open connections of one process.")
     max_connections_per_address: int = Field(
-        default=500, ge=1, description="Connections, and simultaneous requests, of one address in one process."
+        default=500, ge=1, description="Connections, and simultaneous requests, of one address."
     )
     header_seconds: float = Field(default=10.0, gt=0, description="Maximum time until a request's head has arrived.")
     stall_seconds: float = Field(

@@ -12,6 +12,7 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from app.core.errors import UnavailableError
+from app.core.shipped import shipped_folder
 from app.db.session import Database
 
 VERSION_TABLE = "alembic_version"
@@ -35,9 +36,7 @@ class MigrationBusyError(UnavailableError):
 
 def migrations_folder() -> Path:
     """Return the folder of migrations: of the wheel, or of the checkout."""
-    package = Path(__file__).resolve().parent.parent
-    installed = package / "_migrations"
-    return installed if installed.is_dir() else package.parent / "migrations"
+    return shipped_folder("_migrations", "migrations")
 
 
 def schema_state(database: Database) -> SchemaState:

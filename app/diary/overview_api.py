@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
 
 from fastapi import APIRouter, Query, Response
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
@@ -21,6 +20,7 @@ from app.diary.overview_schemas import (
     PlaceOut,
 )
 from app.diary.study_overview import note_overview_export, study_overview
+from app.http.model_response import ModelResponse
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
 from app.http.tables.flat_rows import encode_flat, flat_paths
@@ -86,7 +86,7 @@ def get_overview(
     figures = study_overview(state.database, staff, study, first_day=first_day, last_day=last_day)
     overview = OverviewOut.model_validate(figures, from_attributes=True)
     if output == "json" or part is None:
-        return JSONResponse(overview.model_dump(mode="json"))
+        return ModelResponse(overview)
     note_overview_export(state.database, staff, study, part, output)
     headers = {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
     content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(overview, part)))

@@ -57,7 +57,7 @@ def get_export(study: StudyCode, export_id: ExportId, state: State, caller: Curr
 def get_export_file(
     request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
 ) -> Response:
-    """The file. Interrupted downloads resume with `Range` and `If-Range`; the ETag is the file's SHA-256."""
+    """An export's file. Interrupted downloads resume with `Range` and `If-Range`; the ETag is the file's SHA-256."""
     file = background_exports.open_export(state.database, caller, study, export_id)
     return answer_stored_file(request, state.blobs, file)
 

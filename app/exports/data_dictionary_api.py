@@ -9,6 +9,7 @@ from app.exports.data_dictionary import columns_for, key_of
 from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn, TableSchema
 from app.exports.export_files import ComponentsIn, LayoutIn, ProvenanceIn
 from app.exports.export_spec import ExportSpec, Rows
+from app.http.model_response import ModelResponse
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
 from app.http.tables.columns import PartOfBatch
@@ -59,4 +60,4 @@ def get_data_dictionary(
         key=list(key_of(spec)),
         columns=[DictionaryColumn.model_validate(dict(zip(names, row, strict=True))) for row in dictionary],
     )
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)

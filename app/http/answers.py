@@ -25,8 +25,9 @@ from app.http.rate_limit import CallClass, CallLimits, call_class, caller_addres
 
 PREFIXES = ("/v1/", "/fhir/")
 NOT_KEPT = "private, no-store"
-UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+)?)?|checks|calibrations)$")
+UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$")
 LIMIT_BYTES = 256 * 1024
+WITH_BODY = frozenset({"POST", "PUT", "PATCH"})  # in others these headers describe nothing (RFC 9110, section 9.3)
 NOT_ALLOWED = 405
 OF_ROUTING = ("route", "endpoint", "path_params")  # what logs and limits read of a request once it is routed
 
@@ -106,9 +107,10 @@ async def _checked_body(scope: Scope, receive: Receive) -> Receive:
     if "\0" in scope["path"] or b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
         raise InvalidInputError("The address contains the character NUL, which no name of ours does.")
     headers = dict(scope["headers"])
-    if headers.get(b"content-encoding", b"identity").strip().lower() not in (b"identity", b""):
+    describes_body = scope["method"] in WITH_BODY
+    if describes_body and headers.get(b"content-encoding", b"identity").strip().lower() not in (b"identity", b""):
         raise UnsupportedMediaError("Send the body unpacked, without Content-Encoding.", code="body_packed")
-    if b"content-range" in headers:
+    if describes_body and b"content-range" in headers:
         raise MalformedRequestError(
             "A body is taken whole: send it without Content-Range.", code="content_range_refused"
         )

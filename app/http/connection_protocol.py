@@ -40,6 +40,7 @@ from app.core.errors import (
 from app.core.settings import Settings
 from app.http.problems import render_problem
 from app.http.rate_limit import home_of
+from app.http.shared_memory import ActiveCounts
 
 log = structlog.get_logger()
 
@@ -55,6 +56,7 @@ READ_BYTES = 128 * 1024  # of one system call; asyncio takes 256 KiB, which is n
 TICK_SECONDS = 1.0
 TOLD_SECONDS = 60.0
 CONNECTION_RETRY_SECONDS = 5
+CONNECTION = "tada.connection"  # ASGI extension: "cut" resets the connection, for a reason that is counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,21 +87,23 @@ def connection_limits(settings: Settings, proxies: Sequence[str]) -> ConnectionL
 
 
 class ConnectionWatch:
-    """All connections of one process: counts them, looks at each once a second, tells what was refused in the log."""
+    """All connections of one process: counts them, looks at each once a second, tells what was refused in the log.
 
-    def __init__(self, limits: ConnectionLimits) -> None:
+    of_addresses: the connections of each address, which other processes count too; at least `limits.connections`.
+    """
+
+    def __init__(self, limits: ConnectionLimits, of_addresses: ActiveCounts | None = None) -> None:
         self.limits = limits
         self._proxies = [ip_network(proxy) for proxy in limits.proxies]
-        self._open: set[WatchedProtocol] = set()
-        self._of_address: Counter[str] = Counter()
+        self._open: dict[WatchedProtocol, int | None] = {}  # its slot of those counted by address
+        self._of_addresses = of_addresses or ActiveCounts(limits.connections)
         self._refused: Counter[str] = Counter()
         self._tick: asyncio.TimerHandle | None = None
         self._told_at = 0.0
 
     def admit(self, protocol: "WatchedProtocol", address: str) -> TadaError | None:
         """Count a connection that was opened; why it is one too many, or None."""
-        self._open.add(protocol)
-        self._of_address[address] += 1
+        self._open[protocol] = None
         if self._tick is None:
             self._tick = protocol.loop.call_later(TICK_SECONDS, self._look, protocol.loop)
         if len(self._open) > 2 * self.limits.connections:  # a flood: not even the refused are answered
@@ -110,7 +114,9 @@ class ConnectionWatch:
                 code="server_busy",
                 retry_after_seconds=CONNECTION_RETRY_SECONDS,
             )
-        if self._of_address[address] > self.limits.connections_per_address and not self._is_proxy(protocol.client):
+        at_most = None if self._is_proxy(protocol.client) else self.limits.connections_per_address
+        slot = self._open[protocol] = self._of_addresses.add(address, at_most)
+        if slot is None:
             return RateLimitedError(
                 f"Your address has {self.limits.connections_per_address} connections, the limit.",
                 retry_after_seconds=CONNECTION_RETRY_SECONDS,
@@ -118,12 +124,11 @@ class ConnectionWatch:
             )
         return None
 
-    def forget(self, protocol: "WatchedProtocol", address: str) -> None:
+    def forget(self, protocol: "WatchedProtocol") -> None:
         """The connection is closed."""
-        self._open.discard(protocol)
-        self._of_address[address] -= 1
-        if not self._of_address[address]:
-            del self._of_address[address]
+        slot = self._open.pop(protocol, None)
+        if slot is not None:
+            self._of_addresses.remove(slot)
 
     def count_refusal(self, code: str) -> None:
         """For the log: a line a minute, not a line a connection, or an attack would fill the disk."""
@@ -224,7 +229,6 @@ class WatchedProtocol(H11Protocol):
         super().__init__(config, server_state, app_state, _loop)
         self.conn: WatchedConnection = WatchedConnection()
         self._watch = watch
-        self._address = ""
         self._head_since: float | None = None  # a request's head has begun, or the connection has
         self._closes_at: float | None = None  # refused: reads on until then, so that the answer arrives
         self._stops_at: float | None = None  # the process ends: what is still being sent then is refused
@@ -235,16 +239,15 @@ class WatchedProtocol(H11Protocol):
         self._plain = transport
         transport.max_size = READ_BYTES  # type: ignore[attr-defined]  # of asyncio's own transports
         super().connection_made(_Transport(transport, self._close))  # type: ignore[arg-type]  # passes all else on
-        self._address = home_of(self.client[0]) if self.client else "unknown"
         now = self.loop.time()
         self._head_since, self._progress = now, (now, 0, 0)
-        refusal = self._watch.admit(self, self._address)
+        refusal = self._watch.admit(self, home_of(self.client[0]) if self.client else "unknown")
         if refusal is not None:
             self._refuse(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Count it out."""
-        self._watch.forget(self, self._address)
+        self._watch.forget(self)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -263,6 +266,8 @@ class WatchedProtocol(H11Protocol):
         if self.conn.heads != heads:
             self._head_since = None
             self._progress = (self.loop.time(), 0, 0)
+            if self.scope is not None:  # the app sees it: its task has not begun yet
+                self.scope["extensions"] = {CONNECTION: {"cut": self._cut}}
         self._look_at_rest_of_body()
 
     def _look_at_rest_of_body(self) -> None:

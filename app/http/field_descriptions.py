@@ -33,6 +33,7 @@ STUDY_DAY = "The day's number for the participant, 1 on their first day; null: n
 CHANGE_SEQ = "Grows with each change in the study: a newer change has a larger number."
 FLAGS = "Known causes of doubt, by name (docs/flags.md, docs/after-meal.md)."
 FOOD = "What the item is; null: not known."
+SANDBOX = "Whether the study is for trying apps: its data are removed after a day and count nowhere (docs/sandbox.md)."
 PAGE = "The rows of this page."
 NEXT = "Path and query of the next page; null: this is the last."
 EVENT_KIND = "The kind of event; it decides which other fields there are."

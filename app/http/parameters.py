@@ -20,7 +20,7 @@ Slot = Annotated[
     ImageSlot,
     Path(
         description="Which photograph: left, right and view3 to view8 of the meal, after_left and after_right of its "
-        "after-meal pair; or a map: left_depth, right_depth, left_confidence, right_confidence."
+        "after-meal pair; or a map: left_depth, right_depth, left_confidence, right_confidence; or voice_note."
     ),
 ]
 OfStudy = Annotated[

@@ -57,6 +57,17 @@ def requested_range(request: Request, length: int, etag: str) -> Piece | None:
     return Piece(start, end - start)
 
 
+def answer_part(request: Request, content: bytes, media_type: str, headers: Mapping[str, str]) -> Response:
+    """Return the content, or the part of it that is asked for. headers: with ETag. Raises RangeNotSatisfiableError."""
+    headers = {**headers, "Accept-Ranges": "bytes"}
+    piece = requested_range(request, len(content), headers["ETag"])
+    if piece is None:
+        return Response(content, media_type=media_type, headers=headers)
+    end = piece.start + piece.length
+    headers["Content-Range"] = f"bytes {piece.start}-{end - 1}/{len(content)}"
+    return Response(content[piece.start : end], PART, media_type=media_type, headers=headers)
+
+
 def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> Response:
     """The file, or what is asked of it. Raises RangeNotSatisfiableError, BlobMissingError, OSError."""
     etag = f'"{file.sha256}"'

@@ -1,4 +1,4 @@
-"""How many calls an address and a caller may make: uploads, exports and all others counted apart, in this process.
+"""How many calls an address and a caller may make: uploads, exports and all others counted apart, in all processes.
 
 An address is counted before anything is looked up, a caller (a phone, a person of the staff) once their token is known
 (people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one
@@ -9,9 +9,7 @@ read.
 import ipaddress
 import math
 import re
-import threading
 import time
-from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,15 +19,15 @@ from urllib.parse import parse_qs
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
-from app.core.errors import RateLimitedError
+from app.core.errors import RateLimitedError, UnavailableError
 from app.core.settings import Settings
+from app.http.shared_memory import ActiveCounts, KeyTable
 
 CallClass = Literal["upload", "export", "call"]
 CallerKind = Literal["address", "device", "staff"]
 
-MAX_KEYS = 10_000  # the least recently seen go first; a flood of addresses cannot fill the memory
 IPV6_HOME = 64  # bits that a network gives to one customer: who has one such address has 2^64 of them
-UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+|/after)?)?|checks|calibrations)$")
+UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations)$")
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
 EXPORT_TYPES = (  # in Accept
@@ -59,18 +57,17 @@ class Quota:
 
 
 class RateLimit:
-    """A token bucket per key (address, name), refilled steadily; its memory is bounded.
+    """A token bucket per key (address, name), refilled steadily, shared with the processes that are forked later.
 
-    Endpoints run in threads: one lock keeps a burst from passing at once. A refused call is not counted: who comes back
-    after the time in the refusal is let in.
+    One lock keeps a burst from passing at once. A refused call is not counted: who comes back after the time in the
+    refusal is let in. clock: the same in all processes, in seconds.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.per_minute = per_minute
         self._per_second = per_minute / 60
         self._clock = clock
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
-        self._lock = threading.Lock()
+        self._buckets = KeyTable()
 
     def take(self, key: str) -> Quota | None:
         """Count one call and return what is left; None where the limit is 0, which is none.
@@ -79,16 +76,14 @@ class RateLimit:
         """
         if not self.per_minute:
             return None
-        with self._lock:
+        with self._buckets.lock:
             now = self._clock()
-            level, since = self._buckets.pop(key, (float(self.per_minute), now))
+            level, since = self._buckets.get(key) or (float(self.per_minute), now)
             level = min(float(self.per_minute), level + (now - since) * self._per_second)
             is_let_in = level >= 1
             if is_let_in:
                 level -= 1
-            self._buckets[key] = (level, now)
-            if len(self._buckets) > MAX_KEYS:
-                self._buckets.popitem(last=False)
+            self._buckets.put(key, level, now)
         if not is_let_in:
             wait = max(1, math.ceil((1 - level) / self._per_second))
             raise RateLimitedError(
@@ -100,12 +95,12 @@ class RateLimit:
 
 
 class CallLimits:
-    """The limits of one process. A limit of 0 a minute is none."""
+    """The limits of a server's processes together. A limit of 0 a minute is none."""
 
-    def __init__(self, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, settings: Settings, clock: Callable[[], float] = time.monotonic, processes: int = 1) -> None:
         self._at_once = settings.max_connections_per_address
-        self._under_way: Counter[str] = Counter()
-        self._lock = threading.Lock()
+        # a request may go on for a while after its connection has broken
+        self.active = ActiveCounts(2 * settings.max_connections, processes)
         of_address = RateLimit(settings.address_calls_per_minute, clock)
         of_staff = RateLimit(settings.staff_calls_per_minute, clock)
         self._limits: Mapping[CallerKind, Mapping[CallClass, RateLimit]] = {
@@ -132,23 +127,26 @@ class CallLimits:
 
     @contextmanager
     def under_way(self, address: str, call: CallClass) -> Iterator[None]:
-        """A call of an address, from its start to its end. Raises RateLimitedError."""
+        """A call of an address, from its start to its end. Raises RateLimitedError, UnavailableError."""
         self.count("address", address, call)
-        with self._lock:
-            if self._under_way[address] >= self._at_once:
-                raise RateLimitedError(
-                    f"Your address has {self._at_once} requests under way, the limit.",
-                    retry_after_seconds=AT_ONCE_RETRY_SECONDS,
-                    limit_at_once=self._at_once,
-                )
-            self._under_way[address] += 1
+        try:
+            slot = self.active.add(address, self._at_once)
+        except IndexError:
+            raise UnavailableError(
+                "The server has too many requests under way.",
+                code="server_busy",
+                retry_after_seconds=AT_ONCE_RETRY_SECONDS,
+            ) from None
+        if slot is None:
+            raise RateLimitedError(
+                f"Your address has {self._at_once} requests under way, the limit.",
+                retry_after_seconds=AT_ONCE_RETRY_SECONDS,
+                limit_at_once=self._at_once,
+            )
         try:
             yield
         finally:
-            with self._lock:
-                self._under_way[address] -= 1
-                if not self._under_way[address]:
-                    del self._under_way[address]
+            self.active.remove(slot)
 
 
 def call_class(scope: Scope) -> CallClass | None:

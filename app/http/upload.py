@@ -82,7 +82,7 @@ class _FileInTheMaking:
         """Take some bytes. Raises TooLargeError past the limit."""
         self._bytes += len(data)
         if self._bytes > self._limit:
-            raise _photo_too_large(self._name, self._limit)
+            raise photo_too_large(self._name, self._limit)
         self._pending.append(data)
         self._pending_bytes += len(data)
 
@@ -151,7 +151,7 @@ async def received_body(
     _require_photo_type(request.headers.get("content-type", "application/octet-stream"), slot)
     declared = request.headers.get("content-length", "0")
     if declared.isdigit() and int(declared) > limits.photo_bytes:
-        raise _photo_too_large(slot, limits.photo_bytes)
+        raise photo_too_large(slot, limits.photo_bytes)
     file = _FileInTheMaking(staging, slot, limits.photo_bytes)
     try:
         async for chunk in request.stream():
@@ -174,7 +174,8 @@ def _body_too_large(most: int) -> TooLargeError:
     return TooLargeError(f"The body is larger than {most} bytes, the limit of all its parts.", limit_bytes=most)
 
 
-def _photo_too_large(slot: str, limit: int) -> TooLargeError:
+def photo_too_large(slot: str, limit: int) -> TooLargeError:
+    """Return the error for a photograph of more than `limit` bytes."""
     return TooLargeError(
         f"The {image_name(slot)} is larger than {limit} bytes, the limit.",
         code="image_too_large",

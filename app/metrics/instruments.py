@@ -7,14 +7,18 @@ stages, states. Counters are updated where things happen; figures of the databas
 
 import platform
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import product
 from typing import Literal
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.metrics_core import Metric
+from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.process_collector import ProcessCollector
 
 from app import __version__
+from app.metrics.shared_metrics import process_ids, shared_folder
 
 REGISTRY = CollectorRegistry(auto_describe=True)
 ProcessCollector(registry=REGISTRY)
@@ -25,7 +29,13 @@ JOB_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, 300.
 DAY_SECONDS = 86400.0
 WAIT_BUCKETS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 21600.0, DAY_SECONDS)
 
-BUILD = Gauge("tada_build", "Always 1; which program this is.", ["version", "python", "part"], registry=REGISTRY)
+BUILD = Gauge(
+    "tada_build",
+    "Always 1; which program this is.",
+    ["version", "python", "part"],
+    multiprocess_mode="max",
+    registry=REGISTRY,
+)
 
 # outcomes of a job caused by the server and not by the photographs: the meal could have been measured
 SERVER_FAILURES = (
@@ -57,7 +67,12 @@ ANSWERS = Histogram(
     buckets=REQUEST_BUCKETS,
     registry=REGISTRY,
 )
-IN_FLIGHT = Gauge("tada_http_requests_in_flight", "Requests under way, those that wait included.", registry=REGISTRY)
+IN_FLIGHT = Gauge(
+    "tada_http_requests_in_flight",
+    "Requests under way, those that wait included.",
+    multiprocess_mode="livesum",
+    registry=REGISTRY,
+)
 RECEIVED = Counter("tada_http_received_bytes", "Bytes of requests' bodies.", registry=REGISTRY)
 PROBLEMS = Counter(
     "tada_http_problems",
@@ -94,7 +109,9 @@ ESTIMATE_SECONDS = Histogram(
 JOB_WAIT = Histogram(
     "tada_job_wait_seconds", "From a job's queueing to its first start.", buckets=WAIT_BUCKETS, registry=REGISTRY
 )
-JOBS_RUNNING = Gauge("tada_jobs_running", "Jobs that this worker has in hand.", registry=REGISTRY)
+JOBS_RUNNING = Gauge(
+    "tada_jobs_running", "Jobs that this worker has in hand.", multiprocess_mode="livesum", registry=REGISTRY
+)
 JOB_STEPS_FAILED = Counter(
     "tada_job_steps_failed",
     "Tries of a job's step that raised. passing: yes, a part is out of order for a while; no, it looks like a bug.",
@@ -118,11 +135,20 @@ SWEPT = Counter(
     ["what"],
     registry=REGISTRY,
 )
-HEARTBEAT = Gauge("tada_worker_heartbeat_timestamp_seconds", "This worker's last heartbeat.", registry=REGISTRY)
+HEARTBEAT = Gauge(
+    "tada_worker_heartbeat_timestamp_seconds",
+    "This worker's last heartbeat.",
+    multiprocess_mode="max",
+    registry=REGISTRY,
+)
 HEARTBEATS_FAILED = Counter("tada_worker_heartbeats_failed", "Heartbeats that failed.", registry=REGISTRY)
 CHORES_FAILED = Counter("tada_chores_failed", "Chores that ended with an error.", ["chore"], registry=REGISTRY)
 CHORE_DONE = Gauge(
-    "tada_chore_done_timestamp_seconds", "When a chore last ended without an error.", ["chore"], registry=REGISTRY
+    "tada_chore_done_timestamp_seconds",
+    "When a chore last ended without an error.",
+    ["chore"],
+    multiprocess_mode="max",
+    registry=REGISTRY,
 )
 DELIVERIES = Counter(
     "tada_webhook_deliveries", "Tries to deliver. outcome: delivered, failed, given_up.", ["outcome"], registry=REGISTRY
@@ -139,8 +165,24 @@ FILES_MADE = Counter(
 CLOCK_DOUBTED = Gauge(
     "tada_clock_doubted",
     "1: the clock jumped ahead; until it is steady nothing is erased for its age.",
+    multiprocess_mode="max",
     registry=REGISTRY,
 )
+
+
+def collect() -> Iterator[Metric]:
+    """Yield this process's metrics; of a server with several, their sums, and process_* of each by its `pid`."""
+    if shared_folder() is None:
+        yield from REGISTRY.collect()
+        return
+    yield from MultiProcessCollector(None).collect()  # type: ignore[no-untyped-call]  # the library has no types here
+    families: dict[str, Metric] = {}
+    for pid in process_ids():
+        for family in ProcessCollector(pid=partial(str, pid), registry=None).collect():
+            together = families.setdefault(family.name, Metric(family.name, family.documentation, family.type))
+            for sample in family.samples:
+                together.add_sample(sample.name, {"pid": pid}, sample.value)
+    yield from families.values()
 
 
 def outcome_label(code: str) -> str:

@@ -17,8 +17,9 @@ from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
-from app.privacy.retention import erase_old_pictures
+from app.privacy.retention import erase_old_pictures, erase_sandboxes
 from app.releases.file_work_chore import FileProcess, expire_exports
+from app.reminders.send_reminders import SendReminders
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
 from app.uploads.after_windows import AfterWindows
@@ -51,11 +52,18 @@ def worker_chores(
         if not is_steady:
             log.error("clock_jumped", detail="Photographs past their retention stay for a day: is the clock right?")
             return 0
-        return erase_old_pictures(database)
+        return erase_old_pictures(database) + erase_sandboxes(eraser)
 
     files = FileProcess(database, settings)
-    deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
+    post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
+    deliver = DeliverWebhooks(database, box, post)
+    reminders = (
+        [Chore("send_reminders", 20.0, SendReminders(database, box, post, settings.push_contact).run)]
+        if settings.push_contact is not None
+        else []
+    )
     return [
+        *reminders,
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),

@@ -29,7 +29,7 @@ class Ready(BaseModel):
 @router.head("/healthz", include_in_schema=False)  # load balancers ask so
 @router.get("/healthz")
 async def get_health() -> Health:
-    """Alive."""
+    """The server is alive."""
     return Health()
 
 

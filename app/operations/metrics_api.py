@@ -22,7 +22,7 @@ class _All(Collector):
         self._deployment = deployment
 
     def collect(self) -> Iterator[Metric]:
-        yield from instruments.REGISTRY.collect()
+        yield from instruments.collect()
         yield from self._deployment.collect()
 
 

@@ -27,7 +27,6 @@ from app.nutrition.foods import DensityBasis, FoodForm
 from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import LOCALES
 from app.photos.slots import DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, DepthSlot, confidence_slot, depth_slot
-from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
 from app.vision.depth_camera import DEFAULT_UNIT_MM
 
@@ -252,6 +251,16 @@ class ImageOut(BaseModel):
     durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
 
 
+class VoiceNoteOut(BaseModel):
+    """A meal's voice note. `durable`: it is synced to disk and the phone may forget it."""
+
+    received_sha256: str = Field(description="SHA-256 of the bytes that the phone sent, hex.")
+    bytes: int = Field(description="Its length, bytes.")
+    media_type: str = Field(description="audio/webm or audio/mp4.")
+    received_at: datetime = Field(description="When it arrived at the server.")
+    durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
+
+
 class FailureOut(BaseModel):
     """Why a meal could not be measured, for a person; what to do on the next try."""
 
@@ -398,8 +407,6 @@ class AfterOut(BaseModel):
 class MealOut(BaseModel):
     """A meal: what has arrived, where it stands, what was found."""
 
-    model_config = ConfigDict(json_schema_extra={"example": MEAL_EXAMPLE})
-
     id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
@@ -420,6 +427,9 @@ class MealOut(BaseModel):
         description="Photographs and depth maps that have arrived, by slot: left, right, view3 ..., left_depth ..."
     )
     missing: list[str] = Field(description="Announced slots whose photographs or maps have not arrived.")
+    voice_note: VoiceNoteOut | None = Field(
+        default=None, description="A recording by the participant: `GET /v1/meals/{id}/images/voice_note`; null: none."
+    )
     failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
     after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
     items: list[ItemOut] = Field(description="The foods of the meal, rejected ones too.")

@@ -24,6 +24,7 @@ from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
 from app.people.models import Participant, Study
+from app.people.queries import sandboxes
 
 MOST_BRANCHES = 256  # of one statement; with more the records are read in their order, and those of no branch passed by
 EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same day of UTC
@@ -149,9 +150,17 @@ def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:
 def studies_of(
     session: Session, study_code: str | None, study_ids: frozenset[uuid.UUID] | None
 ) -> list[uuid.UUID] | None:
-    """The studies that a filter and the caller's own leave; None: all there are."""
+    """The studies that a filter and the caller's own leave; None: all there are.
+
+    A sandbox study counts only if it is named, or the only one of the caller: nobody takes its meals for a study's.
+    """
     if study_code is None:
-        return None if study_ids is None else sorted(study_ids)
+        if study_ids is not None and len(study_ids) == 1:
+            return list(study_ids)
+        hidden = sandboxes(session)
+        if study_ids is None:
+            return sorted(session.scalars(sa.select(Study.id).where(~Study.is_sandbox))) if hidden else None
+        return sorted(study_ids - hidden)
     ids = session.scalars(sa.select(Study.id).where(Study.code == study_code))
     return [study for study in ids if study_ids is None or study in study_ids]
 

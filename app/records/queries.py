@@ -7,7 +7,7 @@ from datetime import date, datetime
 from typing import NamedTuple
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
 from app.db.statements import AnyColumn, AnyQuery
 from app.foods.models import Food, FoodRelease
@@ -210,7 +210,7 @@ def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
 
 
 def _rows(source: sa.FromClause | type[EffectiveRecord]) -> AnyQuery:
-    """Records with what goes with them, from a source that has EffectiveRecord in it."""
+    """Records, without their details, and what goes with them, from a source that has EffectiveRecord in it."""
     record = EffectiveRecord
     return (
         sa.select(
@@ -236,4 +236,5 @@ def _rows(source: sa.FromClause | type[EffectiveRecord]) -> AnyQuery:
         )
         .outerjoin(Food, Food.id == record.food_id)
         .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
+        .options(defer(record.details, raiseload=True))
     )

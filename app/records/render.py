@@ -13,11 +13,11 @@ from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word
 from app.meals.meal_time import number_of, time_flags
 from app.meals.models import Meal
-from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Run, RunArtefact
+from app.meals.record_models import EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
 from app.nutrition.nutrients import amount_interval
-from app.photos.slots import AFTER_SLOTS
+from app.photos.slots import AFTER_SLOTS, VOICE_NOTE
 from app.records.meal_schemas import (
     AfterOut,
     ArtefactOut,
@@ -29,6 +29,7 @@ from app.records.meal_schemas import (
     MealOut,
     RunOut,
     TotalsOut,
+    VoiceNoteOut,
 )
 from app.records.queries import FoodName, RecordRow
 from app.records.read_meal import ItemView, MealView
@@ -60,6 +61,7 @@ def render_meal(view: MealView) -> MealOut:
         ignored=meal.details.get("ignored", []),
         images=images,
         missing=missing,
+        voice_note=_voice_note(view),
         failure=_failure(meal.failure_code, meal.failure_message, meal.failure_advice),
         after=render_after(view),
         items=[_item(item, view.components) for item in view.items],
@@ -106,7 +108,7 @@ def render_record(row: RecordRow) -> RecordOut:
         day_status=row.day_status,
         study_day=number_of(row.record.local_date, row.first_day),
         upload_delay_seconds=(row.received_at - row.record.captured_at).total_seconds(),
-        nutrient_intervals={name: row.record.nutrient_interval(name) for name in HEADLINE_COLUMNS},
+        nutrient_intervals=row.record.nutrient_intervals(),
         **columns | {"meal_id": row.meal_client_id},
     )
 
@@ -126,6 +128,11 @@ def _images(view: MealView, slots: Sequence[str]) -> tuple[dict[str, ImageOut], 
     arrived = {image.slot: image for image in view.images}
     images = {slot: ImageOut.model_validate(arrived[slot], from_attributes=True) for slot in slots if slot in arrived}
     return images, [slot for slot in slots if slot not in arrived]
+
+
+def _voice_note(view: MealView) -> VoiceNoteOut | None:
+    note = next((image for image in view.images if image.slot == VOICE_NOTE and image.erased_at is None), None)
+    return VoiceNoteOut.model_validate(note, from_attributes=True) if note is not None else None
 
 
 def _failure(code: str | None, message: str | None, advice: str | None) -> FailureOut | None:

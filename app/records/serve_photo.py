@@ -31,7 +31,7 @@ from app.meals.record_models import Run, RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
-from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, image_name
+from app.photos.slots import AFTER_SLOTS, FILE_SLOTS, image_name
 from app.records import queries as records
 from app.records.read_meal import find_meal
 from app.storage.blob_store import BlobMissingError, BlobStore
@@ -64,14 +64,14 @@ class StoredPhoto:
     thumbnail: RunArtefact | None = None
 
     @property
-    def is_map(self) -> bool:
-        """Return whether it is a depth or confidence map, which is returned as it is stored."""
-        return self.image.slot in DEPTH_SLOTS
+    def is_file(self) -> bool:
+        """Return whether it is a map or a voice note, which is returned as it is stored."""
+        return self.image.slot in FILE_SLOTS
 
     @property
     def media_type(self) -> str:
         """Return the media type of the file that is returned."""
-        return self.image.media_type if self.is_map else "image/jpeg"
+        return self.image.media_type if self.is_file else "image/jpeg"
 
     @property
     def colour_kind(self) -> str:
@@ -101,14 +101,14 @@ def find_photo(
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
-        image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
-        run = None if as_taken or slot in DEPTH_SLOTS else _run_on(session, meal, slot)
+        image = next((each for each in meals.images_of(session, meal.id) if each.slot == slot), None)
+        run = None if as_taken or slot in FILE_SLOTS else _run_on(session, meal, slot)
         kept = records.artefacts_of(session, run.id) if run is not None else []
     if image is None:
         raise NotFoundError(f"This meal has no {image_name(slot)}.")
     if image.erased_at is not None:
         raise _erased()
-    thumbnail = next((one for one in kept if one.name == thumbnail_name(slot)), None)
+    thumbnail = next((each for each in kept if each.name == thumbnail_name(slot)), None)
     return StoredPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
 
 
@@ -121,7 +121,7 @@ def render_photo(
     found: StoredPhoto,
     width_px: int,
 ) -> bytes:
-    """The picture as JPEG, or a map's file, the reading of it noted before it is given out.
+    """The picture as JPEG, or the file of a map or a voice note, the reading of it noted before it is given out.
 
     Raises BlobMissingError, PhotoDamagedError, UnavailableError, PhotographError.
     """
@@ -171,7 +171,7 @@ def _made(
         if sha256_of_file(source) != image.stored_sha256:
             log.error("photo_damaged", blob_key=image.blob_key)
             raise PhotoDamagedError("The photograph is no longer what was sealed: `tada doctor` tells more.")
-        if found.is_map:
+        if found.is_file:
             return source.read_bytes()
         answer = children.run(
             "picture",

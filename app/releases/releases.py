@@ -58,8 +58,8 @@ def request_release(
 ) -> ReleaseRow:
     """Request a release of the study's data, which a worker makes.
 
-    Raises NotFoundError, InvalidInputError (`days_reversed`), ConflictError (`release_exists`). A name whose release
-    was never made may be used again.
+    Raises NotFoundError, InvalidInputError (`days_reversed`), ConflictError (`release_exists`, `sandbox_study`). A
+    name whose release was never made may be used again.
     """
     require_order(filters.first_day, filters.last_day)
     taken = ConflictError(f"The study has a release {name!r}, or is making it.", code="release_exists")
@@ -67,6 +67,10 @@ def request_release(
     try:
         with database.write() as session:
             study = enter_study(session, caller, study_code)
+            if study.is_sandbox:
+                raise ConflictError(
+                    "A sandbox study has no releases: its data are for trying apps.", code="sandbox_study"
+                )
             existing = releases.find_release(session, study.id, name, lock=True)
             if existing is not None and (existing.release.state != "failed" or existing.release.checksum is not None):
                 raise taken

@@ -99,7 +99,7 @@ def get_remeasured_items(
 
 @router.post(f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(401, 403, 404, 409, 422))
 def post_stop(study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff) -> RemeasurementOut:
-    """Stop it. What was measured stays; pairs in progress are measured when it is continued."""
+    """Stop a remeasurement. What was measured stays; pairs in progress are measured when it is continued."""
     return render_remeasurement(
         remeasurements.stop_remeasurement(state.database, _requester(caller), study, remeasurement)
     )
@@ -109,7 +109,7 @@ def post_stop(study: StudyCode, remeasurement: RemeasurementId, state: State, ca
 def post_continue(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
-    """Continue a stopped one where it was."""
+    """Continue a stopped remeasurement where it was."""
     return render_remeasurement(
         remeasurements.continue_remeasurement(state.database, _requester(caller), study, remeasurement)
     )

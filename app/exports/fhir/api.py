@@ -82,7 +82,7 @@ def search_nutrition_intakes(request: Request, state: State, caller: CurrentCall
 
 @router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
 def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, caller: CurrentCaller) -> Response:
-    """A record."""
+    """One record."""
     try:
         item_id = uuid.UUID(intake_id)
     except ValueError:

@@ -13,6 +13,7 @@ from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.caller import Caller, DeviceCaller, require_study, visible_studies
 from app.people.models import Participant, Study
+from app.records.page_queries import studies_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,9 @@ def search_intakes(
     studies = visible_studies(caller)
     with database.read() as session:
         participants = _participants(session, caller, search, studies)
+        if participants is None:
+            in_search = studies_of(session, None, studies)
+            studies = None if in_search is None else frozenset(in_search)
         chosen = replace(search.chosen, study_ids=studies, participant_ids=participants)
         rows = fhir_intakes.page_of_intakes(session, chosen, after=after, limit=limit + 1)
     return page_of(listed, rows, limit, lambda intake: (intake.row.record.captured_at, intake.row.record.item_id))

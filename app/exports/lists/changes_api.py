@@ -1,11 +1,11 @@
 """/v1/studies/{study}/changes: the changes by which a copy of a study's records is kept up to date."""
 
 from fastapi import APIRouter, Request
-from fastapi.responses import JSONResponse
 
 from app.exports.lists.change_queries import ChangedDay
 from app.exports.lists.change_schemas import ChangedDayOut, ChangePage, ErasedOut
 from app.exports.lists.list_changes import list_changes
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
@@ -25,7 +25,7 @@ def get_study_changes(
     state: State,
     limit: Limit = 100,
     cursor: Cursor = None,
-) -> JSONResponse:
+) -> ModelResponse:
     """Records and days that changed or were erased since the previous page, without gaps."""
     page = list_changes(state.database, study, cursor=cursor, limit=limit)
     rows = [change.row for change in page.rows]
@@ -40,7 +40,7 @@ def get_study_changes(
         next=next_page(request, page.cursor) or "",
         has_more=page.has_more,
     )
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)
 
 
 def _changed_day(row: ChangedDay) -> ChangedDayOut:

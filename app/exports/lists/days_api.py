@@ -3,7 +3,6 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
-from fastapi.responses import JSONResponse
 
 from app.diary import day_summaries, diary
 from app.diary.diary import ParticipantRef
@@ -21,6 +20,7 @@ from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, L
 from app.exports.tables.export_days import day_values
 from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page, require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
@@ -119,7 +119,7 @@ def get_days(
     body = DaySummaryPage(
         items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
     )
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)
 
 
 @router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import Response
 from pydantic import StringConstraints
 
 from app.core.errors import InvalidInputError
@@ -29,6 +29,7 @@ from app.exports.lists.meal_schemas import (
     MealPage,
     StatusCountOut,
 )
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
@@ -73,7 +74,7 @@ def get_meals(
         return answer_file(state, caller, spec, "meals")
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
     body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)
 
 
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))

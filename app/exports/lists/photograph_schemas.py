@@ -10,7 +10,7 @@ from app.photos.slots import ImageSlot
 
 
 class PhotographOut(BaseModel):
-    """A photograph or depth map as it arrived and as it is stored."""
+    """A photograph, depth map or voice note as it arrived and as it is stored."""
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
@@ -28,7 +28,7 @@ class PhotographOut(BaseModel):
     erased: bool = Field(description=PHOTOGRAPH["erased"])
     erased_at: datetime | None = Field(description=PHOTOGRAPH["erased_at"])
     path: str | None = Field(
-        description="Path of the picture, re-encoded as JPEG, or of the map's file; null: it was erased."
+        description="Path of the picture, re-encoded as JPEG, or of a map's or voice note's file; null: it was erased."
     )
 
 

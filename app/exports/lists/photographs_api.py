@@ -1,11 +1,12 @@
 """/v1/studies/{study}/photographs: the image manifest, JSON pages or one file."""
 
 from fastapi import APIRouter, Request
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import Response
 
 from app.exports.export_files import FILES, Format, answer_file, day_filter, file_spec
 from app.exports.lists.list_photographs import list_photographs
 from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import FirstDay, LastDay, OfParticipant, StudyCode
 from app.http.problems import problem_responses
@@ -43,4 +44,4 @@ def get_photographs(
     body = PhotographPage(
         items=[PhotographOut.model_validate(row) for row in page.rows], next=next_page(request, page.cursor)
     )
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)

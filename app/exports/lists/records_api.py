@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import Response
 
 from app.exports.export_files import (
     FILES_WITH_PLACES,
@@ -16,6 +16,7 @@ from app.exports.export_files import (
     record_filter,
 )
 from app.exports.lists.list_records import list_records
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
@@ -52,4 +53,4 @@ def get_records(
         return answer_file(state, caller, spec, "records")
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)

@@ -8,7 +8,7 @@ import math
 import uuid
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain, repeat
+from itertools import chain
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -54,7 +54,7 @@ class FoodContents:
     """What foods hold of these components; keeps what it has read."""
 
     def __init__(self, session: Session, components: Sequence[ComponentColumn]) -> None:
-        numbers = [one.numbers for one in components]
+        numbers = [each.numbers for each in components]
         self._per_100_g = Lookup(
             lambda ids: {food_id: _of(known, numbers) for food_id, known in contents_of(session, ids).items()},
             MOST_FOODS,
@@ -116,12 +116,10 @@ def long_batch(
     own: Iterable[PartOfBatch], components: Sequence[ComponentColumn], pairs: Sequence[Sums], part: Part
 ) -> Batch:
     """A row a component from a row each. pairs: the values of `part`, the amount and what stands beside it."""
-    count = len(components)
-    rows = [PartOfBatch(one.part, list(chain.from_iterable(repeat(row, count) for row in one.rows))) for one in own]
     values = list(chain.from_iterable(pairs))
     return [
-        *rows,
-        PartOfBatch(OF_COMPONENT, [one.of_long_row for one in components] * len(pairs)),
+        *(each.repeated(len(components)) for each in own),
+        PartOfBatch(OF_COMPONENT, [each.of_long_row for each in components], list(range(len(components))) * len(pairs)),
         PartOfBatch(part, values),
         PartOfBatch(KNOWN, [amount is not None for amount, _ in values]),
     ]

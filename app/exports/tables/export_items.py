@@ -1,6 +1,6 @@
 """The table of items: a row an effective record, or a row a component of it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import cast
 
 from sqlalchemy.orm import Session
@@ -10,7 +10,7 @@ from app.exports.tables.export_components import HEADLINE_COMPONENTS, Amounts, F
 from app.exports.tables.export_provenance import Provenance
 from app.exports.tables.export_table import Table
 from app.exports.tables.record_queries import Keys, More, export_batches
-from app.http.tables.columns import Batch, Cells, Part, PartOfBatch, rows_of
+from app.http.tables.columns import Batch, Part, PartOfBatch, rows_of
 from app.http.tables.component_columns import KNOWN, LONG_AMOUNT, OF_COMPONENT, wide_part
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
@@ -42,14 +42,13 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
         part, contents = wide_part(components), FoodContents(session, components)
         if components:  # else no food in use is known to have any
             parts = (*parts, part)
-            gives.append(lambda keys: {part: rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g))})
+            gives.append(
+                lambda keys: [PartOfBatch(part, rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g)))]
+            )
     all_parts = (*parts, POINT) if spec.output == "geojson" else parts
 
-    def more(keys: Keys) -> Mapping[Part, Cells]:
-        found: dict[Part, Cells] = {}
-        for give in gives:
-            found |= give(keys)
-        return found
+    def more(keys: Keys) -> Batch:
+        return [part for give in gives for part in give(keys)]
 
     def batches() -> Iterator[Batch]:
         yield from export_batches(session, search_of(session, visible_rows(caller, spec.filters)), all_parts, more)
@@ -65,9 +64,9 @@ def _long(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     def batches() -> Iterator[Batch]:
         kept: list[Keys] = []
 
-        def more(keys: Keys) -> Mapping[Part, Cells]:
+        def more(keys: Keys) -> Batch:
             kept[:] = [keys]
-            return {CONSUMED: keys.consumed_g}
+            return [PartOfBatch(CONSUMED, keys.consumed_g)]
 
         search = search_of(session, visible_rows(caller, spec.filters))
         for *own, of_record in export_batches(session, search, (*OF_LONG, CONSUMED, AMOUNTS), more):
@@ -84,7 +83,7 @@ def _long(session: Session, caller: Caller, spec: ExportSpec) -> Table:
         size = max(1, MOST_LONG_ROWS // max(1, len(components)))
         for start in range(0, len(amounts), size):
             end = start + size
-            piece = [PartOfBatch(one.part, one.rows[start:end]) for one in own]
+            piece = [each.piece(start, end) for each in own]
             pairs = [
                 list(zip(*pair, strict=True)) for pair in zip(amounts[start:end], per_100_g[start:end], strict=True)
             ]

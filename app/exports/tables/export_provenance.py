@@ -4,7 +4,8 @@ A record names the run that saw its region and the version of its food assignmen
 a batch at a time, as plain values.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection
+from itertools import repeat
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -12,7 +13,7 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn, AnyQuery
 from app.db.stored_ids import stored_id
 from app.exports.tables.record_queries import Keys, Lookup, Rows, hyphenated, one_of, rows_of_ids
-from app.http.tables.columns import Cell, Part
+from app.http.tables.columns import Batch, Cell, PartOfBatch, distinct
 from app.http.tables.record_columns import OF_RUN, OF_WEIGHING
 from app.meals.record_models import ItemFood, Run
 
@@ -29,19 +30,23 @@ class Provenance:
         self._session = session
         self._runs = Lookup(lambda ids: _runs(session, ids))
 
-    def __call__(self, keys: Keys) -> Mapping[Part, Sequence[Values]]:
-        """Return the records' rows in order. Raises KeyError for a record whose run is missing."""
+    def __call__(self, keys: Keys) -> Batch:
+        """Return OF_RUN and OF_WEIGHING of these records. Raises KeyError for a record whose run is missing."""
         numbered = list(zip(keys.item_ids, keys.food_versions, strict=True))
         assignments = _assignments(self._session, [item_id for item_id, version in numbered if version is not None])
-        return {
-            OF_RUN: self._runs(keys.run_ids),
-            OF_WEIGHING: [
-                values if density is not None else (values[0], None, None, values[3])
-                for values, density in zip(
-                    (assignments.get(number, NO_FOOD) for number in numbered), keys.densities_g_per_ml, strict=True
-                )
-            ],
-        }
+        run_ids, places = distinct(keys.run_ids)
+        return [
+            PartOfBatch(OF_RUN, self._runs(run_ids), places),
+            PartOfBatch(
+                OF_WEIGHING,
+                [
+                    values if density is not None else (values[0], None, None, values[3])
+                    for values, density in zip(
+                        map(assignments.get, numbered, repeat(NO_FOOD)), keys.densities_g_per_ml, strict=True
+                    )
+                ],
+            ),
+        ]
 
 
 def _assignments(session: Session, item_ids: Collection[str]) -> dict[tuple[str, int | None], Values]:
@@ -60,10 +65,11 @@ def _assignments(session: Session, item_ids: Collection[str]) -> dict[tuple[str,
 def _runs(session: Session, run_ids: Collection[str | None]) -> dict[str | None, Values]:
     """Return run -> its id with hyphens, its method and its pipeline version."""
     query = sa.select(stored_id(Run.id), Run.method, Run.pipeline_version)
-    runs: dict[str | None, Values] = {None: NO_RUN}
-    for run_id, *values in _rows(session, query, Run.id, [each for each in run_ids if each is not None]):
-        runs[run_id] = (hyphenated(run_id), *values)
-    return runs
+    rows = _rows(session, query, Run.id, [each for each in run_ids if each is not None])
+    ids = [row[0] for row in rows]
+    return {None: NO_RUN} | {
+        run_id: (text, *row[1:]) for run_id, text, row in zip(ids, hyphenated(ids), rows, strict=True)
+    }
 
 
 def _rows(session: Session, query: AnyQuery, column: AnyColumn, ids: Collection[str]) -> Rows:

@@ -56,9 +56,9 @@ def encoded(output: Output, parts: Sequence[Part], batches: Iterable[Batch]) -> 
     if output == "csv":
         return encode_csv(parts, batches)
     if output == "ndjson":
-        return encode_ndjson(parts, batches)
+        return encode_ndjson(batches)
     if output == "geojson":
-        return encode_geojson(parts, batches)
+        return encode_geojson(batches)
     from app.http.tables.parquet_rows import encode_parquet  # noqa: PLC0415  # 60 MB, for those who ask for it
 
     return encode_parquet(parts, batches)
@@ -66,5 +66,5 @@ def encoded(output: Output, parts: Sequence[Part], batches: Iterable[Batch]) -> 
 
 def _counting(batches: Iterable[Batch], counted: Counted) -> Iterator[Batch]:
     for batch in batches:
-        counted(len(batch[0].rows))
+        counted(len(batch[0]))
         yield batch

@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn, AnyQuery
 from app.db.stored_ids import stored_id
 from app.foods.models import Food, FoodRelease
-from app.http.tables.columns import Batch, Cells, ConvertedOnce, Part, PartOfBatch, Row, instant_text
+from app.http.tables.columns import Batch, ConvertedOnce, Part, PartOfBatch, Row, distinct, instant_text
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
     AMOUNTS,
@@ -46,7 +46,7 @@ from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant, Study
 from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordSearch
 
-ROWS_A_BATCH = 2000
+ROWS_A_BATCH = 4096  # a Parquet row group is eight of them
 MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an export
 OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE, DOUBT)  # parts that are read as they are stored
 KEYS = ("captured_at", "item_id", "meal_id", "food_id", "food_version", "run_id")  # what a row begins with
@@ -63,19 +63,13 @@ class _Person(NamedTuple):
     first_day: int | None  # ordinal of day 1
 
 
-class _Meal(NamedTuple):
-    of_meal: Row  # the values of OF_MEAL
-    of_day: Row  # and of OF_DAY
-    point: tuple[float | None, float | None]  # longitude, latitude
-
-
 class _Food(NamedTuple):
     of_food: tuple[str | None, ...]  # the values of OF_FOOD
     version: int | None
 
 
 class Keys(NamedTuple):
-    """Of a batch's records, in their order: ids as the database tells them as text, and what amounts follow from."""
+    """Columns of a batch's records: ids as the database gives them as text, and what amounts follow from."""
 
     item_ids: Sequence[str]
     meal_ids: Sequence[str]
@@ -86,62 +80,53 @@ class Keys(NamedTuple):
     consumed_g: Sequence[float | None]
 
 
-More = Callable[[Keys], Mapping[Part, Cells]]
+More = Callable[[Keys], Batch]
 
 
 class Lookup(Generic[Id, Known]):
-    """What ids stand for, learnt a batch at a time, and forgotten before it is too much."""
+    """Values by id: read for a batch of ids at a time, and dropped before they take too much memory."""
 
     def __init__(self, find: Callable[[Collection[Id]], Mapping[Id, Known]], most_known: int = MOST_KNOWN) -> None:
         self._find, self._most_known, self._known = find, most_known, dict[Id, Known]()
 
     def __call__(self, ids: Collection[Id]) -> list[Known]:
-        """Of each of these, in their order."""
+        """Return each id's value."""
         new = set(ids) - self._known.keys()
         if len(self._known) + len(new) > self._most_known:
             self._known.clear()
             new = set(ids)
         if new:
             self._known.update(self._find(new))
-        known = self._known
-        return [known[one] for one in ids]
+        return list(map(self._known.__getitem__, ids))
 
 
 def export_batches(
-    session: Session,
-    search: RecordSearch | None,
-    parts: Sequence[Part] = RECORD_PARTS,
-    more: More = lambda _: {},
+    session: Session, search: RecordSearch | None, parts: Sequence[Part] = RECORD_PARTS, more: More = lambda _: []
 ) -> Iterator[Batch]:
     """All records of a search in the order of (captured_at, item id), a batch of these parts at a time.
 
-    more: gives the rows of those parts that are not known here. In one transaction of the caller's, so that they are
+    more: returns those parts of a batch that are not read here. In one transaction of the caller's, so that they are
     of one moment.
     """
     if search is None:
         return
-    # a meal's records are neighbours
-    meals = Lookup(_meal_finder(session, with_point=POINT in parts), most_known=ROWS_A_BATCH)
+    find_meals = _meal_finder(session, with_point=POINT in parts)
     foods = Lookup(lambda ids: _foods(session, ids))
-    flags, states = ConvertedOnce(_flags), ConvertedOnce(_state)
     for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
-        own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
-        item_ids, meal_ids, food_ids, food_versions, run_ids = ([row[place] for row in rows] for place in range(1, 6))
-        of_meals, of_foods = meals(meal_ids), foods(food_ids)
-        values: dict[Part, Cells] = {
-            **own,
-            RECORD_ID: [hyphenated(item_id) for item_id in item_ids],
-            OF_MEAL: [meal.of_meal for meal in of_meals],
-            STATE: states.of(own[STATE]),
-            OF_FOOD: [food.of_food for food in of_foods],
-            FOOD_VERSION: [food.version for food in of_foods],
-            FLAGS: flags.of(own[FLAGS]),
-            OF_DAY: [meal.of_day for meal in of_meals],
-            POINT: [meal.point for meal in of_meals],
-        }
+        own: dict[Part, list[Any]] = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
+        _, item_ids, meal_ids, food_ids, food_versions, run_ids = zip(*map(KEY_VALUES, rows), strict=True)
         densities, consumed_g = list(map(DENSITY, own[VOLUME])), list(map(CONSUMED, own[AMOUNTS]))
-        values |= more(Keys(item_ids, meal_ids, food_ids, food_versions, run_ids, densities, consumed_g))
-        yield [PartOfBatch(part, values[part]) for part in parts]
+        keys = Keys(item_ids, meal_ids, food_ids, food_versions, run_ids, densities, consumed_g)
+        batch = {each.part: each for each in (*find_meals(meal_ids), *more(keys))}
+        for part, values in own.items():
+            batch[part] = PartOfBatch(part, values).deduplicated()
+        batch[STATE], batch[FLAGS] = batch[STATE].converted(_state), batch[FLAGS].converted(_flags)
+        batch[RECORD_ID] = PartOfBatch(RECORD_ID, hyphenated(item_ids))
+        different_ids, places = distinct(food_ids)
+        of_foods = foods(different_ids)
+        batch[OF_FOOD] = PartOfBatch(OF_FOOD, [food.of_food for food in of_foods], places)
+        batch[FOOD_VERSION] = PartOfBatch(FOOD_VERSION, [food.version for food in of_foods], places)
+        yield [batch[part] for part in parts]
 
 
 def _places() -> dict[Part, slice | int]:
@@ -156,6 +141,7 @@ def _places() -> dict[Part, slice | int]:
 
 
 PLACES = _places()
+KEY_VALUES = itemgetter(slice(len(KEYS)))
 CONSUMED = itemgetter(AMOUNTS.columns.index(CONSUMED_G))
 DENSITY = itemgetter([column.name for column in VOLUME.columns].index("density_g_per_ml"))
 COLUMNS = tuple(
@@ -208,24 +194,40 @@ def _state(row: Row) -> Row:
     return status, origin, bool(provisional), bool(reviewed)  # SQLite's are numbers
 
 
-def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[str]], dict[str, _Meal]]:
-    """Finds meals by their ids, with what goes with a meal; with_point: where it was too, as far as it is kept."""
+def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Sequence[str]], Batch]:
+    """Return a function from records' meal ids to OF_MEAL, OF_DAY and, with_point, the POINT where the meal was."""
     connection, is_on_sqlite = session.connection(), session.get_bind().dialect.name == "sqlite"
     study_codes, people = Lookup(lambda ids: _studies(session, ids)), Lookup(lambda ids: _people(session, ids))
     query, days = _meals(is_on_sqlite=is_on_sqlite, with_point=with_point), ConvertedOnce(_day)
 
-    def find(ids: Collection[str]) -> dict[str, _Meal]:
-        rows = rows_of_ids(connection, query, ids, is_on_sqlite=is_on_sqlite)
-        meals, studies = {}, study_codes([row[6] for row in rows])
-        persons = people([row[7] for row in rows])
-        for row, study, person in zip(rows, studies, persons, strict=True):
-            meal_id, client_id, captured_at, time_zone, local_date, received_at, _, _, day_status, *point = row
-            day, ordinal = days[local_date]
-            captured, delay_seconds = _captured(captured_at, received_at)
-            of_meal = (hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
-            number = None if person.first_day is None else ordinal - person.first_day + 1
-            meals[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else NOWHERE)
-        return meals
+    def find(meal_ids: Sequence[str]) -> Batch:
+        rows = rows_of_ids(connection, query, set(meal_ids), is_on_sqlite=is_on_sqlite)
+        ids, client_ids, captured_at, time_zones, dates, received_at, studies, persons, day_statuses, *point = zip(
+            *rows, strict=True
+        )
+        captured, received = _instants(captured_at), _instants(received_at)
+        of_days, of_people = days.of(dates), people(persons)
+        of_meal = zip(
+            hyphenated(client_ids),
+            study_codes(studies),
+            [person.code for person in of_people],
+            _instant_texts(captured_at),
+            time_zones,
+            [day for day, _ in of_days],
+            [(end - start).total_seconds() for start, end in zip(captured, received, strict=True)],
+            strict=True,
+        )
+        study_days = [
+            None if person.first_day is None else ordinal - person.first_day + 1
+            for person, (_, ordinal) in zip(of_people, of_days, strict=True)
+        ]
+        numbers = {meal_id: number for number, meal_id in enumerate(ids)}
+        places = list(map(numbers.__getitem__, meal_ids))
+        batch = [
+            PartOfBatch(OF_MEAL, list(of_meal), places),
+            PartOfBatch(OF_DAY, list(zip(day_statuses, study_days, strict=True)), places),
+        ]
+        return [*batch, PartOfBatch(POINT, list(map(point_of, *point)), places)] if with_point else batch
 
     return find
 
@@ -284,13 +286,17 @@ def point_of(longitude: float | None, latitude: float | None) -> tuple[float | N
     return (float(longitude), float(latitude)) if longitude is not None and latitude is not None else NOWHERE
 
 
-def _captured(captured_at: str | datetime, received_at: str | datetime) -> tuple[str, float]:
-    """An instant as JSON has it, and the seconds to the other one. From SQLite's texts, or PostgreSQL's instants."""
-    if isinstance(captured_at, str) or isinstance(received_at, str):
-        captured, received = str(captured_at), str(received_at)
-        delay = datetime.fromisoformat(received) - datetime.fromisoformat(captured)
-        return f"{captured[:10]}T{captured[11:].removesuffix('.000000')}Z", delay.total_seconds()
-    return instant_text(captured_at), (received_at - captured_at).total_seconds()
+def _instants(stored: Sequence[str] | Sequence[datetime]) -> Sequence[datetime]:
+    """Instants of SQLite, which stores texts without a zone, or of PostgreSQL."""
+    return [datetime.fromisoformat(text) if isinstance(text, str) else text for text in stored]
+
+
+def _instant_texts(stored: Sequence[str] | Sequence[datetime]) -> list[str]:
+    """The same as JSON has them."""
+    return [
+        f"{instant.replace(' ', 'T').removesuffix('.000000')}Z" if isinstance(instant, str) else instant_text(instant)
+        for instant in stored
+    ]
 
 
 def _day(value: str | date) -> tuple[str, int]:
@@ -299,21 +305,23 @@ def _day(value: str | date) -> tuple[str, int]:
     return day.isoformat(), day.toordinal()
 
 
-def hyphenated(text: str) -> str:
-    """An id as everybody else writes it; a quarter of what uuid.UUID would take."""
-    return text if len(text) > HEX_DIGITS else f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
+def hyphenated(ids: Sequence[str]) -> Sequence[str]:
+    """Return ids as they are written elsewhere; in a quarter of the time that uuid.UUID would take."""
+    if not ids or len(ids[0]) > HEX_DIGITS:
+        return ids
+    return [f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}" for text in ids]
 
 
 def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
     codes: dict[str, str] = {}
-    query = sa.select(Study.id, Study.code).where(Study.id.in_([uuid.UUID(one) for one in ids]))
+    query = sa.select(Study.id, Study.code).where(Study.id.in_([uuid.UUID(text) for text in ids]))
     for study_id, code in session.execute(query):
         codes |= dict.fromkeys(spellings(study_id), code)
     return codes
 
 
 def _people(session: Session, ids: Collection[str]) -> dict[str, _Person]:
-    every = [uuid.UUID(one) for one in ids]
+    every = [uuid.UUID(text) for text in ids]
     first = first_days(session, every)
     people: dict[str, _Person] = {}
     for participant_id, code in session.execute(
@@ -328,7 +336,7 @@ def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _F
     query = (
         sa.select(Food.id, Food.key, Food.name, FoodRelease.name + " " + FoodRelease.version, Food.version)
         .join(FoodRelease, FoodRelease.id == Food.release_id)
-        .where(Food.id.in_([one for one in ids if one is not None]))
+        .where(Food.id.in_([each for each in ids if each is not None]))
     )
     foods: dict[int | None, _Food] = {None: _Food((None, None, None), None)}
     return foods | {
@@ -336,6 +344,6 @@ def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _F
     }
 
 
-def spellings(one: uuid.UUID) -> tuple[str, str]:
+def spellings(id_: uuid.UUID) -> tuple[str, str]:
     """An id as PostgreSQL's text of it, and as SQLite keeps it."""
-    return str(one), one.hex
+    return str(id_), id_.hex

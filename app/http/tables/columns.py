@@ -3,10 +3,11 @@
 Whoever writes a file, and the data dictionary, go by these definitions and nothing else.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Generic, Literal, TypeVar, cast
+from itertools import chain, repeat
+from typing import Any, Generic, Literal, Self, TypeVar, cast
 
 ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
 PartType = Literal["id", "shared", "numbers"]
@@ -14,9 +15,10 @@ Cell = str | float | bool | None | tuple[str, ...]
 Row = Sequence[Cell]
 Cells = Sequence[Cell | Row]  # of a part: a row's values, or of a single column the value itself
 
-MOST_CONVERTED = 4000  # values kept by ConvertedOnce: a few batches' meals, most foods
+MOST_CONVERTED = 20_000  # values kept by ConvertedOnce: most participants and foods
 
-Value = TypeVar("Value")
+Value = TypeVar("Value", bound=Hashable)
+Item = TypeVar("Item")
 Converted = TypeVar("Converted")
 
 
@@ -53,16 +55,53 @@ class Part:
 class PartOfBatch:
     """Some rows of a part: a tuple of values a row, in the order of the columns; of a single column the value itself.
 
+    places: where `rows` has each row of the batch, if many of them are the same; None: `rows` are those of the batch.
     Values are text, float, int, bool, None, and a tuple of texts for "words"; instants and days are RFC 3339 text, as
     JSON has them. What a shared part has can be hashed.
     """
 
     part: Part
     rows: Cells
+    places: Sequence[int] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of the batch's rows."""
+        return len(self.rows if self.places is None else self.places)
+
+    def deduplicated(self) -> Self:
+        """Return a shared part with each different row once; any other part as it is."""
+        if self.part.type != "shared" or self.places is not None:
+            return self
+        rows, places = distinct(self.rows)
+        return replace(self, rows=rows, places=places)
+
+    def converted(self, convert: Callable[[Any], Cell | Row]) -> Self:
+        """Return it with each of `rows` converted."""
+        return replace(self, rows=list(map(convert, self.rows)))
+
+    def columns(self) -> Sequence[Sequence[Cell]]:
+        """Return the columns of `rows`, from left to right."""
+        return list(zip(*self.rows, strict=True)) if len(self.part.columns) > 1 else [cast("Sequence[Cell]", self.rows)]
+
+    def spread(self, values: Sequence[Item]) -> Sequence[Item]:
+        """Return one of the values, which are those of `rows`, for each of the batch's rows."""
+        return values if self.places is None else list(map(values.__getitem__, self.places))
 
     def as_tuples(self) -> Iterable[Row]:
-        """The rows as tuples, whatever the number of columns."""
-        return cast("Iterable[Row]", self.rows if len(self.part.columns) > 1 else zip(self.rows, strict=True))
+        """Return the batch's rows as tuples, whatever the number of columns."""
+        rows = self.spread(self.rows)
+        return cast("Iterable[Row]", rows if len(self.part.columns) > 1 else zip(rows, strict=True))
+
+    def piece(self, start: int, end: int) -> Self:
+        """Return the batch's rows from `start` to `end`."""
+        if self.places is None:
+            return replace(self, rows=self.rows[start:end])
+        return replace(self, places=self.places[start:end])
+
+    def repeated(self, count: int) -> Self:
+        """Return each of the batch's rows `count` times in a row."""
+        places = range(len(self.rows)) if self.places is None else self.places
+        return replace(self, places=list(chain.from_iterable(repeat(place, count) for place in places)))
 
 
 Batch = list[PartOfBatch]
@@ -85,6 +124,13 @@ class ConvertedOnce(dict[Value, Converted], Generic[Value, Converted]):
         if len(self) > MOST_CONVERTED:
             self.clear()
         return list(map(self.__getitem__, values))
+
+
+def distinct(values: Iterable[Value]) -> tuple[list[Value], list[int]]:
+    """Return the different values in their first order, and the place of each value among them."""
+    values = list(values)
+    numbers = {value: number for number, value in enumerate(dict.fromkeys(values))}
+    return list(numbers), list(map(numbers.__getitem__, values))
 
 
 def columns_of(parts: Iterable[Part]) -> tuple[Column, ...]:

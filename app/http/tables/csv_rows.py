@@ -3,7 +3,6 @@
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
 from typing import cast
 
 from pydantic_core import to_json
@@ -12,13 +11,10 @@ from app.http.tables.columns import (
     Batch,
     Cell,
     Cells,
-    Column,
     ColumnType,
     ConvertedOnce,
     Part,
     PartOfBatch,
-    Row,
-    as_row,
 )
 
 # a spreadsheet would compute such a cell; the last four are full-width, as Chinese and Japanese keyboards type them
@@ -29,10 +25,9 @@ LINE_END = "\r\n"
 def encode_csv(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The header, then each batch's rows. Lists of words stand in one cell, a blank between; None is an empty cell."""
     words = ConvertedOnce[Cell, str](_word)
-    shared = {part: ConvertedOnce(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
     yield (",".join(column.name for part in parts for column in part.columns) + LINE_END).encode()
     for batch in batches:
-        texts = (_texts(part, shared) for part in batch)
+        texts = (_texts(part.deduplicated(), words) for part in batch)
         yield (LINE_END.join(map(",".join, zip(*texts, strict=True))) + LINE_END).encode()
 
 
@@ -52,34 +47,35 @@ def number_cells(rows: Cells) -> list[str]:
     return text[2:-2].split("],[") if text.startswith("[[") else text[1:-1].split(",")
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, ConvertedOnce[Cell | Row, str]]) -> Sequence[str]:
-    match some.part.type:
+def _texts(part_of_batch: PartOfBatch, words: ConvertedOnce[Cell, str]) -> Sequence[str]:
+    match part_of_batch.part.type:
         case "id":
-            return cast("Sequence[str]", some.rows)
+            texts = cast("Sequence[str]", part_of_batch.rows)
         case "numbers":
-            return number_cells(some.rows)
+            texts = number_cells(part_of_batch.rows)
         case "shared":
-            return shared[some.part].of(some.rows)
+            cells = (
+                _cells(column.type, values, words)
+                for column, values in zip(part_of_batch.part.columns, part_of_batch.columns(), strict=True)
+            )
+            texts = list(map(",".join, zip(*cells, strict=True)))
+    return part_of_batch.spread(texts)
 
 
-def _cells(columns: tuple[Column, ...], words: ConvertedOnce[Cell, str], values: Cell | Row) -> str:
-    return ",".join(
-        [_cell(column.type, words, value) for column, value in zip(columns, as_row(columns, values), strict=True)]
-    )
-
-
-def _cell(column_type: ColumnType, words: ConvertedOnce[Cell, str], value: Cell) -> str:
+def _cells(column_type: ColumnType, values: Sequence[Cell], words: ConvertedOnce[Cell, str]) -> Sequence[str]:
     match column_type:
         case "word" | "words":
-            return words[value]
+            return words.of(values)
         case "number" | "integer":
-            return number_cells([value])[0]
+            return number_cells(values)
         case "boolean" | "id" | "instant" | "day":  # nothing in them that CSV would quote
-            return "" if value is None else str(value)
+            return ["" if value is None else str(value) for value in values]
 
 
 def _word(value: object) -> str:
     buffer = io.StringIO()
     # one cell more, since a row of one empty cell would be quoted to show that it is there
-    csv.writer(buffer, lineterminator="").writerow([safe_cell(value), ""])
-    return buffer.getvalue()[:-1]
+    csv.writer(buffer, lineterminator=LINE_END).writerow(
+        [safe_cell(value), ""]
+    )  # quotes what has a line end's characters
+    return buffer.getvalue().removesuffix("," + LINE_END)

@@ -1,11 +1,11 @@
 """Batches as GeoJSON (RFC 7946): one FeatureCollection, a feature a row, its place as the point; null where unknown."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 from pydantic_core import to_json
 
 from app.http.tables.columns import Batch, Cell, Column, Part, Row, as_row
-from app.http.tables.ndjson_rows import member_texts, shared_members
+from app.http.tables.ndjson_rows import member_texts, word_texts
 
 UNKNOWN_PLACE = "Not told, or the study keeps no locations."
 LONGITUDE = Column("longitude", "number", "deg", "WGS84, as far as the study keeps locations.", empty=UNKNOWN_PLACE)
@@ -13,15 +13,16 @@ LATITUDE = Column("latitude", "number", "deg", "WGS84, as far as the study keeps
 POINT = Part("shared", (LONGITUDE, LATITUDE))
 
 
-def encode_geojson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
-    """parts: the features' properties, the first of them their id. Behind them a batch has the POINT of each row."""
-    shared = shared_members(parts)
+def encode_geojson(batches: Iterable[Batch]) -> Iterator[bytes]:
+    """The first part of a batch is the features' id; behind their properties it has the POINT of each row."""
+    words = word_texts()
     head = '{"type":"FeatureCollection","features":['
     for *properties, place in batches:
+        geometries = place.spread(list(map(_geometry, place.rows)))
         texts = [
-            f'{{"type":"Feature","id":"{one}","geometry":{_geometry(point)},"properties":{{{members}}}}}'
-            for one, point, members in zip(
-                properties[0].rows, place.rows, member_texts(properties, shared), strict=True
+            f'{{"type":"Feature","id":"{record_id}","geometry":{geometry},"properties":{{{members}}}}}'
+            for record_id, geometry, members in zip(
+                properties[0].rows, geometries, member_texts(properties, words), strict=True
             )
         ]
         yield (head + "\n" + ",\n".join(texts)).encode()

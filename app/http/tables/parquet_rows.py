@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from app.http.tables.columns import Batch, Cell, Column, ColumnType, Part, PartOfBatch, Row
+from app.http.tables.columns import Batch, Cell, Column, ColumnType, Part, PartOfBatch
 
 ROWS_A_GROUP = 32_768  # some 10 MB in memory, and large enough to be read in few pieces
 TYPES: dict[ColumnType, pa.DataType] = {
@@ -53,7 +53,7 @@ def encode_parquet(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[
     with parquet.ParquetWriter(pieces, schema, compression="zstd", use_dictionary=words) as writer:
         tables: list[pa.RecordBatch] = []
         for batch in batches:
-            arrays = [array for part in batch for array in _arrays(part)]
+            arrays = [array for part in batch for array in _arrays(part.deduplicated())]
             tables.append(pa.RecordBatch.from_arrays(arrays, schema=schema))
             if sum(table.num_rows for table in tables) >= ROWS_A_GROUP:
                 writer.write_table(pa.Table.from_batches(tables, schema), row_group_size=ROWS_A_GROUP)
@@ -72,20 +72,19 @@ def schema_of(columns: Sequence[Column]) -> pa.Schema:
     )
 
 
-def _arrays(some: PartOfBatch) -> list[pa.Array]:
-    """A part's columns; of a shared one each different row is converted once, and taken wherever it comes."""
-    columns = some.part.columns
-    if some.part.type != "shared":
-        return [
-            _array(column, values) for column, values in zip(columns, zip(*some.as_tuples(), strict=True), strict=True)
-        ]
-    places: dict[Cell | Row, int] = {}
-    taken = pa.array([places.setdefault(row, len(places)) for row in some.rows], pa.int32())
-    rows = PartOfBatch(some.part, list(places)).as_tuples()
-    return [_array(column, values).take(taken) for column, values in zip(columns, zip(*rows, strict=True), strict=True)]
+def _arrays(part_of_batch: PartOfBatch) -> list[pa.Array]:
+    """A part's columns; rows that come again and again are converted once."""
+    arrays = [
+        _array(column, values)
+        for column, values in zip(part_of_batch.part.columns, part_of_batch.columns(), strict=True)
+    ]
+    if part_of_batch.places is None:
+        return arrays
+    places = pa.array(part_of_batch.places, pa.int32())
+    return [array.take(places) for array in arrays]
 
 
-def _array(column: Column, values: Row) -> pa.Array:
+def _array(column: Column, values: Sequence[Cell]) -> pa.Array:
     if column.type in {"instant", "day"}:
         return pa.array(values, pa.string()).cast(TYPES[column.type])
     return pa.array(values, TYPES[column.type])

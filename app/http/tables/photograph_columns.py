@@ -10,15 +10,20 @@ PHOTOGRAPH_PARTS = (
     Part(
         "shared",
         (
-            Column("slot", "word", meaning="Which of the meal's photographs or depth maps it is.", values=SLOTS),
+            Column(
+                "slot",
+                "word",
+                meaning="Which of the meal's photographs or depth maps it is, or its voice note.",
+                values=SLOTS,
+            ),
             Column("media_type", "word", meaning="Of the bytes as they are kept."),
         ),
     ),
     Part(
         "numbers",
         (
-            Column("width_px", "integer", "px", "Of the upright picture."),
-            Column("height_px", "integer", "px", "Of the upright picture."),
+            Column("width_px", "integer", "px", "Of the upright picture; 0: a voice note."),
+            Column("height_px", "integer", "px", "Of the upright picture; 0: a voice note."),
             Column("bytes", "integer", "B", "Length as it is kept."),
         ),
     ),
@@ -37,7 +42,7 @@ PHOTOGRAPH_PARTS = (
             Column(
                 "path",
                 "word",
-                meaning="The path that gives the picture as JPEG, re-encoded (docs/limits.md), or a map as it is kept.",
+                meaning="Path of the picture, re-encoded as JPEG (docs/limits.md), or of a map or voice note as kept.",
                 empty="It was erased.",
             ),
         ),

@@ -3,9 +3,9 @@
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import JSONResponse
 
 from app.http.conditions import IfMatch, expected_versions
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import MealId, OfWhichParticipant
 from app.http.problems import problem_responses
@@ -34,7 +34,7 @@ def post_event(
     caller: CurrentCaller,
     if_match: IfMatch = None,
     participant: OfWhichParticipant = None,
-) -> JSONResponse:
+) -> ModelResponse:
     """Confirm, correct, reject, add, split, merge or ask. `If-Match` names the version of the meal that was seen."""
     view, is_new = state.part(MealEvents).append(
         caller, meal_id, body, expected=expected_versions(if_match), participant_code=participant
@@ -57,10 +57,10 @@ def get_events(
     return EventList(items=[_event(row) for row in page.rows], next=next_page(request, page.cursor))
 
 
-def tagged_meal(view: MealView, status: int) -> JSONResponse:
+def tagged_meal(view: MealView, status: int) -> ModelResponse:
     """Return the meal as the answer to a change, with its ETag."""
     headers = {"ETag": f'"{view.meal.version}"'}
-    return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)
+    return ModelResponse(render_meal(view), status_code=status, headers=headers)
 
 
 def _event(row: HistoryRow) -> EventOut:

@@ -100,7 +100,7 @@ def _items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:
         ReviewItem(
             row=row,
             candidates=candidates[row.record.item_id],
-            energy=row.record.nutrient_interval("energy_kcal"),
+            energy=row.record.nutrient_intervals()["energy_kcal"],
             photograph=photographs.get(row.meal.id),
             last_event=last_events.get(row.meal.id, 0),
         )
