@@ -14,6 +14,7 @@ from types import FrameType
 
 import app.tables  # noqa: F401  # defines every table
 from app.children.process_life import die_with_parent
+from app.core.garbage import collect_rarely
 from app.core.logs import configure_logging
 from app.core.private_files import keep_files_private
 from app.core.settings import Settings
@@ -45,6 +46,7 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is no answer
     settings = Settings()
     configure_logging(settings)
+    collect_rarely()
     database = open_database(settings)
     try:
         blobs = open_blob_store(settings.resolved_blob_url, settings)

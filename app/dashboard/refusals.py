@@ -22,6 +22,7 @@ PATTERNS: Final[Mapping[str, str]] = {
         "most."
     ),
     r"^(?:(?:0\d|1[01]):[0-5]\d|12:00)$": "Write a time from 00:00 to 12:00, as 03:00.",
+    r"^(?:[01]\d|2[0-3]):[0-5]\d$": "Write times from 00:00 to 23:59, as 12:30.",
 }
 _SENTENCES: Final[Mapping[str, str]] = {
     "missing": "This field is required.",

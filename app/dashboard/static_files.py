@@ -1,19 +1,18 @@
 """Scripts, styles and pictures of the pages. They are public: they hold no data."""
 
-import os
 from urllib.parse import urlsplit
 
 from starlette.responses import Response
-from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app.dashboard.templates import STATIC, static
+from app.http.public_files import PublicFiles
 
 FOR_GOOD = "public, max-age=31536000, immutable"  # of an address that changes with its file (templates.static)
 ASK_FIRST = "no-cache"
 
 
-class DashboardFiles(StaticFiles):
+class DashboardFiles(PublicFiles):
     """Serves static/; a browser may keep a file for good if its address names this version of it."""
 
     def __init__(self) -> None:
@@ -29,9 +28,3 @@ class DashboardFiles(StaticFiles):
         is_of_this_version = scope["query_string"].decode("latin-1") == urlsplit(static(path)).query
         answer.headers["Cache-Control"] = FOR_GOOD if is_of_this_version else ASK_FIRST
         return answer
-
-    def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """As StaticFiles, but without names that begin with a dot."""
-        if any(part.startswith(".") for part in path.split("/")):
-            return "", None
-        return super().lookup_path(path)

@@ -1,5 +1,6 @@
 """Checks of what a phone sends or is about to send: a pair before it is sent, each file as it arrives."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -13,7 +14,7 @@ from app.vision.depth_camera import depth_camera_from_mapping
 from app.vision.depth_map import read_confidence, read_depth
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
-from app.vision.photo import read_reduced_photo, why_not_whole
+from app.vision.photo import ReducedPhoto, read_reduced_photo, why_not_whole
 
 
 class _CheckRequest(BaseModel):
@@ -37,14 +38,14 @@ class _WholeRequest(BaseModel):
 def check_task(arguments: Arguments, _: StageListener) -> Json:
     """Judge a pair before it is sent."""
     request = _CheckRequest.model_validate(arguments)
-    left, right = (
-        read_reduced_photo(
-            path.read_bytes(),
-            max_pixels=request.max_pixels,
-            least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
+
+    def read(path: Path) -> ReducedPhoto | Failure:
+        return read_reduced_photo(
+            path.read_bytes(), max_pixels=request.max_pixels, least_long_side_px=precheck.LEAST_LONG_SIDE_PX
         )
-        for path in (request.left, request.right)
-    )
+
+    with ThreadPoolExecutor(2) as threads:  # decoders let go of the interpreter
+        left, right = threads.map(read, (request.left, request.right))
     camera = camera_from_mapping(request.camera) if request.camera is not None else None
     judged = precheck.check_pair(left, right, parse_marker(request.marker), camera)
     return {

@@ -46,6 +46,7 @@ from app.people.models import Study
 from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slot, depth_slot
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
+from app.sandbox.injection import NEEDS_REVIEW, injected_failure
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import vessels_of_meal
 from app.vision.known_poses import poses_from_mapping
@@ -111,6 +112,9 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
+            outcome = meal.details.get("sandbox") if job.purpose == "meal" else None
+            if outcome is not None and outcome != NEEDS_REVIEW:
+                raise JobFailure(injected_failure(outcome))
             slots, maps = (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
             images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in (*slots, *maps)}
             depth_camera = meal.details.get("depth_camera")
@@ -152,7 +156,10 @@ class EstimateMeal:
             library.note_in(answer.parameters)
             if regions is not None:  # the item of each hint: the meal may have changed when it is saved
                 answer.regions = list(regions.items)
-            if not _is_of_after(job):  # leftovers are of the foods that were served
+            if outcome is not None:  # it needs a review: nothing says which foods these are
+                for item in answer.items:
+                    item.hint = None
+            elif not _is_of_after(job):  # leftovers are of the foods that were served
                 self._identify.add_candidates(meal, answer)
                 self._classify.add_candidates(study.code, answer, paths["left"])
             for artefact in answer.artefacts:

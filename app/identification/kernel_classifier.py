@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from app.identification.metric import Vectors, squared_distances
 
@@ -38,7 +37,7 @@ def fit_classifier(examples: Vectors, labels: NDArray[np.intp], classes: int) ->
     kernel = likeness(examples, examples)
     kernel[np.diag_indices_from(kernel)] += RIDGE * _noise(labels, classes)
     members = np.eye(classes)[labels]
-    coefficients = cho_solve(cho_factor(kernel, lower=True), members) * _raised(labels, classes)
+    coefficients = np.linalg.solve(kernel, members) * _raised(labels, classes)
     return KernelClassifier(examples, np.asarray(coefficients, np.float64))
 
 

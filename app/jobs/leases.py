@@ -119,9 +119,9 @@ class DatabaseLease:
             jobs.delete_lease(session, self.executor_id)
 
     def bury(self, pending: set[str]) -> set[str]:
-        """Delete expired rows; an executor without a row is dead."""
+        """Delete expired rows, but never our own; an executor without a row is dead."""
         with self._database.write() as session:
-            jobs.delete_expired_leases(session, self._seconds)
+            jobs.delete_expired_leases(session, self._seconds, but=self.executor_id)
             for executor_id, heartbeat_at in self._stalled(jobs.leases_ahead(session)):
                 jobs.delete_lease_ahead(session, executor_id, heartbeat_at)
             return pending - jobs.leases(session)
@@ -134,7 +134,8 @@ class DatabaseLease:
         """
         now = time.monotonic()
         self._ahead = {lease: self._ahead.get(lease, now) for lease in ahead}
-        return [lease for lease, since in self._ahead.items() if now - since > self._seconds]
+        ripe = [lease for lease, since in self._ahead.items() if now - since > self._seconds]
+        return [lease for lease in ripe if lease[0] != self.executor_id]
 
 
 class FileLease:

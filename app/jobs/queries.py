@@ -305,9 +305,9 @@ def delete_lease(session: Session, executor_id: str) -> None:
     session.execute(sa.delete(WorkerLease).where(WorkerLease.executor_id == executor_id))
 
 
-def delete_expired_leases(session: Session, lease_seconds: float) -> list[str]:
-    """Delete expired leases, except those under which a worker is just saving. Returns their executors."""
-    return _delete_leases(session, ~_is_fresh(lease_seconds))
+def delete_expired_leases(session: Session, lease_seconds: float, *, but: str) -> list[str]:
+    """Delete expired leases, except `but` and those under which a worker is just saving. Returns their executors."""
+    return _delete_leases(session, ~_is_fresh(lease_seconds), WorkerLease.executor_id != but)
 
 
 def leases_ahead(session: Session) -> set[tuple[str, datetime]]:

@@ -40,6 +40,15 @@ class MealTime:
         return local_day(self.captured_at, self.time_zone, day_starts_minutes)
 
 
+def require_zone(time_zone: str) -> ZoneInfo:
+    """Return a time zone by its name. Raises InvalidInputError (`time_zone_unknown`)."""
+    if time_zone not in _zones():
+        raise InvalidInputError(
+            f"time_zone {time_zone!r} is no IANA time zone: use a name like Asia/Shanghai.", code="time_zone_unknown"
+        )
+    return ZoneInfo(time_zone)
+
+
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
     """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
 
@@ -50,11 +59,7 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
         raise InvalidInputError(
             "captured_at has no offset: write it like 2026-11-21T12:30:00+08:00.", code="time_without_offset"
         )
-    if time_zone not in _zones():
-        raise InvalidInputError(
-            f"time_zone {time_zone!r} is no IANA time zone: use a name like Asia/Shanghai.", code="time_zone_unknown"
-        )
-    zone = ZoneInfo(time_zone)
+    zone = require_zone(time_zone)
     try:
         local = captured_at.astimezone(zone)
         offset_minutes = round((local.utcoffset() or timedelta()).total_seconds() / 60)

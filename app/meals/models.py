@@ -98,7 +98,8 @@ class DepthCameraDetails(PinholeDetails):
 class MealDetails(PairDetails):
     """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2.
 
-    rig: if it was sent. depth_camera, depth_maps: of a meal with depth maps; their slots.
+    rig: if it was sent. sandbox: how its estimate is to end (app/sandbox). depth_camera, depth_maps: of a meal with
+    depth maps; their slots.
     """
 
     marker: str | None
@@ -107,6 +108,7 @@ class MealDetails(PairDetails):
     declared: NotRequired[list[DeclaredItemDetails]]
     views: NotRequired[int]
     rig: NotRequired[RigDetails]
+    sandbox: NotRequired[str]
     depth_camera: NotRequired[DepthCameraDetails]
     depth_maps: NotRequired[list[str]]
 
@@ -200,7 +202,9 @@ def announced_slots(details: MealDetails) -> tuple[str, ...]:
 
 
 class MealImage(Base):
-    """One photograph or map. received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
+    """One photograph, map or voice note, which has a width and height of 0.
+
+    received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
 
     erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """

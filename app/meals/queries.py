@@ -15,8 +15,8 @@ from app.people.models import Participant, Study
 WAITING = ("queued", "processing")
 UNESTIMATED = ("receiving", *WAITING)  # the plate's content is not known yet
 
-# Statements of each GET of a meal, made once: that takes longer than to execute them
-MEAL_ID, CLIENT_ID = "meal_id", "client_id"  # their parameters
+# Statements of each GET of a meal or page of records, made once: that takes longer than to execute them
+MEAL_ID, CLIENT_ID, PARTICIPANT_IDS = "meal_id", "client_id", "participant_ids"  # their parameters
 IMAGES = sa.select(MealImage).where(MealImage.meal_id == sa.bindparam(MEAL_ID)).order_by(MealImage.slot)
 MEALS = (
     sa.select(Meal, Participant.code, Study.code)
@@ -27,6 +27,14 @@ MEALS = (
     .limit(2)
     .options(undefer(Meal.leftovers))
 )
+FIRST_DAYS = sa.select(  # start, first meal and first closed day
+    Participant.id,
+    Participant.starts_on,
+    sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery(),
+    sa.select(sa.func.min(DiaryDay.local_date))
+    .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
+    .scalar_subquery(),
+).where(Participant.id.in_(sa.bindparam(PARTICIPANT_IDS, expanding=True)))
 
 
 def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
@@ -97,16 +105,9 @@ def oldest_waiting(session: Session) -> datetime | None:
 
 def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:
     """Return participant -> their first day in the study; absent without a start, a meal or a closed day."""
-    first_meal = sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery()
-    first_closed = (
-        sa.select(sa.func.min(DiaryDay.local_date))
-        .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
-        .scalar_subquery()
-    )
-    query = sa.select(Participant.id, Participant.starts_on, first_meal, first_closed)
     first_days: dict[uuid.UUID, date] = {}
     for ids in _batches(participant_ids):
-        for participant_id, starts_on, meal, closed in session.execute(query.where(Participant.id.in_(ids))):
+        for participant_id, starts_on, meal, closed in session.execute(FIRST_DAYS, {PARTICIPANT_IDS: ids}):
             days = [day for day in (meal, closed) if day is not None]
             if starts_on is not None or days:
                 first_days[participant_id] = starts_on or min(days)
@@ -115,5 +116,5 @@ def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict
 
 def _batches(ids: Collection[uuid.UUID], size: int = 500) -> Iterator[list[uuid.UUID]]:
     """Yield the ids in batches, since the number of a statement's parameters is limited."""
-    unique = sorted(set(ids))
+    unique = list(set(ids))
     yield from (unique[start : start + size] for start in range(0, len(unique), size))

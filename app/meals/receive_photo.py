@@ -20,6 +20,7 @@ from sqlalchemy.orm import Session
 from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.children.decoding_cost import is_costly
 from app.core.errors import (
+    Failure,
     GoneError,
     InvalidInputError,
     TadaError,
@@ -39,7 +40,8 @@ from app.photos.depth import DEPTH_ADVICE, MAX_MAP_PIXELS, inspect_depth
 from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo
 from app.photos.location import read_location, remove_location
-from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, image_name
+from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, VOICE_NOTE, image_name
+from app.photos.voice_note import inspect_voice_note, remove_note_metadata
 from app.storage.blob_store import BlobStore
 
 Result = TypeVar("Result")
@@ -52,7 +54,7 @@ SPENT_RETRY_SECONDS = 1
 
 @dataclass(frozen=True, slots=True)
 class SealablePhoto:
-    """An inspected photograph in the staging folder. width_px, height_px: of the upright picture.
+    """An inspected photograph in the staging folder. width_px, height_px: of the upright picture; 0: a voice note.
 
     location: from its tags before they were cut, if the study's policy uses it.
     """
@@ -168,6 +170,8 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
 def _prepare_image(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
     if file.bytes == 0:
         raise InvalidInputError(f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot)
+    if slot == VOICE_NOTE:
+        return _prepare_note(file, policy)
     is_map = slot in DEPTH_SLOTS
     if is_map:
         facts, max_pixels = inspect_depth(file.path, is_confidence=slot in CONFIDENCE_SLOTS), MAX_MAP_PIXELS
@@ -198,6 +202,21 @@ def _prepare_image(slot: str, file: ReceivedFile, max_pixels: int, policy: Locat
         stored_sha256=sha256_of_file(file.path) if changed else file.sha256,
         location=location,
     )
+
+
+def _prepare_note(file: ReceivedFile, policy: LocationPolicy) -> SealablePhoto:
+    media_type = inspect_voice_note(file.path)
+    if isinstance(media_type, Failure):
+        raise _unreadable_note(media_type)
+    changed = policy.cuts_tags and remove_note_metadata(file.path, media_type)
+    if isinstance(changed, Failure):
+        raise _unreadable_note(changed)
+    stored_sha256 = sha256_of_file(file.path) if changed else file.sha256
+    return SealablePhoto(file.path, media_type, 0, 0, file.bytes, file.sha256, stored_sha256)
+
+
+def _unreadable_note(failure: Failure) -> InvalidInputError:
+    return InvalidInputError(f"{failure.message} {failure.advice}", code=failure.code, slot=VOICE_NOTE)
 
 
 def _require_whole(

@@ -336,6 +336,15 @@ class EffectiveRecord(Base):
     __table_args__ = (
         one_of("status", RECORD_STATUSES),
         one_of("origin", ITEM_ORIGINS),
+        # pages of records (records/page_queries.py); with the local day, so that filters of days read no row
+        sa.Index("ix_effective_record_page", "captured_at", "item_id", "local_date"),
+        sa.Index("ix_effective_record_page_of_study", "study_id", "captured_at", "item_id", "local_date"),
+        sa.Index("ix_effective_record_page_of_status", "study_id", "status", "captured_at", "item_id", "local_date"),
+        sa.Index(
+            "ix_effective_record_page_of_food",
+            *("food_id", "study_id", "status", "captured_at", "item_id", "local_date"),
+        ),
+        # the same without the day: for code before these, dropped a release after (docs/development.md, "Migrations")
         sa.Index(None, "captured_at", "item_id"),
         sa.Index(None, "study_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "status", "captured_at", "item_id"),
@@ -378,10 +387,14 @@ class EffectiveRecord(Base):
         value, low, high = self.consumed_g, self.consumed_low_g, self.consumed_high_g
         return Estimate(value, low, high) if value is not None and low is not None and high is not None else None
 
-    def nutrient_interval(self, column: str) -> tuple[float, float] | None:
-        """Return the 90 % interval of one of HEADLINE_COLUMNS, in proportion to that of the grams; None if unknown."""
-        amount, grams = getattr(self, column), self.eaten_g
-        return interval_in_proportion(amount, grams) if amount is not None and grams is not None else None
+    def nutrient_intervals(self) -> dict[str, tuple[float, float] | None]:
+        """Return the 90 % interval of each of HEADLINE_COLUMNS, in proportion to that of the grams; None if unknown."""
+        grams = self.eaten_g
+        amounts = {column: getattr(self, column) for column in HEADLINE_COLUMNS}
+        return {
+            column: interval_in_proportion(amount, grams) if amount is not None and grams is not None else None
+            for column, amount in amounts.items()
+        }
 
     def interval(self, name: str, unit: str) -> tuple[float, float] | None:
         """Return the 90 % interval of the column `{name}_{unit}`; None if unknown."""

@@ -1,4 +1,4 @@
-"""Sentences for participants in their language: about photographs (sentences.toml) and of feedback (feedback.toml).
+"""Sentences for participants in their language: about photographs (sentences.toml), of feedback, and on cards.
 
 `{where}` in sentences.toml names the photograph; placeholders in feedback.toml are values of the feedback.
 """
@@ -18,7 +18,7 @@ Side = Literal["left", "right"]
 
 
 @functools.cache
-def catalogue(name: Literal["sentences", "feedback"]) -> Mapping[str, Mapping[str, str]]:
+def catalogue(name: Literal["sentences", "feedback", "cards"]) -> Mapping[str, Mapping[str, str]]:
     """Return the sentences by code and language."""
     text = resources.files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return cast("Mapping[str, Mapping[str, str]]", tomllib.loads(text))

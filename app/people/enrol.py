@@ -4,16 +4,20 @@ import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
+from sqlalchemy.orm import Session
+
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access.audit import note
-from app.people.access.caller import Caller, DeviceCaller, new_code, new_token, sha256_hex
-from app.people.models import AccessToken, Device, Enrolment, Study
+from app.people.access.caller import Caller, DeviceCaller, new_code, new_token, sha256_hex, token_of
+from app.people.access.secret_box import SecretBox
+from app.people.models import AccessToken, Device, Enrolment, Participant, Study
 from app.people.participants import require_participant
 
 ENROLMENT_VALID = timedelta(days=7)
+SANDBOX_ENROLMENT_VALID = timedelta(days=36_525)  # a century
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +39,14 @@ class NewDevice:
 
 @dataclass(frozen=True, slots=True)
 class IssuedDevice:
-    """A device's token, shown once. study, participant: their codes."""
+    """A device's token. study, participant: their codes. is_new: False if the phone asks again with its secret."""
 
     token: str
     device_id: uuid.UUID
     participant: str
     study: str
     marker: str | None
+    is_new: bool
 
 
 def issue_enrolment_code(
@@ -49,6 +54,7 @@ def issue_enrolment_code(
 ) -> IssuedCode:
     """Issue a one-time code for a participant's next device; earlier unused codes end.
 
+    The code of a sandbox study works any number of times until another one is issued.
     Raises NotFoundError, ConflictError (`participant_withdrawn`).
     """
     code, now = new_code(), datetime.now(UTC)
@@ -57,52 +63,61 @@ def issue_enrolment_code(
         if participant.withdrawn_at is not None:
             raise ConflictError("This participant has left the study.", code="participant_withdrawn")
         people.end_enrolments(session, participant.id, now)
+        expires_at = now + (SANDBOX_ENROLMENT_VALID if study.is_sandbox else ENROLMENT_VALID)
         session.add(
             Enrolment(
                 id=uuid.uuid4(),
                 participant_id=participant.id,
                 code_sha256=sha256_hex(code),
-                expires_at=now + ENROLMENT_VALID,
+                expires_at=expires_at,
                 created_at=now,
             )
         )
         note(session, caller, "enrolment_code.issue", study_id=study.id, subject=participant.alias)
-    return IssuedCode(code=code, expires_at=now + ENROLMENT_VALID)
+    return IssuedCode(code=code, expires_at=expires_at)
 
 
-def enrol_device(database: Database, *, code: str, device: NewDevice) -> IssuedDevice:
-    """Exchange a code for a device's token, once. Raises NotFoundError for an unknown, used or expired code."""
-    token, now = new_token(), datetime.now(UTC)
+def enrol_device(
+    database: Database, box: SecretBox, *, code: str, device: NewDevice, secret: str | None = None
+) -> IssuedDevice:
+    """Exchange a code for a device's token, once; the phone that used it gets the same token again.
+
+    secret: drawn by the phone. The token is derived from it under the server's key, so that nobody but this phone can
+    ask again, as long as the token is valid. Raises NotFoundError for an unknown, used or expired code, and for a
+    secret whose token has ended, also with a sandbox's code.
+    """
+    token = new_token() if secret is None else token_of(box.digest("device.token", f"{code}\0{secret}"))
+    now = datetime.now(UTC)
     with database.write() as session:
         participant = privacy.join_participant(session, people.participant_of_code(session, sha256_hex(code)))
-        enrolment = people.take_enrolment(session, sha256_hex(code), now)
-        if participant is None or participant.withdrawn_at is not None or enrolment is None:
+        is_taken = people.take_enrolment(session, sha256_hex(code), now) is not None  # a sandbox's, time and again
+        token_sha256 = sha256_hex(token)
+        issued = people.find_token(session, token_sha256, now, idle_since=now)
+        is_new = is_taken and not people.is_token_used(session, token_sha256, box.digest("token", token_sha256))
+        if participant is None or participant.withdrawn_at is not None or not (is_new or issued):
             raise NotFoundError(
                 "This enrolment code is unknown, used or expired. Ask the study for a new one.",
                 code="enrolment_code_invalid",
             )
         study = session.get_one(Study, participant.study_id)
-        row = Device(
-            id=uuid.uuid4(),
-            participant_id=participant.id,
-            name=device.name,
-            model=device.model,
-            app_version=device.app_version,
-            enrolled_at=now,
-        )
-        session.add(row)
-        session.flush()
-        session.add(
-            AccessToken(
-                id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=row.id, created_at=now
-            )
-        )
-        phone = DeviceCaller(row.id, participant.id, study.id, participant.alias)
-        note(session, phone, "device.enrol", subject=participant.alias)
-    return IssuedDevice(
-        token=token,
-        device_id=row.id,
-        participant=participant.code,
-        study=study.code,
-        marker=study.marker,
+        device_id = issued.Device.id if issued else _add_device(session, participant, device, token, now)
+    return IssuedDevice(token, device_id, participant.code, study.code, study.marker, issued is None)
+
+
+def _add_device(session: Session, participant: Participant, device: NewDevice, token: str, now: datetime) -> uuid.UUID:
+    row = Device(
+        id=uuid.uuid4(),
+        participant_id=participant.id,
+        name=device.name,
+        model=device.model,
+        app_version=device.app_version,
+        enrolled_at=now,
     )
+    session.add(row)
+    session.flush()
+    session.add(
+        AccessToken(id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=row.id, created_at=now)
+    )
+    phone = DeviceCaller(row.id, participant.id, participant.study_id, participant.alias)
+    note(session, phone, "device.enrol", subject=participant.alias)
+    return row.id

@@ -1,6 +1,8 @@
-"""An enrolment code as a QR code that a phone's app reads, as SVG or PNG.
+"""An enrolment code as a QR code, as SVG or PNG: for the study's app, or for the browser of any phone.
 
-The text is JSON, not a link: another app can intercept a link, and links end up in histories and logs.
+For an app the text is JSON, not a link: another app can intercept a link, and links end up in histories and logs.
+For a browser it is a link to the capture page. The code stands after the #, which no browser sends to a server, and the
+page removes it from the address at once.
 """
 
 import io
@@ -15,6 +17,11 @@ ERROR_LEVEL = "m"  # up to 15 % may be covered: fingers, glare, a fold
 def enrolment_text(server: str, code: str) -> str:
     """Return the QR code's text: {"tada": 1, "server": "https://...", "code": "..."}; tada: version of the format."""
     return json.dumps({"tada": 1, "server": server, "code": code}, separators=(",", ":"), ensure_ascii=False)
+
+
+def capture_link(server: str, code: str) -> str:
+    """Return the link by which the capture page enrols a phone's browser."""
+    return f"{server}/capture/#code={code}"
 
 
 def qr_svg(text: str) -> str:

@@ -30,8 +30,10 @@ class Study(Base):
     camera: intrinsics for meals whose metadata and device have none. after_window_minutes: how long an after-meal pair
     is expected after the meal began. day_starts_minutes: after midnight; an earlier meal belongs to the day before.
     retention_days: photographs and derived pictures are deleted so many days after upload; NULL: they stay.
-    shares_index: this study's confirmed items also help to identify foods of other studies. version grows with every
-    change of the protocol.
+    shares_index: this study's confirmed items also help to identify foods of other studies. web_origins: of web apps
+    that its participants may use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none.
+    is_sandbox: for authors of apps, never for real participants
+    (app/sandbox); it never changes. version grows with every change of the protocol.
     """
 
     __tablename__ = "study"
@@ -51,6 +53,9 @@ class Study(Base):
     gives_feedback: Mapped[bool] = mapped_column(default=False)
     day_starts_minutes: Mapped[int] = mapped_column(default=0)
     shares_index: Mapped[bool] = mapped_column(default=False)
+    web_origins: Mapped[list[str] | None] = mapped_column(JsonValue)
+    reminder_times: Mapped[list[str] | None] = mapped_column(JsonValue)
+    is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     version: Mapped[int] = mapped_column(default=1)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
     created_at: Mapped[datetime]
@@ -174,3 +179,29 @@ class AccessToken(Base):
         one_of("scope", SCOPES),
         sa.CheckConstraint("(device_id IS NULL) <> (staff_id IS NULL)", name="one_owner"),
     )
+
+
+class PushSubscription(Base):
+    """Where and when a phone is reminded. endpoint: of the browser's push service, an address that the phone gave.
+
+    times: the participant's own, "HH:MM"; NULL: the study's. quiet_*: no reminder of the study's between them, minutes
+    after midnight; both equal: never quiet. next_at: the next reminder; NULL: no times, or
+    to be computed. after_reminded_at: the end of the last after-meal window of which the phone was reminded.
+    """
+
+    __tablename__ = "push_subscription"
+    personal = Personal(("device_id",), "reminders")
+
+    # with CASCADE, an older server that knows no subscriptions can still erase a phone
+    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id", ondelete="CASCADE"), primary_key=True)
+    endpoint: Mapped[str] = mapped_column(sa.String(500))
+    public_key: Mapped[str] = mapped_column(sa.String(100))
+    auth: Mapped[str] = mapped_column(sa.String(40))
+    times: Mapped[list[str] | None] = mapped_column(JsonValue)
+    after_meal: Mapped[bool]
+    time_zone: Mapped[str] = mapped_column(sa.String(64))
+    quiet_from_minutes: Mapped[int]
+    quiet_until_minutes: Mapped[int]
+    next_at: Mapped[datetime | None] = mapped_column(index=True)
+    after_reminded_at: Mapped[datetime | None]
+    created_at: Mapped[datetime]

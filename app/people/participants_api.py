@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import JSONResponse
 
 from app.http.flat_list import ListRoute
+from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ParticipantCode, StudyCode
 from app.http.problems import problem_responses
@@ -14,7 +14,7 @@ from app.people import participants
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.secret_box import SecretBox
 from app.people.enrol import issue_enrolment_code
-from app.people.enrolment_qr import enrolment_text, qr_png, qr_svg
+from app.people.enrolment_qr import capture_link, enrolment_text, qr_png, qr_svg
 from app.people.models import Participant
 from app.people.participants import ParticipantChange
 from app.people.schemas import (
@@ -87,14 +87,21 @@ def post_enrolment_code(
     With `Accept: image/svg+xml` or `image/png` the response is only the QR code.
     """
     issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
-    text = enrolment_text(state.settings.public_url or str(request.base_url).rstrip("/"), issued.code)
+    server = state.settings.public_url or str(request.base_url).rstrip("/")
+    text = enrolment_text(server, issued.code)
     media_type = _preferred_picture(request.headers.get("accept", ""))
     if media_type == "image/png":
         return Response(qr_png(text), 201, media_type=media_type)
     if media_type is not None:
         return Response(qr_svg(text), 201, media_type=media_type)
-    body = EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at, qr_text=text, qr_svg=qr_svg(text))
-    return JSONResponse(body.model_dump(mode="json"), 201)
+    body = EnrolmentCodeOut(
+        code=issued.code,
+        expires_at=issued.expires_at,
+        qr_text=text,
+        qr_svg=qr_svg(text),
+        capture_url=capture_link(server, issued.code),
+    )
+    return ModelResponse(body, 201)
 
 
 def _preferred_picture(accept: str) -> str | None:

@@ -8,7 +8,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from app.people.models import AccessToken, Device, Enrolment, Participant, Study
+from app.people.models import AccessToken, Device, Enrolment, Participant, PushSubscription, Study
 from app.people.privacy_models import ActorKind, AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
@@ -51,14 +51,20 @@ def join_participant(session: Session, participant_id: uuid.UUID | None) -> Part
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
+def enrolments_of(session: Session, participant_id: uuid.UUID) -> list[Enrolment]:
+    """Return a participant's enrolment codes, used or not."""
+    return list(session.scalars(sa.select(Enrolment).where(Enrolment.participant_id == participant_id)))
+
+
 def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
     """Delete a participant's enrolment codes, used or not, so that no further phone can enrol."""
     session.execute(sa.delete(Enrolment).where(Enrolment.participant_id == participant_id))
 
 
 def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
-    """Delete the tokens of a participant's devices. Returns their SHA-256."""
+    """Delete the tokens of a participant's devices, and their reminders. Returns the tokens' SHA-256."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
+    session.execute(sa.delete(PushSubscription).where(PushSubscription.device_id.in_(devices)))
     return list(
         session.scalars(
             sa.delete(AccessToken).where(AccessToken.device_id.in_(devices)).returning(AccessToken.token_sha256)

@@ -8,8 +8,18 @@ from typing import TypeVarTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from app.people.models import AccessToken, Device, Enrolment, Participant, Role, Staff, Study, StudyMember
-from app.people.privacy_models import Tombstone
+from app.people.models import (
+    AccessToken,
+    Device,
+    Enrolment,
+    Participant,
+    PushSubscription,
+    Role,
+    Staff,
+    Study,
+    StudyMember,
+)
+from app.people.privacy_models import ErasedKind, ErasureReceipt, Tombstone
 
 Rows = TypeVarTuple("Rows")
 
@@ -45,15 +55,32 @@ def find_token(
     return session.execute(_TOKEN, values).one_or_none()
 
 
+def is_token_used(session: Session, token_sha256: str, tombstone: str) -> bool:
+    """Return true if a token was ever issued. tombstone: the digest that it has if its participant was erased."""
+    issued = sa.select(AccessToken.id).where(AccessToken.token_sha256 == token_sha256)
+    return session.scalar(issued) is not None or find_tombstone(session, "token", tombstone) is not None
+
+
 def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Role]:
     """Return a staff member's role by study."""
     query = sa.select(StudyMember.study_id, StudyMember.role).where(StudyMember.staff_id == staff_id)
     return {row.study_id: row.role for row in session.execute(query)}
 
 
-def has_tombstone(session: Session, kind: str, digest: str) -> bool:
-    """Whether something with this digest was erased."""
-    return session.get(Tombstone, (kind, digest)) is not None
+def find_tombstone(session: Session, kind: str, digest: str) -> Tombstone | None:
+    """Return the tombstone of something that was erased; None if nothing with this digest was."""
+    return session.get(Tombstone, (kind, digest))
+
+
+def receipt_of_erasure(session: Session, tombstone: Tombstone, what: ErasedKind) -> uuid.UUID | None:
+    """Return the receipt of the erasure that left a tombstone: one transaction wrote both, with one time."""
+    query = sa.select(ErasureReceipt.id).where(
+        ErasureReceipt.study_id == tombstone.study_id,
+        ErasureReceipt.what == what,
+        ErasureReceipt.erased_at == tombstone.erased_at,
+    )
+    receipts = session.scalars(query).all()
+    return receipts[0] if len(receipts) == 1 else None
 
 
 def find_study(session: Session, code: str, *, lock: bool = False) -> Study | None:
@@ -75,6 +102,17 @@ def study_codes(session: Session, study_ids: frozenset[uuid.UUID] | None) -> lis
     return list(session.scalars(query if study_ids is None else query.where(Study.id.in_(study_ids))))
 
 
+def web_origins(session: Session) -> list[tuple[uuid.UUID, list[str]]]:
+    """Return the studies that allow web apps, with their origins."""
+    query = sa.select(Study.id, Study.web_origins).where(Study.web_origins.is_not(None))
+    return [(row.id, row.web_origins) for row in session.execute(query)]
+
+
+def sandboxes(session: Session) -> frozenset[uuid.UUID]:
+    """Return the sandbox studies."""
+    return frozenset(session.scalars(sa.select(Study.id).where(Study.is_sandbox)))
+
+
 def codes_of_studies(session: Session, study_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, str]:
     """Return the code of each study."""
     rows = session.execute(sa.select(Study.id, Study.code).where(Study.id.in_(study_ids)))
@@ -84,6 +122,17 @@ def codes_of_studies(session: Session, study_ids: Collection[uuid.UUID]) -> dict
 def has_meals(session: Session, study_id: uuid.UUID) -> bool:
     """Whether the study has a meal."""
     return session.execute(sa.select(MEAL.c.study_id).where(MEAL.c.study_id == study_id).limit(1)).first() is not None
+
+
+def unschedule_reminders(session: Session, study_id: uuid.UUID) -> None:
+    """Make the worker schedule the phones that follow their study's reminder times anew."""
+    devices = sa.select(Device.id).join(Participant).where(Participant.study_id == study_id)
+    session.execute(
+        sa.update(PushSubscription)
+        .where(PushSubscription.times.is_(None), PushSubscription.device_id.in_(devices))
+        .values(next_at=None)
+        .execution_options(synchronize_session=False)
+    )
 
 
 def find_participant(session: Session, study_id: uuid.UUID, code: str, *, lock: bool = False) -> Participant | None:
@@ -124,7 +173,8 @@ def page_of_devices(
 
 
 def end_tokens_of_device(session: Session, device_id: uuid.UUID, now: datetime) -> None:
-    """Revoke a device's tokens."""
+    """Revoke a device's tokens, and end its reminders."""
+    session.execute(sa.delete(PushSubscription).where(PushSubscription.device_id == device_id))
     session.execute(
         sa.update(AccessToken)
         .where(AccessToken.device_id == device_id, AccessToken.revoked_at.is_(None))
@@ -226,11 +276,20 @@ def participant_of_code(session: Session, code_sha256: str) -> uuid.UUID | None:
 
 
 def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolment | None:
-    """Mark a valid code as used and return it, to one caller only; None if it is unknown, used or expired."""
+    """Mark a valid code as used and return it, to one caller only; None if it is unknown, used or expired.
+
+    The code of a sandbox study stays unused.
+    """
+    of_sandbox = (
+        sa.select(Study.id)
+        .join(Participant, Participant.study_id == Study.id)
+        .where(Participant.id == Enrolment.participant_id, Study.is_sandbox)
+        .exists()
+    )
     query = (
         sa.update(Enrolment)
         .where(Enrolment.code_sha256 == code_sha256, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
-        .values(used_at=now)
+        .values(used_at=sa.case((of_sandbox, None), else_=now))
         .returning(Enrolment)
     )
     return session.scalars(query).one_or_none()

@@ -4,9 +4,9 @@ import uuid
 from datetime import date, datetime
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
-from app.http.field_descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICIPANT, PHONE_MODEL, STUDY
+from app.http.field_descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICIPANT, PHONE_MODEL, SANDBOX, STUDY
 from app.http.text_schemas import LocalDay, Number, Text, unless_named
 from app.nutrition.intakes.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
 from app.nutrition.intakes.life_stage import Sex
@@ -22,6 +22,13 @@ DayStart = Annotated[
         pattern=r"^(?:(?:0\d|1[01]):[0-5]\d|12:00)$",
         description="HH:MM, 00:00 to 12:00: an earlier meal belongs to the day before. Fixed once there is a meal.",
     ),
+]
+
+
+ClockTime = Annotated[str, Field(pattern=r"^(?:[01]\d|2[0-3]):[0-5]\d$")]
+ReminderTimes = Annotated[
+    list[ClockTime],
+    Field(max_length=8, description="Local times of day, HH:MM, at most 8."),
 ]
 
 
@@ -64,6 +71,14 @@ class ProtocolIn(BaseModel):
         description="Whether all studies of this server learn from its confirmed items: features of a food's "
         "appearance, the food and its volume; never photographs or personal data.",
     )
+    web_origins: list[Annotated[Text, Field(max_length=300)]] = Field(
+        default=[],
+        max_length=20,
+        description="Origins of web apps that participants may use, such as https://app.example.org.",
+    )
+    reminder_times: ReminderTimes = Field(
+        default=[], description="Local times, HH:MM, at which phones that want it are reminded of their meals."
+    )
 
 
 class StudyIn(ProtocolIn):
@@ -75,6 +90,10 @@ class StudyIn(ProtocolIn):
 
     code: Code
     name: Text = Field(min_length=1, max_length=200, description="The study's name, for people.")
+    sandbox: bool = Field(
+        default=False,
+        description="Whether it is for authors of apps to try, never for real participants; it cannot be changed.",
+    )
 
 
 class StudyPatch(ProtocolIn):
@@ -122,6 +141,11 @@ class StudyOut(BaseModel):
     shares_index: bool = Field(
         description="Whether all studies of this server learn from its confirmed items (figures only, no photographs)."
     )
+    web_origins: list[str] = Field(
+        description="Origins of web apps that participants may use, beside those of the server's setting."
+    )
+    reminder_times: list[str] = Field(description="Local times, HH:MM, at which phones are reminded.")
+    sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study; the ETag names it.")
     created_at: datetime = Field(description="When the study was created.")
 
@@ -212,6 +236,7 @@ class EnrolmentCodeOut(BaseModel):
     expires_at: datetime = Field(description="Until when it can be used.")
     qr_text: str = Field(description="The text of the QR code: JSON with server and code.")
     qr_svg: str = Field(description="The QR code as SVG, to embed in a page.")
+    capture_url: str = Field(description="The link that enrols a phone's browser in the capture page.")
 
 
 class EnrolmentIn(BaseModel):
@@ -225,12 +250,22 @@ class EnrolmentIn(BaseModel):
     app_version: Text | None = Field(
         default=None, min_length=1, max_length=64, description="The version of the phone's app."
     )
+    secret: SecretStr | None = Field(
+        default=None,
+        min_length=22,
+        max_length=100,
+        description="At least 128 random bits as text, drawn and kept by the phone before the call: if the answer is "
+        "lost, the same call gets the same token.",
+    )
 
 
 class EnrolmentOut(BaseModel):
-    """The device's token, shown once."""
+    """The device's token."""
 
-    token: str = Field(description="Send it as `Authorization: Bearer TOKEN`. Shown once; keep it safe.")
+    token: str = Field(
+        description="Send it as `Authorization: Bearer TOKEN`. Keep it safe: only the same call with the same `secret` "
+        "gives it again."
+    )
     device_id: uuid.UUID = Field(description="The phone's id.")
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
@@ -280,6 +315,7 @@ class PhoneProtocol(BaseModel):
     locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether the participant may see what they ate (GET /v1/me/summary).")
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
+    sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study.")
 
 

@@ -12,6 +12,7 @@ from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller, require_study, studies_with_role
+from app.people.access.web_origins import parse_origin
 from app.people.calibration_models import CameraDetails
 from app.people.location_policy import FilesWithPlaces
 from app.people.models import Locale, LocationPolicy, Study, WithdrawalPolicy
@@ -34,12 +35,20 @@ class ProtocolChange(TypedDict, total=False):
     gives_feedback: bool
     day_starts_minutes: int
     shares_index: bool
+    web_origins: list[str] | None
+    reminder_times: list[str] | None
 
 
 def create_study(
-    database: Database, *, code: str, name: str, caller: Caller | None = None, protocol: ProtocolChange | None = None
+    database: Database,
+    *,
+    code: str,
+    name: str,
+    caller: Caller | None = None,
+    protocol: ProtocolChange | None = None,
+    is_sandbox: bool = False,
 ) -> Study:
-    """Create a study.
+    """Create a study. is_sandbox: for good, so that no real participant is ever in one.
 
     Raises ConflictError (`study_exists`), InvalidInputError for a protocol that contradicts itself.
     """
@@ -47,11 +56,13 @@ def create_study(
     protocol = protocol or {}
     study = Study(id=uuid.uuid4(), code=code, name=name, change_seq=0, version=1, created_at=datetime.now(UTC))
     study.location_policy, study.location_decimals = "drop", None
+    study.shares_index, study.withdrawal_policy, study.is_sandbox = False, "erase", is_sandbox
     _apply(study, protocol)
     with unless_taken(conflict), database.write() as session:
         session.add(study)
         session.flush()
-        note(session, caller, "study.create", study_id=study.id, subject=code, fields=sorted(protocol))
+        fields = sorted(protocol) + ["sandbox"] * is_sandbox
+        note(session, caller, "study.create", study_id=study.id, subject=code, fields=fields)
     return study
 
 
@@ -104,6 +115,8 @@ def change_study(
             )
         if "location_policy" in changed and study.location_policy == "drop":
             files_with_places(session, study)
+        if "reminder_times" in changed:
+            people.unschedule_reminders(session, study.id)
         if changed:
             study.version += 1
             note(
@@ -142,6 +155,12 @@ def _apply(study: Study, changes: ProtocolChange) -> list[str]:
     marker = values.get("marker")
     if marker is not None:
         parse_marker(marker)
+    origins = values.get("web_origins")
+    if origins is not None:
+        values["web_origins"] = sorted({parse_origin(origin) for origin in origins}) or None
+    times = values.get("reminder_times")
+    if times is not None:
+        values["reminder_times"] = sorted(set(times)) or None
     if values.get("location_policy", "round") != "round":
         values.setdefault("location_decimals", None)  # without rounding, its decimals go
     changed = []
@@ -152,5 +171,9 @@ def _apply(study: Study, changes: ProtocolChange) -> list[str]:
     if (study.location_policy == "round") != (study.location_decimals is not None):
         raise InvalidInputError(
             "Set location_decimals, the decimals of a degree to keep, with the location policy round, and only with it."
+        )
+    if study.is_sandbox and (study.shares_index or study.withdrawal_policy != "erase"):
+        raise InvalidInputError(
+            "A sandbox study cannot share its index (shares_index), and its withdrawal_policy can only be erase."
         )
     return sorted(changed)

@@ -32,7 +32,12 @@ def get_studies(
 def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
     """Create a study."""
     study = studies.create_study(
-        state.database, code=body.code, name=body.name, caller=caller, protocol=protocol_columns(body)
+        state.database,
+        code=body.code,
+        name=body.name,
+        caller=caller,
+        protocol=protocol_columns(body),
+        is_sandbox=body.sandbox,
     )
     response.headers["Location"] = f"/v1/studies/{body.code}"
     return _tagged(study, response)
@@ -64,8 +69,13 @@ def patch_study(
 def render_study(study: Study) -> StudyOut:
     """Return a study as the API shows it."""
     return StudyOut.model_validate(
-        {name: getattr(study, name) for name in StudyOut.model_fields if name != "day_starts"}
-        | {"day_starts": clock(study.day_starts_minutes)}
+        {name: getattr(study, name) for name in StudyOut.model_fields if name not in {"day_starts", "sandbox"}}
+        | {
+            "day_starts": clock(study.day_starts_minutes),
+            "web_origins": study.web_origins or [],
+            "reminder_times": study.reminder_times or [],
+            "sandbox": study.is_sandbox,
+        }
     )
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import GoneError
-from app.people import privacy_queries as people_privacy
+from app.people import queries as people
 from app.people.access.secret_box import SecretBox
 from app.people.models import WithdrawalPolicy
 
@@ -22,15 +22,13 @@ def digest_of(box: SecretBox, kind: Kind, policy: WithdrawalPolicy, subject_id: 
     return box.digest(kind if kind == "meal" else f"{kind}.{policy}", str(subject_id))
 
 
-def meal_deleted_error() -> GoneError:
-    """Return the error for a call about a deleted meal."""
-    return GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted")
-
-
-def is_meal_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) -> bool:
-    """Whether the meal with this internal id (`meal_id_of`) was deleted."""
-    digest = digest_of(box, "meal", "erase", meal_id)
-    return bool(people_privacy.tombstones_among(session, "meal", [digest]))
+def require_not_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) -> None:
+    """Raise GoneError (`meal_deleted`, with the erasure's `receipt`) if the meal with this internal id was deleted."""
+    tombstone = people.find_tombstone(session, "meal", digest_of(box, "meal", "erase", meal_id))
+    if tombstone is not None:
+        receipt = people.receipt_of_erasure(session, tombstone, "meal")
+        facts = {"receipt": str(receipt)} if receipt is not None else {}
+        raise GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted", **facts)
 
 
 def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:

@@ -26,7 +26,7 @@ from app.people.access.caller import Caller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, WithdrawalPolicy
 from app.people.privacy_models import ErasureReceipt
-from app.people.tombstones import Kind, digest_of, meal_deleted_error
+from app.people.tombstones import Kind, digest_of
 from app.privacy import announce
 from app.privacy import queries as privacy
 from app.privacy.erase_files import erase_meal_from_files
@@ -46,13 +46,12 @@ class Eraser:
     ledger: ErasureLedger
 
     def erase_meal(self, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None) -> ErasureReceipt:
-        """Erase a meal and all its rows. Raises NotFoundError, ConflictError, GoneError (`meal_deleted`)."""
+        """Erase a meal and all its rows; concurrent calls get one receipt. Raises NotFoundError, ConflictError."""
         with self.database.read() as session:
             meal_id = find_meal(session, caller, client_id, participant_code)[0].id
-        receipt = self.carry_out_on_meal(self.intend("meal", "erase", meal_id), meal_id, caller)
-        if receipt is None:
-            raise meal_deleted_error()
-        return receipt
+        erasure = self.intend("meal", "erase", meal_id)
+        receipt = self.carry_out_on_meal(erasure, meal_id, caller)
+        return receipt if receipt is not None else find_receipt(self.database, erasure.receipt_id)
 
     def intend(self, kind: Kind, policy: WithdrawalPolicy, subject_id: uuid.UUID) -> Erasure:
         """Write an erasure to the ledger; from then on it will be carried out.

@@ -27,7 +27,15 @@ from app.privacy import queries as privacy
 from app.storage.blob_store import BlobMissingError, BlobStore
 
 OMITTED_COLUMNS = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
-EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic", "image/webp": "webp", "image/tiff": "tif"}
+EXTENSIONS = {
+    "image/jpeg": "jpg",
+    "image/png": "png",
+    "image/heic": "heic",
+    "image/webp": "webp",
+    "image/tiff": "tif",
+    "audio/webm": "webm",
+    "audio/mp4": "m4a",
+}
 README = """\
 This is all that the study's server holds on you, made on {when}.
 

@@ -7,7 +7,7 @@ from typing import IO, Annotated
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
-from app.core.errors import NotFoundError
+from app.core.errors import GoneError, NotFoundError
 from app.exports.export_places import ExportPlaces
 from app.http.closing_stream import ClosingStream
 from app.http.parameters import ParticipantCode, StudyCode
@@ -18,7 +18,7 @@ from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.access.secret_box import SecretBox
 from app.people.privacy_models import ErasureReceipt
-from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.people.tombstones import meal_id_of, require_not_deleted
 from app.privacy.erase import Eraser
 from app.privacy.export_me import export_me
 from app.privacy.schemas import ReceiptOut
@@ -42,7 +42,10 @@ def delete_meal(
         str | None, Query(max_length=64, description="Staff: whose meal, if the id alone is not enough.")
     ] = None,
 ) -> ReceiptOut:
-    """Erase a meal permanently: photographs, derived pictures, items, records. Its id cannot be used again."""
+    """Erase a meal permanently: photographs, derived pictures, items, records. Its id cannot be used again.
+
+    If this answer is lost, a phone that asks again gets 410 `meal_deleted` with the receipt's id as `receipt`.
+    """
     return _receipt_out(state.part(Eraser).erase_meal(caller, meal_id, participant))
 
 
@@ -50,7 +53,8 @@ def delete_meal(
 def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
     """Leave the study: from now on every phone of this participant gets 410.
 
-    The study's policy decides what happens to the data. Show the receipt and keep its id: the call works only once.
+    The study's policy decides what happens to the data. Show the receipt and keep its id. If this answer is lost, every
+    further call's 410 has the id as `receipt`.
     """
     return _receipt_out(withdraw_self(state.part(Eraser), caller))
 
@@ -107,9 +111,12 @@ def on_not_found(request: Request, error: Exception) -> Response:
     client_id = request.path_params.get("meal_id")
     if isinstance(caller, DeviceCaller) and client_id is not None:
         state: ApiState = request.app.state.api
-        with state.database.read() as session:
-            if is_meal_deleted(session, state.part(SecretBox), meal_id_of(caller.participant_id, uuid.UUID(client_id))):
-                return render_problem(meal_deleted_error())
+        meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
+        try:
+            with state.database.read() as session:
+                require_not_deleted(session, state.part(SecretBox), meal_id)
+        except GoneError as deleted:
+            return render_problem(deleted)
     return render_problem(error)
 
 

@@ -32,6 +32,19 @@ Ids = sa.Select[uuid.UUID]
 Owner = Literal["meal", "participant"]  # also the names of their tables
 
 
+def sandbox_participants_since(session: Session, before: datetime) -> list[uuid.UUID]:
+    """Return the participants of sandbox studies with a phone or a meal that arrived before a time."""
+    phones = sa.select(Device.participant_id).where(Device.enrolled_at < before)
+    meals = sa.select(Meal.participant_id).where(Meal.received_at < before)
+    query = (
+        sa.select(Participant.id)
+        .join(Study, Study.id == Participant.study_id)
+        .where(Study.is_sandbox, sa.or_(Participant.id.in_(phones), Participant.id.in_(meals)))
+        .order_by(Participant.id)
+    )
+    return list(session.scalars(query))
+
+
 def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
     """Lock all meals of a participant, in the order of their ids."""
     query = sa.select(Meal).where(Meal.participant_id == participant_id).order_by(Meal.id).with_for_update()

@@ -1,6 +1,6 @@
 """Erase photographs and derived pictures older than the study's retention_days, counted from their upload.
 
-Measurements stay: items, records, runs without pictures.
+Measurements stay: items, records, runs without pictures. Of a sandbox study nothing stays for longer than a day.
 """
 
 import uuid
@@ -10,8 +10,10 @@ from app.db.session import Database
 from app.people.access import audit
 from app.people.privacy_models import ErasureReceipt
 from app.privacy import queries as privacy
-from app.privacy.erase import erase_pictures
+from app.privacy.erase import Eraser, erase_pictures
+from app.privacy.withdraw import carry_out_on_participant
 
+SANDBOX_KEEPS = timedelta(days=1)
 BATCH = 100  # meals per transaction, for which uploads may have to wait
 
 
@@ -29,6 +31,17 @@ def erase_old_pictures(database: Database, now: datetime | None = None) -> int:
         while count := _erase_batch(database, study_id, before, now):
             total += count
     return total
+
+
+def erase_sandboxes(eraser: Eraser, now: datetime | None = None) -> int:
+    """Erase the participants of sandbox studies who sent something, or enrolled, over a day ago. Returns how many."""
+    before = (now or datetime.now(UTC)) - SANDBOX_KEEPS
+    with eraser.database.read() as session:
+        due = privacy.sandbox_participants_since(session, before)
+    for participant_id in due:
+        erasure = eraser.intend("participant", "erase", participant_id)
+        carry_out_on_participant(eraser, erasure, participant_id, None)
+    return len(due)
 
 
 def _erase_batch(database: Database, study_id: uuid.UUID, before: datetime, now: datetime) -> int:

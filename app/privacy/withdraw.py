@@ -6,7 +6,7 @@ codes end, and a receipt gives the numbers of rows. docs/privacy.md describes wh
 
 import secrets
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import cast
 
@@ -21,7 +21,7 @@ from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
-from app.people.models import WITHDRAWAL_POLICIES, Participant, Study
+from app.people.models import WITHDRAWAL_POLICIES, Enrolment, Participant, Study
 from app.people.participants import withdrawn_error
 from app.people.privacy_models import ErasureReceipt
 from app.people.spent_codes import spend_code
@@ -29,7 +29,7 @@ from app.people.studies import enter_study
 from app.people.tombstones import digest_of
 from app.privacy import queries as privacy
 from app.privacy.announce import announce_withdrawal
-from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, public_digest
+from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, find_receipt, public_digest
 from app.privacy.erase_files import erase_person_from_files
 from app.privacy.erasure_ledger import Erasure
 from app.records import queries as records
@@ -42,18 +42,18 @@ FREE_TEXT = "text"  # the one value of events that people write in their own wor
 
 
 def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
-    """Withdraw the participant of the calling phone. Raises GoneError if they have left already."""
+    """Withdraw the participant of the calling phone; concurrent calls get the same receipt.
+
+    Raises GoneError if they have left already.
+    """
     with eraser.database.read() as session:
         participant = session.get(Participant, caller.participant_id)
         if participant is None or participant.withdrawn_at is not None:
             raise withdrawn_error()
         policy = session.get_one(Study, participant.study_id).withdrawal_policy
-    receipt = carry_out_on_participant(
-        eraser, eraser.intend("participant", policy, caller.participant_id), caller.participant_id, caller
-    )
-    if receipt is None:
-        raise withdrawn_error()
-    return receipt
+    erasure = eraser.intend("participant", policy, caller.participant_id)
+    receipt = carry_out_on_participant(eraser, erasure, caller.participant_id, caller)
+    return receipt if receipt is not None else find_receipt(eraser.database, erasure.receipt_id)
 
 
 def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str) -> ErasureReceipt:
@@ -100,6 +100,8 @@ def _withdraw(
         participant = people_privacy.lock_participant(session, participant_id)  # before enrolments, as everywhere
         if participant is None or people_privacy.tombstones_among(session, "participant", [erasure.digest]):
             return None
+        study = session.get_one(Study, participant.study_id)
+        enrolments = people_privacy.enrolments_of(session, participant_id) if study.is_sandbox else []
         people_privacy.end_enrolments(session, participant_id)
         study_id, alias, code = participant.study_id, participant.alias, participant.code
         new_ids = uuid.uuid4()
@@ -107,9 +109,11 @@ def _withdraw(
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
         announce_withdrawal(session, participant, erasure.policy)  # while the row has the code that receivers know
-        if erasure.policy != "keep":
+        if erasure.policy != "keep" and not study.is_sandbox:
             spend_code(session, eraser.box, participant, erasure.at)
         counts = {"access_token": len(ended)} | _apply_policy(session, participant, erasure, new_ids)
+        if enrolments:
+            _begin_anew(session, study_id, code, enrolments, erasure.at)
         people_privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
         receipt = add_receipt(session, erasure, study_id, counts)
         if erasure.policy != "keep":
@@ -126,6 +130,26 @@ def _withdraw(
         )
     eraser.database.empty_log()
     return receipt
+
+
+def _begin_anew(
+    session: Session, study_id: uuid.UUID, code: str, enrolments: Sequence[Enrolment], now: datetime
+) -> None:
+    """Create a participant with the code of an erased one of a sandbox, whose enrolment codes never run out."""
+    successor = Participant(id=uuid.uuid4(), study_id=study_id, code=code, created_at=now)
+    session.add(successor)
+    session.flush()
+    session.add_all(
+        Enrolment(
+            id=uuid.uuid4(),
+            participant_id=successor.id,
+            code_sha256=each.code_sha256,
+            expires_at=each.expires_at,
+            created_at=each.created_at,
+        )
+        for each in enrolments
+    )
+    session.flush()
 
 
 def _apply_policy(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:

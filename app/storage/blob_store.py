@@ -72,6 +72,10 @@ class BlobStore(ABC):
         """Return a local folder for temporary files, from which `put_file` is cheapest."""
         return self._staging.folder
 
+    def partial_folder(self) -> Path:
+        """Return the folder of unfinished uploads, on the staging folder's file system and kept over restarts."""
+        return self._staging.partial_folder()
+
     def remove_abandoned(self) -> None:
         """Remove files that dead processes left in the staging folder."""
         self._staging.remove_abandoned()

@@ -13,6 +13,7 @@ import weakref
 from pathlib import Path
 
 LOCK_SUFFIX = ".lock"
+PARTIAL = "partial"
 
 
 class Staging:
@@ -29,6 +30,12 @@ class Staging:
         self.folder = lock.with_suffix("")
         self.folder.mkdir()
         weakref.finalize(self, _release, lock, handle)
+
+    def partial_folder(self) -> Path:
+        """Return the folder for uploads that are continued later, maybe by another process of this machine."""
+        folder = self._parent / PARTIAL
+        folder.mkdir(exist_ok=True)
+        return folder
 
     def remove_abandoned(self) -> None:
         """Remove the folders of dead processes."""

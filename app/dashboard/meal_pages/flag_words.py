@@ -24,6 +24,8 @@ FLAGS: Mapping[str, str] = {
     "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "
     "photographs with their EXIF data, or calibrate the phone.",
+    "few_matches": "Beside the marker the photographs share hardly any point: the marker alone places the cameras, and "
+    "a small movement between the photographs could go unseen. Check the outline.",
     "form_unlikely": "A person said how it lies, and the photographs clearly support another form. Check the "
     "form, or the outline.",
     "support_not_measured": "The surface under the food was not seen: on a raised plate it comes out too large.",

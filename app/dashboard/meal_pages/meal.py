@@ -19,7 +19,7 @@ from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, f
 from app.dashboard.page import CurrentPage, Page
 from app.meals.item_state import REPLACED, UNDONE
 from app.people.access.page_rules import MEAL
-from app.photos.slots import SLOTS, PhotographSlot
+from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
 from app.records import photographs_api as photographs
 from app.records.meal_story import MealStory, read_story
@@ -64,16 +64,16 @@ def get_image(
     page: CurrentPage,
     participant: str,
     meal_id: uuid.UUID,
-    slot: PhotographSlot,
+    slot: PhotographSlot | VoiceSlot,
     width: Annotated[
         int, Query(ge=photographs.MIN_WIDTH_PX, le=photographs.MAX_WIDTH_PX)
     ] = photographs.DEFAULT_WIDTH_PX,
     colour: Annotated[Literal["corrected", "as_taken"], Query()] = "corrected",
     if_none_match: Annotated[str | None, Header(max_length=500)] = None,
 ) -> Response:
-    """A photograph as a picture; the audit log records it, as over the API."""
+    """A photograph as a picture, or the voice note; the audit log records it, as over the API."""
     return photographs.get_photograph(
-        meal_id, slot, page.state, page.study_caller, width, colour, participant, if_none_match
+        meal_id, slot, page.request, page.state, page.study_caller, width, colour, participant, if_none_match
     )
 
 

@@ -12,7 +12,7 @@ from app.dashboard.templates import amount, percent, words
 from app.meals.job_models import Job
 from app.meals.outline_json import rings_of
 from app.meals.record_models import Run
-from app.photos.slots import PAIR_SLOTS
+from app.photos.slots import PAIR_SLOTS, VOICE_NOTE
 from app.records.meal_story import MealStory
 from app.records.review.meal_history import HistoryRow
 
@@ -56,6 +56,7 @@ PHOTOGRAPHS: Mapping[str, str] = {
     },
     "after_left": "Left photograph after the meal",
     "after_right": "Right photograph after the meal",
+    VOICE_NOTE: "Voice note",
 }
 TEXT_ONLY = frozenset({"comment", "question", "answer"})
 LABELS: Mapping[str, str] = {

@@ -14,10 +14,11 @@ from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage
 from app.http.paging import Cursor
+from app.messages.catalogue import catalogue
 from app.people import devices
 from app.people.access.page_rules import PREFIX
 from app.people.enrol import issue_enrolment_code
-from app.people.enrolment_qr import enrolment_text, qr_svg
+from app.people.enrolment_qr import capture_link, enrolment_text, qr_svg
 
 router = APIRouter(include_in_schema=False)
 
@@ -29,12 +30,17 @@ MOST_CARDS = 60  # a sheet
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """The card that a participant receives. svg: the QR code of the enrolment code."""
+    """The card that a participant receives.
+
+    link: enrols a browser in the capture page. app_svg, browser_svg: QR codes for the study's app and of the link.
+    """
 
     participant: str
     code: str
     expires_at: datetime
-    svg: Markup
+    link: str
+    app_svg: Markup
+    browser_svg: Markup
 
 
 @router.get(PATH)
@@ -79,6 +85,12 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
         except (NotFoundError, ConflictError) as error:
             refused.append((code, error.message))
             continue
-        svg = Markup(qr_svg(enrolment_text(server, issued.code)))  # noqa: S704  # drawn by segno, holds no text
-        cards.append(Card(code, issued.code, issued.expires_at, svg))
-    return page.render("enrol.html", cards=cards, refused=refused, codes=entered)
+        link = capture_link(server, issued.code)
+        app_svg, browser_svg = (
+            Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
+            for text in (enrolment_text(server, issued.code), link)
+        )
+        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, browser_svg))
+    locale = page.require_study().locale
+    words = {code: sentences[locale] for code, sentences in catalogue("cards").items()}
+    return page.render("enrol.html", cards=cards, refused=refused, codes=entered, locale=locale, words=words)

@@ -34,6 +34,10 @@ MEANING: Mapping[str, str] = {  # hints below the fields
     "location_policy": "If places are not kept, earlier ones are no longer shown either, and exports that contain them "
     "expire; a release that was frozen with them keeps them.",
     "location_decimals": "0 to 4; 2 decimals are about a kilometre.",
+    "web_origins": "Pages on these addresses may use the server with this study's phones' tokens, one per line, such "
+    "as https://app.example.org; at most 20. This server's own capture page needs none.",
+    "reminder_times": "Local times at which phones that want it are reminded of meals, such as 12:30 18:30; at most "
+    "8. They need a server that sends reminders.",
     "retention_days": "Counted from the upload; empty: they are kept.",
 }
 PATH = f"{PREFIX}/studies/{{study}}/settings"
@@ -71,7 +75,8 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
     except PreconditionFailedError as error:
         return _settings(page, {}, {"": error.message}, status=412)
     except (InvalidInputError, ConflictError) as error:
-        return _settings(page, values, wrong_fields(error), status=error.status)
+        wrong = wrong_fields(error, "web_origins" if error.code == "origin_invalid" else "")
+        return _settings(page, values, wrong, status=error.status)
     return page.redirect(study_address(page.study_code, "settings"), "The protocol was changed.")
 
 
@@ -88,7 +93,12 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = read_form(StudyIn, values)
         studies.create_study(
-            page.state.database, code=body.code, name=body.name, caller=page.caller, protocol=protocol_columns(body)
+            page.state.database,
+            code=body.code,
+            name=body.name,
+            caller=page.caller,
+            protocol=protocol_columns(body),
+            is_sandbox=body.sandbox,
         )
     except (InvalidInputError, ConflictError) as error:
         return page.render("new_study.html", status=error.status, values=values, wrong=wrong_fields(error))
@@ -112,8 +122,8 @@ def _check_rounding(body: StudyPatch) -> None:
         raise WrongFormError({"location_decimals": "Leave this empty: places are not rounded."})
 
 
-def _protocol(values: dict[str, str]) -> dict[str, str | bool]:
+def _protocol(values: dict[str, str]) -> dict[str, str | bool | list[str]]:
     """Return the values as the API's body has them: browsers do not send a switch that is off."""
-    return {name: value for name, value in values.items() if name not in SWITCHES} | {
-        name: name in values for name in SWITCHES
-    }
+    body: dict[str, str | bool | list[str]] = {name: text for name, text in values.items() if name not in SWITCHES}
+    body |= {name: values[name].split() for name in ("web_origins", "reminder_times") if name in values}
+    return body | {name: name in values for name in SWITCHES}

@@ -5,8 +5,8 @@ seen; and of classes that were left out whole, which stand for all that the inde
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from app.identification.calibrate import NONE_PRIOR, Calibration, posterior
 from app.identification.metric import Vectors
@@ -32,7 +32,7 @@ def fit_calibration(known: Vectors, labels: NDArray[np.intp], unknown: Vectors) 
         of_known_loss = -(1.0 - NONE_PRIOR) * np.log(np.maximum(right, 1e-12)).mean()
         return float(of_known_loss - NONE_PRIOR * np.log(np.maximum(of_none, 1e-12)).mean())
 
-    return _calibration(minimize(loss, SEARCH_FROM, method="Nelder-Mead").x)
+    return _calibration(scipy.optimize.minimize(loss, SEARCH_FROM, method="Nelder-Mead").x)
 
 
 def expected_calibration_error(probabilities: Vectors, is_right: NDArray[np.bool_], bins: int = BINS) -> float:

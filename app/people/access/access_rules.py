@@ -33,8 +33,9 @@ from app.people.access.caller import (
 )
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretBox
+from app.people.access.web_origins import require_origin
 from app.people.studies import enter_study
-from app.people.tombstones import is_meal_deleted, meal_deleted_error, meal_id_of
+from app.people.tombstones import meal_id_of, require_not_deleted
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 OF_API = "/v1/"
@@ -85,6 +86,9 @@ CALLS: Mapping[str, Rule] = {
     "POST /v1/enrolments": OPEN,
     "GET /v1/me": DEVICE,
     "DELETE /v1/me/device": DEVICE,
+    "GET /v1/me/reminders": DEVICE,
+    "PUT /v1/me/reminders": DEVICE,
+    "DELETE /v1/me/reminders": DEVICE,
     "POST /v1/sessions": OPEN,
     "GET /v1/sessions/current": SESSION,
     "DELETE /v1/sessions/current": SESSION,
@@ -114,6 +118,10 @@ CALLS: Mapping[str, Rule] = {
     "POST /v1/meals": DEVICE,
     "PUT /v1/meals/{meal_id}": DEVICE,
     "PUT /v1/meals/{meal_id}/images/{slot}": DEVICE,
+    "POST /v1/meals/{meal_id}/images/{slot}/upload": DEVICE,
+    "GET /v1/meals/{meal_id}/images/{slot}/upload": DEVICE,
+    "PATCH /v1/meals/{meal_id}/images/{slot}/upload": DEVICE,
+    "DELETE /v1/meals/{meal_id}/images/{slot}/upload": DEVICE,
     "PUT /v1/meals/{meal_id}/after": DEVICE,
     "GET /v1/meals": VIEWER_OR_DEVICE,
     "GET /v1/studies/{study}/meal-counts": VIEWER,
@@ -257,6 +265,7 @@ def authorise(
         _count(request, state, caller)
         if call not in pages.POLLED:
             state.part(LastUse).note(caller, request.headers)
+        require_origin(request, caller)
         caller = _apply(rule, caller, request.method)
         if request.method not in SAFE_METHODS and "meal_id" in request.path_params:
             _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
@@ -296,8 +305,7 @@ def _refuse_deleted_meal(state: ApiState, caller: Caller, client_id: str) -> Non
     except ValueError:
         return  # not a UUID: the route reports it
     with state.database.read() as session:
-        if is_meal_deleted(session, state.part(SecretBox), meal_id):
-            raise meal_deleted_error()
+        require_not_deleted(session, state.part(SecretBox), meal_id)
 
 
 def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:

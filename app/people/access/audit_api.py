@@ -4,9 +4,10 @@ from itertools import chain, islice
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import JSONResponse, Response, StreamingResponse
+from fastapi.responses import Response, StreamingResponse
 
 from app.http.flat_list import FILES, negotiated_format
+from app.http.model_response import ModelResponse
 from app.http.paging import Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
@@ -89,7 +90,7 @@ def _answer(
         return audit_file(state, caller, study, chosen, file_format)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
     body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"))
+    return ModelResponse(body)
 
 
 def audit_file(

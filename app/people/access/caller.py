@@ -61,14 +61,17 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
     """Return the caller whom a token belongs to.
 
     Raises UnauthenticatedError with the same message for an unknown, expired or revoked token, GoneError (`withdrawn`)
-    for a token whose participant has left the study.
+    for a token whose participant has left the study, with the id of the withdrawal's `receipt`.
     """
     token_sha256, now = sha256_hex(token), datetime.now(UTC)
     with database.read() as session:
         row = people.find_token(session, token_sha256, now, idle_since=now - SESSION_IDLE)
         if row is None:
-            if people.has_tombstone(session, "token", box.digest("token", token_sha256)):
-                raise GoneError("This participant has left the study.", code="withdrawn")
+            ended = people.find_tombstone(session, "token", box.digest("token", token_sha256))
+            if ended is not None:
+                receipt = people.receipt_of_erasure(session, ended, "participant")
+                facts = {"receipt": str(receipt)} if receipt is not None else {}
+                raise GoneError("This participant has left the study.", code="withdrawn", **facts)
             raise UnauthenticatedError("The token is unknown, expired or revoked.")
         access, staff, device, participant = row
         if access.staff_id is None:
@@ -155,7 +158,12 @@ def reaches(role: Role | None, needed: Role) -> bool:
 
 def new_token() -> str:
     """Draw a token. The prefix `tada_` lets secret scanners find leaked tokens."""
-    return "tada_" + secrets.token_urlsafe(TOKEN_BYTES)
+    return token_of(secrets.token_urlsafe(TOKEN_BYTES))
+
+
+def token_of(secret: str) -> str:
+    """Return the token made of 256 secret bits as text."""
+    return f"tada_{secret}"
 
 
 def new_code() -> str:

@@ -1,23 +1,21 @@
 """Limits of sign-in attempts by name and address, so that an attacker cannot lock out another person's name."""
 
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from app.core.errors import RateLimitedError, UnauthenticatedError
 from app.http.rate_limit import RateLimit
+from app.http.shared_memory import KeyTable
 from app.metrics import instruments
 from app.people.access.staff import normal_name
 
 ADDRESS_FACTOR = 3  # attempts from one address, as a multiple of those of one name from it: a clinic is one address
 NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
-MAX_USUAL = 10_000  # remembered pairs of address and name that have signed in
 
 
 class SignInLimits:
-    """Rate limits of this process. per_minute: attempts of one name from one address.
+    """Rate limits of a server's processes together. per_minute: attempts of one name from one address.
 
     A name's limit over all addresses does not apply to addresses from which that person has signed in before, so a
     distributed attack keeps them out at new addresses only.
@@ -27,15 +25,15 @@ class SignInLimits:
         self._by_pair = RateLimit(per_minute, clock)
         self._by_address = RateLimit(ADDRESS_FACTOR * per_minute, clock)
         self._by_name = RateLimit(NAME_FACTOR * per_minute, clock)
-        self._usual: OrderedDict[str, None] = OrderedDict()
-        self._lock = threading.Lock()
+        self._usual = KeyTable()  # pairs of address and name that have signed in
+        self._clock = clock
 
     @contextmanager
     def trying(self, name: str, address: str) -> Iterator[None]:
         """Count an attempt and its outcome. Raises RateLimitedError."""
         pair = f"{address} {normal_name(name)}"
-        with self._lock:
-            is_usual = pair in self._usual
+        with self._usual.lock:
+            is_usual = self._usual.get(pair) is not None
         try:
             self._by_pair.take(pair)
             self._by_address.take(address)
@@ -50,8 +48,5 @@ class SignInLimits:
             instruments.SIGN_INS.labels("failed").inc()
             raise
         instruments.SIGN_INS.labels("ok").inc()
-        with self._lock:
-            self._usual[pair] = None
-            self._usual.move_to_end(pair)
-            if len(self._usual) > MAX_USUAL:
-                self._usual.popitem(last=False)
+        with self._usual.lock:
+            self._usual.put(pair, 1.0, self._clock())
