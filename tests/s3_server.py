@@ -185,7 +185,7 @@ class S3Server:
         url = obstore.sign(store, "PUT", key, timedelta(minutes=1))
         request = urllib.request.Request(url, data=b"ok" if key else None, method="PUT")
         try:
-            urllib.request.urlopen(request, timeout=10).close()
+            urllib.request.urlopen(request, timeout=60).close()
         except urllib.error.HTTPError as error:
             with error:
                 if error.code != already:

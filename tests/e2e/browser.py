@@ -25,7 +25,7 @@ ARGUMENTS = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",  # what leaves is seen, and fails
 )
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # WebGL where there is no graphics card
-WAIT_MS = 20_000  # of a machine that is busy with other work
+WAIT_MS = 60_000  # of a machine that is busy with other work
 
 
 @dataclass
@@ -71,7 +71,7 @@ class WatchedPage:
 
     def _note_console(self, message: Any) -> None:
         if message.type in ("error", "warning"):
-            self.console.append(f"{message.type}: {message.text}")
+            self.console.append(f"{message.type}: {message.text} ({message.location['url']})")
 
     def _note_request(self, request: Any) -> None:
         parts = urlsplit(request.url)

@@ -13,6 +13,7 @@ from app.storage.local import LocalBlobStore
 from tests import estimates
 from tests.e2e.processes import Server
 from tests.photographs import pair
+from tests.waiting import PATIENCE_SECONDS
 
 PASSWORD = "correct horse battery"
 
@@ -50,7 +51,9 @@ class DashboardServer:
         require(self.admin.post(people, json={"code": participant}))
         code = require(self.admin.post(f"{people}/{participant}/enrolment-codes"))["code"]
         token = require(self.admin.post("/v1/enrolments", json={"code": code, "device_name": "phone"}))["token"]
-        return httpx2.Client(base_url=self.address, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+        return httpx2.Client(
+            base_url=self.address, headers={"Authorization": f"Bearer {token}"}, timeout=PATIENCE_SECONDS
+        )
 
     def send_meal(self, phone, *items, photos=None, **metadata):
         """A meal with these items as its estimate (tests/estimates.py): its id."""
@@ -98,7 +101,9 @@ def dashboard_server(folder: pathlib.Path, **variables: str) -> DashboardServer:
     except BaseException:
         server.stop()
         raise
-    client = httpx2.Client(base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+    client = httpx2.Client(
+        base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=PATIENCE_SECONDS
+    )
     return DashboardServer(server, Database(f"sqlite:///{server.data_dir / 'tada.sqlite3'}"), client)
 
 

@@ -1,14 +1,16 @@
 """Real processes of the real program, started, killed and started again by a test."""
 
+import contextlib
 import os
 import pathlib
 import signal
 import socket
 import subprocess
 import sys
-import time
 
 import httpx2
+
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 
@@ -74,18 +76,13 @@ class Server(Program):
         command = [sys.executable, "-m", "app.cli", "serve", *arguments]
         super().__init__(command, self.environment, folder / "server.log")
 
-    def wait_until_ready(self, seconds=60):
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            if self.process.poll() is not None:
-                raise AssertionError(f"the server ended with {self.process.returncode}:\n{self.log}")
-            try:
-                if httpx2.get(f"{self.address}/readyz", timeout=5).status_code == 200:
-                    return
-            except httpx2.TransportError:
-                pass
-            time.sleep(0.1)
-        raise AssertionError(f"the server is not ready after {seconds} s:\n{self.log}")
+    def wait_until_ready(self):
+        def is_ready():
+            assert self.process.poll() is None, f"the server ended with {self.process.returncode}:\n{self.log}"
+            with contextlib.suppress(httpx2.TransportError):
+                return httpx2.get(f"{self.address}/readyz", timeout=5).status_code == 200
+
+        wait_until(is_ready, lambda: f"the server to be ready:\n{self.log}", interval_seconds=0.1)
 
     def tada(self, *arguments):
         """Run another `tada` command on the same data: its standard output."""
@@ -101,12 +98,20 @@ class Server(Program):
         return done.stdout.strip()
 
 
+def enrolment_code(server, participant="P001", study="pilot", **protocol):
+    """A one-time code of a new participant; the study is made if there is none yet, by `protocol`."""
+    admin = {"Authorization": f"Bearer {server.tada('admin', 'create', f'admin of {study} {participant}')}"}
+    with httpx2.Client(base_url=server.address, headers=admin, timeout=PATIENCE_SECONDS) as client:
+        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11", **protocol})
+        client.post(f"/v1/studies/{study}/participants", json={"code": participant})
+        return client.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
+
+
 def enrolled_client(server, participant="P001", study="pilot"):
     """A phone's HTTP client, enrolled over HTTP."""
-    admin = {"Authorization": f"Bearer {server.tada('admin', 'create', f'admin of {study} {participant}')}"}
-    with httpx2.Client(base_url=server.address, headers=admin, timeout=30) as client:
-        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11"})
-        client.post(f"/v1/studies/{study}/participants", json={"code": participant})
-        code = client.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
-        token = client.post("/v1/enrolments", json={"code": code, "device_name": "phone"}).json()["token"]
-    return httpx2.Client(base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+    code = enrolment_code(server, participant, study)
+    enrolment = {"code": code, "device_name": "phone"}
+    token = httpx2.post(f"{server.address}/v1/enrolments", json=enrolment, timeout=PATIENCE_SECONDS).json()["token"]
+    return httpx2.Client(
+        base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=PATIENCE_SECONDS
+    )

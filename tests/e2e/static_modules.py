@@ -1,4 +1,4 @@
-"""An empty page beside the dashboard's static files, whose modules a test's script can import."""
+"""An empty page beside static files, the dashboard's or others, whose modules a test's script can import."""
 
 import mimetypes
 import pathlib
@@ -9,12 +9,12 @@ from app.dashboard.templates import STATIC
 ORIGIN = "http://127.0.0.1:9"  # nothing listens there: every request is answered by `answer`
 
 
-def open_modules(open_page):
-    """Return a tab at ORIGIN that has the static files at its root."""
+def open_modules(open_page, folder=STATIC):
+    """Return a tab at ORIGIN that has the folder's files at its root."""
     tab = open_page(ORIGIN)
 
     def answer(route):
-        path = pathlib.Path(STATIC) / urlsplit(route.request.url).path.lstrip("/")
+        path = pathlib.Path(folder) / urlsplit(route.request.url).path.lstrip("/")
         if path.is_file():
             route.fulfill(body=path.read_bytes(), content_type=mimetypes.guess_type(path.name)[0])
         else:

@@ -20,6 +20,7 @@ from tests.conftest import postgres_database
 from tests.e2e.composed import SCRIPTS, Composed, compose_config
 from tests.e2e.processes import REPOSITORY
 from tests.s3_server import SERVICES, free_ports
+from tests.waiting import wait_until
 
 HOSTNAME = "tada.example.org"
 SECONDS = 120
@@ -28,12 +29,12 @@ SECRETS = ("tada_secret_key", "tada_database_password", "tada_s3_secret_access_k
 
 
 def wait_for(what, *programs):
-    deadline = time.monotonic() + SECONDS
-    while not what():
+    def is_so():
         for program in programs:
             assert program.process.poll() is None, program.log
-        assert time.monotonic() < deadline, "".join(program.log[-3000:] for program in programs)
-        time.sleep(0.2)
+        return what()
+
+    wait_until(is_so, lambda: "".join(program.log[-3000:] for program in programs), patience_seconds=SECONDS)
 
 
 def send(phone, meal_id):

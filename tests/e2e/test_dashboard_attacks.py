@@ -15,6 +15,7 @@ import pytest
 from tests.e2e.dashboard_crawl import crawl
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 from tests.estimates import found_item, identified_item
+from tests.waiting import PATIENCE_SECONDS
 
 pytestmark = pytest.mark.slow
 
@@ -218,7 +219,11 @@ def test_ended_session_leads_every_next_step_to_the_form_and_back_again(world, o
     (cookie,) = tab.page.context.cookies()
     assert (cookie["httpOnly"], cookie["sameSite"], cookie["path"]) == (True, "Lax", "/dashboard")
     assert tab.page.evaluate("document.cookie") == ""
-    other = require(httpx2.post(f"{world.address}/v1/sessions", json={"name": "vera", "password": PASSWORD}))["token"]
+    other = require(
+        httpx2.post(
+            f"{world.address}/v1/sessions", json={"name": "vera", "password": PASSWORD}, timeout=PATIENCE_SECONDS
+        )
+    )["token"]
     changed = {"current_password": PASSWORD, "new_password": PASSWORD + " 2"}
     answer = httpx2.post(
         f"{world.address}/v1/sessions/current/password", headers={"Authorization": f"Bearer {other}"}, json=changed

@@ -9,14 +9,13 @@ import io
 import json
 import math
 import re
-import time
 from dataclasses import dataclass
 
 import cv2
 import httpx2
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from axe_playwright_python.sync_playwright import DEFAULT_OPTIONS, Axe
 
 from app.cli.demo_menus import APPLE, PEOPLE, RICE, SALAD
 from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
@@ -24,6 +23,7 @@ from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server
 from tests.qr_codes import read_qr
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -262,11 +262,12 @@ def enrol_by_card(page, world):
     page.get_by_role("button", name="Create the cards").click()
     assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
     code = page.inner_text(".enrol-card .secret").strip()
-    from_screen = read_qr(page.locator(".enrol-card").screenshot())
-    assert json.loads(from_screen) == {"tada": 1, "server": world.address, "code": code}
+    for_browser, for_app = (read_qr(picture.screenshot()) for picture in page.locator(".enrol-card figure").all())
+    assert for_browser == f"{world.address}/capture/#code={code}"
+    assert json.loads(for_app) == {"tada": 1, "server": world.address, "code": code}
     body = {"code": code, "device_name": "a phone of the walk"}
-    assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code == 201
-    assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code >= 400
+    assert httpx2.post(f"{world.address}/v1/enrolments", json=body, timeout=PATIENCE_SECONDS).status_code == 201
+    assert httpx2.post(f"{world.address}/v1/enrolments", json=body, timeout=PATIENCE_SECONDS).status_code >= 400
 
 
 def measured_meal(admin):
@@ -290,14 +291,14 @@ def test_every_page_is_linked_and_accessible_in_light_dark_and_on_a_phone(world,
             if summary.is_visible():
                 summary.click()
         for scheme, width, options in (
-            ("light", 1280, None),
+            ("light", 1280, {}),
             ("dark", 1280, {"runOnly": ["color-contrast"]}),
-            ("dark", 390, None),
+            ("dark", 390, {}),
             ("light", 390, {"runOnly": ["color-contrast", "target-size"]}),
         ):
             page.emulate_media(color_scheme=scheme)
             page.set_viewport_size({"width": width, "height": 900})
-            result = Axe().run(page, options=options or {}).response
+            result = Axe().run(page, options=DEFAULT_OPTIONS | options).response
             found.extend(
                 (route, scheme, width, one["impact"], one["id"], one["nodes"][0]["html"][:200])
                 for one in result["violations"]
@@ -323,11 +324,9 @@ def fill_lists(admin):
     again = require(admin.post(f"{study}/remeasurements", json={"limit": 1}))["id"]
     require(admin.post(f"{study}/remeasurements/{again}/stop"))
     export = require(admin.post(f"{study}/exports", json={"rows": "items", "format": "csv"}))["id"]
-    deadline = time.monotonic() + MADE_SECONDS
-    while time.monotonic() < deadline:
+
+    def are_made():
         release = require(admin.get(f"{study}/releases/baseline"))
-        state = require(admin.get(f"{study}/exports/{export}"))["state"]
-        if state == "done" and release.get("files"):
-            return
-        time.sleep(0.5)
-    raise AssertionError(f"the export is {state}, the release {release}")
+        return require(admin.get(f"{study}/exports/{export}"))["state"] == "done" and release.get("files")
+
+    wait_until(are_made, "the export and the release", interval_seconds=0.5, patience_seconds=MADE_SECONDS)

@@ -10,6 +10,8 @@ import threading
 import httpx2
 import pytest
 
+from tests.waiting import PATIENCE_SECONDS
+
 START_SECONDS = 180
 
 
@@ -38,10 +40,14 @@ def test_sample_study_is_served_until_interrupted_and_its_folder_goes(tmp_path, 
         accounts = dict(re.findall(r"(?:owner|reviewer|viewer|admin) +(\w+) +password (\S+)", printed))
         assert set(accounts) == {"olga", "rene", "vera", "ada"}, printed
         for name, password in accounts.items():
-            answer = httpx2.post(f"{address[1]}/v1/sessions", json={"name": name, "password": password})
+            answer = httpx2.post(
+                f"{address[1]}/v1/sessions", json={"name": name, "password": password}, timeout=PATIENCE_SECONDS
+            )
             assert answer.status_code == 201
             token = {"Authorization": f"Bearer {answer.json()['token']}"}
-            meals = httpx2.get(f"{address[1]}/v1/meals", params={"study": "sample"}, headers=token).json()["items"]
+            meals = httpx2.get(
+                f"{address[1]}/v1/meals", params={"study": "sample"}, headers=token, timeout=PATIENCE_SECONDS
+            ).json()["items"]
             assert "receiving" in {meal["status"] for meal in meals}
         assert list(tmp_path.glob("tada-demo-*"))
         os.killpg(process.pid, ending) if ending == signal.SIGINT else process.send_signal(ending)

@@ -2,7 +2,6 @@
 
 import json
 import pathlib
-import time
 import uuid
 
 import httpx2
@@ -12,6 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families
 import app
 from tests.e2e.processes import Server, free_port
 from tests.receivers import receiver
+from tests.waiting import wait_until
 
 PHOTOS = pathlib.Path(app.__file__).parent / "demo_data"
 MARKED = {
@@ -41,8 +41,9 @@ def test_meal_is_followed_by_the_log_alone_which_names_nobody(tmp_path):
         with receiver() as hook:
             token = send_meal(server, hook, request_id, client_id)
             lines = wait_for_story(server, request_id)
-        scraped = [httpx2.get(f"http://127.0.0.1:{port}/metrics") for port in (server.port, worker_port)]
-        assert httpx2.get(f"http://127.0.0.1:{worker_port}/healthz").json() == {"status": "ok"}
+        addresses = [f"http://127.0.0.1:{port}" for port in (server.port, worker_port)]
+        scraped = [httpx2.get(f"{address}/metrics", timeout=PATIENCE_SECONDS) for address in addresses]
+        assert httpx2.get(f"{addresses[1]}/healthz", timeout=PATIENCE_SECONDS).json() == {"status": "ok"}
     finally:
         server.stop()
     check_story(lines, request_id.replace("-", ""))
@@ -78,17 +79,17 @@ def send_meal(server, hook, request_id, client_id):
 
 def wait_for_story(server, request_id):
     """The log's lines that name the meal, once its estimate's webhook was delivered."""
-    deadline = time.monotonic() + PATIENCE_SECONDS
-    while time.monotonic() < deadline:
-        lines = [json.loads(line) for line in server.log.splitlines() if line.startswith("{")]
+
+    def whole_story():
+        complete = server.log.rpartition("\n")[0].splitlines()
+        lines = [json.loads(line) for line in complete if line.startswith("{")]
         kept = [line for line in lines if line["event"] == "meal_kept"]
-        if kept:
-            story = [line for line in lines if line.get("meal_id") == kept[0]["meal_id"]]
-            told = [line for line in story if line["event"] == "webhook_tried" and line["outcome"] == "delivered"]
-            if {"meal.received", "meal.estimated"} <= {line["webhook_event"] for line in told} | estimated(told):
-                return story
-        time.sleep(0.2)
-    raise AssertionError(f"the story has no end after {PATIENCE_SECONDS} s:\n{server.log}")
+        story = [line for line in lines if kept and line.get("meal_id") == kept[0]["meal_id"]]
+        told = [line for line in story if line["event"] == "webhook_tried" and line["outcome"] == "delivered"]
+        is_told = {"meal.received", "meal.estimated"} <= {line["webhook_event"] for line in told} | estimated(told)
+        return is_told and {"request", "job_ended"} <= {line["event"] for line in story} and story
+
+    return wait_until(whole_story, lambda: f"the end of the story:\n{server.log}", patience_seconds=PATIENCE_SECONDS)
 
 
 def estimated(told):

@@ -12,6 +12,7 @@ from app.core.settings import Settings
 from app.main import create_app
 from app.people.access.staff import create_admin
 
+schemathesis.serializer.alias("application/offset+octet-stream", "application/octet-stream")
 EXAMPLES = int(os.environ.get("TADA_TEST_EXAMPLES", "8"))  # per operation, sign and role (docs/development.md)
 
 
@@ -44,6 +45,8 @@ def live_app(tmp_path_factory):
 ENDS_THE_CALLER = frozenset({"post_my_withdrawal", "delete_my_device", "delete_current_session"})
 # A call that the document allows may still be refused, for a reason that is not in it: no such study, too late.
 NOT_ASKED = [schemathesis.checks.positive_data_acceptance]
+# Wrong data may also be refused for their size (413): metadata of more than 64 KiB are not read.
+REFUSALS = ["400", "401", "403", "404", "406", "413", "422", "428", "5xx"]
 
 calls = settings(
     max_examples=EXAMPLES,
@@ -59,7 +62,9 @@ calls = settings(
 @pytest.mark.parametrize("mode", list(GenerationMode))
 def test_every_answer_is_one_that_the_document_declares(live_app, role, mode):
     app, headers = live_app
-    operations = [found.ok() for found in schemathesis.openapi.from_asgi("/openapi.json", app).get_all_operations()]
+    schema = schemathesis.openapi.from_asgi("/openapi.json", app)
+    schema.config.checks.negative_data_rejection.expected_statuses = REFUSALS
+    operations = [found.ok() for found in schema.get_all_operations()]
     assert len(operations) >= 14
     for operation in operations:
         if mode is GenerationMode.NEGATIVE and not (list(operation.iter_parameters()) or operation.body):

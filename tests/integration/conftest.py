@@ -174,7 +174,7 @@ def enrol(client, state, admin):
         with contextlib.suppress(ConflictError):
             create_participant(database, box, study_code=study, code=participant, caller=caller)
         issued = issue_enrolment_code(database, study_code=study, participant_code=participant, caller=caller)
-        enrolled = enrol_device(database, code=issued.code, device=NewDevice("test phone"))
+        enrolled = enrol_device(database, box, code=issued.code, device=NewDevice("test phone"))
         return Phone(client, {"Authorization": f"Bearer {enrolled.token}"})
 
     return enrol

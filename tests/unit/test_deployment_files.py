@@ -6,6 +6,7 @@ import re
 import stat
 import subprocess
 import sysconfig
+import tomllib
 
 import pytest
 import yaml
@@ -35,6 +36,15 @@ def services():
     done = compose(TADA_HOSTNAME="tada.example.org")
     assert done.returncode == 0, done.stderr
     return yaml.safe_load(done.stdout)["services"]
+
+
+def test_image_has_all_that_the_wheel_is_built_of():
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    copied = re.findall(r"^COPY (\S+) \./", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
+    sent = re.findall(r"^!(\S+)", (ROOT / ".dockerignore").read_text(), re.MULTILINE)
+    for source in (*wheel["packages"], *wheel["force-include"]):
+        assert source in copied
+        assert source in sent
 
 
 def test_dockerfile_passes_hadolint():

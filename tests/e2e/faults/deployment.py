@@ -23,6 +23,7 @@ from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Ta
 from tests.e2e.faults.proxy import Network
 from tests.e2e.processes import environment_of, free_port
 from tests.s3_server import S3Server
+from tests.waiting import wait_until
 
 BUCKET = "faults"
 FILES_MEBIBYTES = 192
@@ -226,14 +227,10 @@ class Deployment:
         return environment_of(self.data_dir, **settings) | self.clocks[who].environment
 
 
-def wait_for_database(url, seconds=60):
-    deadline = time.monotonic() + seconds
-    while True:
-        try:
+def wait_for_database(url):
+    def is_there():
+        with contextlib.suppress(psycopg.OperationalError):
             psycopg.connect(url, connect_timeout=5).close()
-        except psycopg.OperationalError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.1)
-        else:
-            return
+            return True
+
+    wait_until(is_there, "the database", interval_seconds=0.1)

@@ -21,6 +21,7 @@ import libfaketime
 
 from app.children.process_life import PR_SET_PDEATHSIG
 from tests.e2e.processes import REPOSITORY, free_port
+from tests.waiting import wait_until
 
 LIBFAKETIME = pathlib.Path(libfaketime.__file__).parent / "vendor" / "libfaketime" / "src" / "libfaketime.so.1"
 RESTART_SECONDS = 0.3  # between an end and the next start, as systemd's RestartSec
@@ -218,14 +219,15 @@ class Tada(Program):
         command = [sys.executable, "-m", "tests.e2e.faults.launch", str(self._switches), *self._command]
         return self.spawn([*command, "--parent", str(os.getpid())], self._environment, cwd=REPOSITORY)
 
-    def wait_until_ready(self, seconds=90):
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
+    def wait_until_ready(self):
+        def is_ready():
             with contextlib.suppress(httpx2.TransportError):
-                if httpx2.get(f"http://127.0.0.1:{self.port}/readyz", timeout=5).status_code == 200:
-                    return
-            time.sleep(0.1)
-        raise AssertionError(f"{self.name} is not ready:\n{self.log_path.read_text(errors='replace')[-3000:]}")
+                return httpx2.get(f"http://127.0.0.1:{self.port}/readyz", timeout=5).status_code == 200
+
+        def words():
+            return f"{self.name} to be ready:\n{self.log_path.read_text(errors='replace')[-3000:]}"
+
+        wait_until(is_ready, words, interval_seconds=0.1, patience_seconds=90)
 
 
 class Postgres(Program):

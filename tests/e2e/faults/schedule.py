@@ -17,6 +17,11 @@ from tests.e2e.faults.programs import send
 HOUR = 3600
 PATIENCE_SECONDS = 5.0  # for a good answer between two faults
 FAULTS = {}  # name -> (function, where it can be)
+WITH_WORK_ONLY = {  # faults that find nothing to break while nobody works, or no database answers
+    *("worker killed", "worker stopped", "worker asked to end"),
+    *("estimate's child killed", "estimate's child stopped"),
+    "a connection's process in the database killed",
+}
 
 
 def fault(name, where=lambda _: True):

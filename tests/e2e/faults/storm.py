@@ -26,7 +26,7 @@ PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 class Outcome:
     """What came of a storm. lost, duplicated, others: sentences; empty is good.
 
-    injected: faults by name. kinds: of faults that were to come.
+    injected: faults by name. kinds: names of the faults that were to come.
     """
 
     lost: list
@@ -34,7 +34,7 @@ class Outcome:
     others: list
     table: str
     injected: dict
-    kinds: int
+    kinds: list
 
 
 def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""):
@@ -99,7 +99,7 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""
         if "0 differ" not in (rebuilt := deployment.tada("records", "rebuild", "--check")):
             others.append(f"records are not what their runs say: {rebuilt}")
         table = describe(deployment, journal, witness, schedule, checker, lost, duplicated, stormed, calm, ends, stormy)
-        return Outcome(lost, duplicated, others, table, dict(schedule.injected), len(schedule.names))
+        return Outcome(lost, duplicated, others, table, dict(schedule.injected), schedule.names)
 
 
 def deaths(deployment, phone, witness, checker, rng, *, count):

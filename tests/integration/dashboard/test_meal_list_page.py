@@ -21,6 +21,8 @@ from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
 from tests.photographs import pair
 
+pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
+
 PAGE = "/dashboard/studies/pilot/meals"
 CHANGED = "/dashboard/studies/pilot/changed-meals"
 LINE = re.compile(r'<tr id="meal-[^"]*">.*?</tr>', re.DOTALL)

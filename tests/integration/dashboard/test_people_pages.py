@@ -90,6 +90,48 @@ def test_wrong_rounding_is_refused_in_the_words_of_the_form(client, admin, owner
     assert client.get("/v1/studies/pilot", headers=admin).json() == before
 
 
+def test_owner_allows_web_apps_one_per_line_and_takes_them_out_again(client, admin, owner):
+    path = "/dashboard/studies/pilot/settings"
+    version = version_of(owner.page(path))
+    origins = "https://App.example.org:443\r\n\r\n http://localhost:5173"
+    assert owner.post(path, **protocol(version=version, web_origins=origins)).status_code == 303
+    changed = client.get("/v1/studies/pilot", headers=admin).json()
+    assert changed["web_origins"] == ["http://localhost:5173", "https://app.example.org"]
+    page = owner.page(path)
+    assert "http://localhost:5173\nhttps://app.example.org</textarea>" in page
+    assert owner.post(path, **protocol(version=version_of(page))).status_code == 303  # a form without the field
+    kept = client.get("/v1/studies/pilot", headers=admin).json()
+    assert kept["web_origins"] == changed["web_origins"]
+    assert owner.post(path, **protocol(version=kept["version"], web_origins="")).status_code == 303
+    assert client.get("/v1/studies/pilot", headers=admin).json()["web_origins"] == []
+
+
+def test_owner_sets_the_times_of_reminders_and_a_wrong_one_stays_in_the_form(client, admin, owner):
+    path = "/dashboard/studies/pilot/settings"
+    version = version_of(owner.page(path))
+    assert owner.post(path, **protocol(version=version, reminder_times="18:30  12:30 12:30")).status_code == 303
+    changed = client.get("/v1/studies/pilot", headers=admin).json()
+    assert changed["reminder_times"] == ["12:30", "18:30"]
+    page = owner.page(path)
+    assert 'value="12:30 18:30"' in page
+    refused = owner.post(path, **protocol(version=version_of(page), reminder_times="12:30 noon"))
+    assert refused.status_code == 422
+    assert 'id="reminder_times-wrong"' in refused.text
+    assert 'value="12:30 noon"' in refused.text
+
+
+@pytest.mark.parametrize(
+    "origins", ["https://app.example.org/", "*", "<b>x</b>", "\n".join(f"https://a{n}.org" for n in range(21))]
+)
+def test_refused_origin_stays_in_the_form_beside_its_error(client, admin, owner, origins):
+    version = version_of(owner.page("/dashboard/studies/pilot/settings"))
+    answer = owner.post("/dashboard/studies/pilot/settings", **protocol(version=version, web_origins=origins))
+    assert answer.status_code == 422
+    assert 'id="web_origins-wrong"' in answer.text
+    assert f"{html.escape(origins)}</textarea>" in answer.text
+    assert client.get("/v1/studies/pilot", headers=admin).json()["web_origins"] == []
+
+
 @pytest.mark.parametrize("place", CHANGES)
 def test_viewer_finds_no_control_and_a_forged_form_changes_nothing(enrol, sign_in_browser, place):
     enrol()
@@ -116,13 +158,29 @@ def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
     page = owner.post("/dashboard/studies/pilot/enrol", participants="P001\nP999").text
     assert "P999: " in html.unescape(page)
     code = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
-    assert page.count("<svg") == 1
+    assert page.count("<svg") == 2
+    assert f'href="http://testserver/capture/#code={code}"' in page
     body = {"code": code, "device_name": "<b>bold</b> phone"}
     assert client.post("/v1/enrolments", json=body).status_code == 201
     assert client.post("/v1/enrolments", json=body).status_code != 201
     devices = owner.page("/dashboard/studies/pilot/devices")
     assert "&lt;b&gt;bold" in devices
     assert code not in devices
+
+
+@pytest.mark.parametrize(
+    ("locale", "words"),
+    [("en", "Any phone: scan"), ("de", "Jedes Telefon:"), ("es", "Cualquier teléfono:"), ("zh", "任何手机：")],
+)
+def test_card_is_in_the_study_s_language(client, admin, owner, locale, words):
+    version = client.get("/v1/studies/pilot", headers=admin).headers["ETag"]
+    changed = client.patch("/v1/studies/pilot", headers=admin | {"If-Match": version}, json={"locale": locale})
+    assert changed.status_code == 200
+    page = owner.post("/dashboard/studies/pilot/enrol", participants="P001").text
+    (card,) = re.findall(rf'<section class="enrol-card" lang="{locale}".*?</section>', page, re.DOTALL)
+    assert words in card
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d", card)
+    assert not re.search(r"[{}]", card)
 
 
 def test_qr_code_contains_server_and_code():

@@ -14,6 +14,8 @@ from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
 from tests.photographs import pair
 
+pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
+
 PAGE = "/dashboard/studies/pilot/review"
 QUEUE = "/v1/studies/pilot/review-queue"
 CARD = re.compile(r"<article class=\"card review-card\".*?</article>", re.DOTALL)

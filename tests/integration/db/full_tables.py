@@ -16,6 +16,7 @@ ALSO = {
     "effective_record": VOLUME,
     "camera_calibration": {"marker": "plain:9x7:11", "rms_px": 0.2, "photographs": 9},  # no rig
     "run": {"marker": "plain:9x7:11"},  # not by a rig
+    "study": {"is_sandbox": False},
     "leftover": {"item_id": ONE},  # matched
 }
 VALUES = {

@@ -88,6 +88,8 @@ def test_schema_goes_down_to_nothing_and_up_again(full):
         ("UPDATE camera_calibration SET rms_px = NULL", "20261127_reshape", "no place for rigs"),
         ("UPDATE meal_image SET slot = 'left_depth'", "20261127_rigs", "no place for depth maps"),
         ("UPDATE meal_image SET slot = 'right_confidence'", "20261127_rigs", "no place for depth maps"),
+        ("UPDATE meal_image SET slot = 'voice_note'", "20261127_sandbox", "no place for voice notes"),
+        ("UPDATE study SET is_sandbox = true", "20261127_web_origins", "no place for sandbox studies"),
     ],
 )
 def test_way_back_is_refused_while_the_older_schema_has_no_place_for_a_row(full, change, behind, reason):
@@ -99,7 +101,22 @@ def test_way_back_is_refused_while_the_older_schema_has_no_place_for_a_row(full,
     assert is_current(full)
 
 
+def test_studies_are_no_sandboxes_after_their_migration(full):
+    downgrade(full, "20261127_web_origins")
+    assert "is_sandbox" not in rows_of(full)["study"][0]
+    upgrade(full)
+    assert rows_of(full)["study"][0]["is_sandbox"] in (False, 0)
+
+
+def test_origins_of_web_apps_go_and_come_with_their_migration(full):
+    downgrade(full, "20261127_depth_maps")
+    assert "web_origins" not in rows_of(full)["study"][0]
+    upgrade(full)
+    assert rows_of(full)["study"][0]["web_origins"] is None
+
+
 def test_depth_maps_are_refused_behind_their_migration_and_allowed_again(full):
+    downgrade(full, "20261127_depth_maps")
     before = rows_of(full)
     downgrade(full, "20261127_rigs")
     assert rows_of(full) == before
@@ -109,8 +126,18 @@ def test_depth_maps_are_refused_behind_their_migration_and_allowed_again(full):
     execute(full, "UPDATE meal_image SET slot = 'left_depth'")
 
 
+def test_subscriptions_to_reminders_end_on_the_way_back(full):
+    downgrade(full, "20261127_voice_notes")
+    rows = rows_of(full)
+    assert "push_subscription" not in rows
+    assert "reminder_times" not in rows["study"][0]
+    upgrade(full)
+    assert rows_of(full)["push_subscription"] == []
+
+
 def test_rigs_go_and_come_with_their_migration(full):
     before = rows_of(full)
+    before["push_subscription"] = []  # phones make them again
     downgrade(full, "20261127_reshape")
     assert {"rig", "study_id"}.isdisjoint(rows_of(full)["camera_calibration"][0])
     upgrade(full)

@@ -6,8 +6,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.session import Database
-
-PATIENCE_SECONDS = 20
+from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 @pytest.fixture
@@ -20,10 +19,9 @@ def counted(tmp_path):
 
 
 def test_second_writer_waits_without_a_connection_and_writes_after_the_first(counted):
-    started, done = threading.Event(), threading.Event()
+    done = threading.Event()
 
     def second():
-        started.set()
         with counted.write() as session:
             session.execute(sa.text("INSERT INTO counted SELECT count(*) FROM counted"))
         done.set()
@@ -32,8 +30,8 @@ def test_second_writer_waits_without_a_connection_and_writes_after_the_first(cou
     with counted.write() as session:
         session.execute(sa.text("INSERT INTO counted VALUES (-1)"))
         thread.start()
-        assert started.wait(PATIENCE_SECONDS)
-        assert not done.wait(0.2)
+        wait_for_blocked_transaction(counted)
+        assert not done.is_set()
         assert counted.write_engine.pool.checkedout() == 1
     thread.join(PATIENCE_SECONDS)
     with counted.read() as session:

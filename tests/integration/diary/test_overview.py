@@ -257,6 +257,7 @@ def as_cell(value):
         ({"format": "csv", "part": "secrets"}, "invalid_input"),
     ],
 )
+@pytest.mark.same_on_both
 def test_window_or_table_that_cannot_be_is_refused(enrol, client, admin, params, code):
     enrol("P001")
     answer = client.get(DAY_PATH, headers=admin, params=params)

@@ -25,6 +25,7 @@ from app.releases.file_work_chore import expire_exports
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.stores import make_old, stored_names
+from tests.waiting import wait_until
 
 PATH = "/v1/studies/pilot/exports"
 
@@ -121,6 +122,7 @@ def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
         ({"filters": {"participant": "\0"}}, "invalid_input"),
     ],
 )
+@pytest.mark.same_on_both
 def test_impossible_export_is_refused_at_once(viewer, body, code):
     answer = ask(viewer, **body)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
@@ -404,10 +406,7 @@ def test_progress_is_shown_while_the_file_is_written(viewer, run, state, during,
     seen = []
 
     def look():
-        deadline = datetime.now(UTC) + timedelta(seconds=20)
-        while not seen or not seen[-1]["bytes"]:
-            assert datetime.now(UTC) < deadline
-            seen.append(viewer.get(path).json())
+        wait_until(lambda: seen.append(viewer.get(path).json()) or seen[-1]["bytes"], "progress", interval_seconds=0)
 
     during(look)
     assert run(beat_seconds=0.01).outcome == "done"

@@ -230,6 +230,7 @@ BAD = [
 
 
 @pytest.mark.usefixtures("phone")
+@pytest.mark.same_on_both
 def test_a_value_that_cannot_be_read_is_refused(client, admin):
     for query in BAD:
         code = "cursor_invalid" if "_cursor" in query else "search_parameter_invalid"

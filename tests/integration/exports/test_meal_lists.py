@@ -159,6 +159,7 @@ def test_erased_photograph_has_no_link(client, admin, phone, meal_of, state):
         ("food=" + "&food=".join("abcdefghijk"), "invalid_input"),
     ],
 )
+@pytest.mark.same_on_both
 def test_what_no_list_of_meals_can_be_asked_is_refused(client, phone, query, code):
     answer = client.get(f"/v1/meals?{query}", headers=phone.headers)
     assert (answer.status_code, answer.json()["code"]) == (422, code)

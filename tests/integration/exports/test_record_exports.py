@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import threading
-import time
 from datetime import UTC, date, datetime, timedelta
 from types import SimpleNamespace
 
@@ -32,6 +31,7 @@ from app.people.models import Participant, Staff
 from app.people.privacy_models import AuditEvent
 from app.records.schemas import RecordOut
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
 RECORD_NAMES = [column.name for column in RECORD_COLUMNS]
@@ -229,10 +229,7 @@ def export(state, admin, eaten):
 
 
 def wait_for_end_of_exports():
-    deadline = time.monotonic() + 20
-    while any(thread.name.startswith("export-") for thread in threading.enumerate()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: not any(thread.name.startswith("export-") for thread in threading.enumerate()), "exports to end")
 
 
 @pytest.fixture
@@ -245,15 +242,12 @@ def held_after_the_first_row(monkeypatch):
         write(spool, data)
         written.append(data)
         if len(written) == 2:
-            assert go_on.wait(20)
+            assert go_on.wait(PATIENCE_SECONDS)
 
     monkeypatch.setattr(Spool, "write", slow_write)
 
     def wait():
-        deadline = time.monotonic() + 20
-        while len(written) < 2:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: len(written) >= 2, "the first row")
         return go_on.set
 
     return wait
@@ -286,7 +280,7 @@ def test_days_as_csv_are_of_one_moment(state, client, admin, monkeypatch, held_a
     with state.database.write() as session:
         session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
     go_on()
-    reader.join(20)
+    reader.join(PATIENCE_SECONDS)
     rows = list(csv.DictReader(io.StringIO(answers[0], newline="")))
     assert len(rows) == 3
     assert "77.0" not in [row["energy_kcal"] for row in rows]
@@ -300,7 +294,7 @@ def test_reader_who_leaves_ends_the_query(export, monkeypatch):
     def counted(spool, data):
         batches.append(data)
         if len(batches) == 2:
-            assert left.wait(20)
+            assert left.wait(PATIENCE_SECONDS)
         write(spool, data)
 
     monkeypatch.setattr(Spool, "write", counted)

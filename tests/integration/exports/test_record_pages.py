@@ -309,6 +309,29 @@ def test_queue_of_a_food_with_very_many_versions_is_read(database, eaten):
     assert [(row.record.doubt, row.record.item_id) for row in page] == queue_reference(eaten, chosen) != []
 
 
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        RowFilter(first_day=FIRST_DAY),
+        RowFilter(study_code="a", last_day=FIRST_DAY),
+        RowFilter(statuses=("confirmed",), first_day=FIRST_DAY),
+        RowFilter(food_keys=("apple", "pear"), first_day=FIRST_DAY, last_day=FIRST_DAY),
+    ],
+    ids=lambda chosen: "+".join(name for name in RowFilter.__slots__ if getattr(chosen, name)),
+)
+def test_keys_of_a_page_of_days_come_from_an_index_alone(database, chosen):
+    if not database.is_sqlite:
+        with database.write_engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.execute(sa.text("VACUUM ANALYZE effective_record"))  # an index alone says what all may see
+    with database.read() as session:
+        plan = plan_of(session, sa.select(search_of(session, chosen).page(None, 100)))
+    scans = [step for step in plan if "effective_record" in step and ("SEARCH" in step or "SCAN" in step.upper())]
+    assert scans
+    for step in scans:
+        assert re.search(r"(COVERING INDEX|Index Only Scan.* using) ix_effective_record_page", step), plan
+
+
 @pytest.mark.parametrize(
     ("named", "index"),
     [

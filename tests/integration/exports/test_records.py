@@ -101,6 +101,7 @@ def test_food_that_the_table_lacks_by_now_is_kept_as_an_item_to_review(phone, st
         ({"polygon": [[[1, 5000], [2, 5000], [2, 5100]]]}, "hint_outside", {"hints": [1]}),
     ],
 )
+@pytest.mark.same_on_both
 def test_hint_that_cannot_be_is_refused_and_nothing_is_kept(phone, state, hint, code, told):
     refused = phone.post(pair(), meal_metadata(hints=[*APPLE_HINT, hint]))
     problem = refused.json()

@@ -153,6 +153,7 @@ def test_a_row_of_a_table_of_densities_is_not_corrected_but_the_food_that_it_wei
     assert caught.value.code == "food_has_densities_only"
 
 
+@pytest.mark.same_on_both
 def test_a_food_s_value_that_cannot_be_is_refused_and_nothing_kept(database):
     with pytest.raises(InvalidInputError):
         correct(database, "apple", form="cube")

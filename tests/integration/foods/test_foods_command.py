@@ -98,6 +98,7 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
     assert counts() == before
 
 
+@pytest.mark.same_on_both
 def test_truncated_zip_is_refused(tada, tmp_path, counts):
     before = counts()
     whole = release(tmp_path / "whole.zip").read_bytes()
@@ -107,6 +108,7 @@ def test_truncated_zip_is_refused(tada, tmp_path, counts):
     assert counts() == before
 
 
+@pytest.mark.same_on_both
 def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
     assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
     assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr

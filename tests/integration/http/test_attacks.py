@@ -19,6 +19,7 @@ from app.uploads.submit_meal import SubmitMeal
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
 from tests.stores import stored_names
+from tests.waiting import PATIENCE_SECONDS
 
 
 def missing_blobs(state):
@@ -140,10 +141,10 @@ def test_conflict_of_one_upload_takes_no_blob_that_another_has_just_sealed(phone
         if upload.metadata is not None:
             put("right", right)
             puts_left.start()
-            assert sealed.wait(10)
+            assert sealed.wait(PATIENCE_SECONDS)
         elif "left" in photos:
             sealed.set()
-            assert refused.wait(10)
+            assert refused.wait(PATIENCE_SECONDS)
         return write(self, caller, upload, photos, keys)
 
     monkeypatch.setattr(SubmitMeal, "_write", staged_write)

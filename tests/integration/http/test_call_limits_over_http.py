@@ -7,13 +7,15 @@ from app.people.access import caller
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
+pytestmark = pytest.mark.same_on_both
+
 
 @pytest.fixture
 def limited(client, settings, monkeypatch):
-    """limited(device_uploads_per_minute=1): the app as if it had been started with these settings."""
+    """limited(device_uploads_per_minute=1): the app as if it had been started with these settings; no time passes."""
 
     def limited(**changes):
-        limits = CallLimits(settings.model_copy(update=changes))
+        limits = CallLimits(settings.model_copy(update=changes), lambda: 0.0)
         state = client.app.state.api
         others = state.part
         monkeypatch.setattr(state, "part", lambda kind: limits if kind is CallLimits else others(kind))

@@ -6,7 +6,6 @@ import pathlib
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 import sqlalchemy as sa
@@ -19,18 +18,9 @@ from app.jobs.supervisor import settings_environment
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from tests.integration.jobs.fakes import TIMES, new_device, new_job
+from tests.waiting import wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
-PATIENCE_SECONDS = 40.0  # a loaded machine; no test takes nearly so long otherwise
-
-
-def wait_until(condition, what):
-    """Poll until the condition is truthy, return its value; fail with words after a long time."""
-    deadline = time.monotonic() + PATIENCE_SECONDS
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"waited in vain for {what}"
-        time.sleep(0.03)
-    return value
 
 
 class Jobs:
@@ -49,13 +39,14 @@ class Jobs:
         )
         self.workers = []
 
-    def start_worker(self, *, protocol=None, **changes):
-        """A worker that lives."""
+    def start_worker(self, *, protocol=None, lease=TIMES.lease, drain=TIMES.drain, **changes):
+        """A worker that lives. lease, drain: its times, in seconds."""
         settings = self.settings.model_copy(update=changes)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
         environment |= settings_environment(settings) | {"PYTHONPATH": str(ROOT)}
         command = [sys.executable, "-m", "tests.integration.jobs.fakes", "--parent", str(os.getpid())]
         command += ["--protocol", str(protocol)] if protocol is not None else []
+        command += ["--lease", str(lease), "--drain", str(drain)]
         worker = subprocess.Popen([*command, "--folder", str(self.folder)], env=environment, cwd=self.folder)
         self.workers.append(worker)
         wait_until(

@@ -9,6 +9,7 @@ import errno
 import os
 import time
 import uuid
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,8 +25,11 @@ from app.jobs.worker_process import run_jobs
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.people.models import Device, Participant, Study
+from tests.waiting import wait_until
 
 TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, wait_for_room=0.1, drain=1.0)
+LONG_LEASE = 60.0  # where nobody dies: a worker that a loaded machine holds up keeps its jobs
+LONG_DRAIN = 8.0  # a worker ends after ten seconds in any case
 FAKE_TASKS = "tests.unit.children.fake_tasks:TASKS"
 
 
@@ -113,10 +117,7 @@ class FakeUseCases:
         self._pool.run(request, lambda _: again.touch(), name=str(job_id))
 
     def _wait_for(self, name):
-        deadline = time.monotonic() + 60
-        while not (self._folder / name).exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until((self._folder / name).exists, name)
 
 
 def main():
@@ -124,13 +125,16 @@ def main():
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--parent", type=int, required=True)
     parser.add_argument("--protocol", type=int)
+    parser.add_argument("--lease", type=float)
+    parser.add_argument("--drain", type=float)
     arguments = parser.parse_args()
     die_with_parent(arguments.parent)
 
     def make_use_cases(database, pool):
         return FakeUseCases(database, pool, arguments.folder)
 
-    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=TIMES, protocol=arguments.protocol))
+    times = replace(TIMES, lease=arguments.lease, drain=arguments.drain)
+    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=times, protocol=arguments.protocol))
 
 
 def new_job(session, queue, fake="quick", device_id=None):

@@ -8,8 +8,8 @@ from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.local import LocalBlobStore
-from tests.integration.jobs.conftest import wait_until
 from tests.integration.people.persons import database_bytes
+from tests.waiting import wait_until
 
 BOX = SecretBox("a key for tests only, of no worth")
 

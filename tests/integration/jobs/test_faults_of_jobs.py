@@ -1,6 +1,6 @@
 import pytest
 
-from tests.integration.jobs.conftest import wait_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on
     worker = jobs.start_worker(estimate_memory_bytes=512 * 1024 * 1024)
     jobs.wait_for_state(good, "done")
     for fake, job_id in bad.items():
-        assert jobs.job(job_id).state == "failed"
+        jobs.wait_for_state(job_id, "failed")
         meal = jobs.meal(job_id)
         assert (meal.status, meal.failure_code) == ("failed", CODES[fake])
         assert meal.failure_message

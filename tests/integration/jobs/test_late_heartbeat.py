@@ -17,6 +17,13 @@ def test_lease_that_ran_out_and_that_nobody_took_is_renewed_and_guards(database)
         lease.guard(session)
 
 
+def test_worker_that_was_held_up_does_not_bury_itself(database):
+    """A look for dead workers that comes before the late heartbeat."""
+    lease = started(database)
+    assert lease.bury(set()) == set()
+    assert lease.renew()
+
+
 def test_lease_that_was_taken_is_neither_renewed_nor_guards(database):
     lease, other = started(database), started(database)
     assert other.bury({lease.executor_id}) == {lease.executor_id}

@@ -2,6 +2,7 @@ import pytest
 
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_job
+from tests.waiting import wait_until
 
 
 def test_queued_job_is_done_and_saved_once(jobs):
@@ -11,7 +12,7 @@ def test_queued_job_is_done_and_saved_once(jobs):
     job = jobs.job(job_id)
     assert jobs.saves(job_id) == [worker.pid]
     assert jobs.meal(job_id).status == "estimated"
-    assert (job.attempts, job.executor_id) == (1, jobs.living()[0].executor_id)
+    assert (job.attempts, job.executor_id) == (1, wait_until(jobs.living, "its heartbeat")[0].executor_id)
     assert job.enqueued_at <= job.started_at <= job.finished_at
 
 

@@ -11,8 +11,8 @@ from app.children.faults import CANCELLED
 from app.jobs import queries as job_queries
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
-from tests.integration.jobs.conftest import wait_until
-from tests.integration.jobs.fakes import new_job
+from tests.integration.jobs.fakes import LONG_LEASE, new_job
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +28,8 @@ def computing(jobs):
 
 def test_each_worker_runs_as_many_jobs_as_it_is_set_to_beside_one_that_is_set_otherwise(jobs):
     ids = [jobs.add("hold") for _ in range(6)]
-    small = jobs.start_worker(worker_concurrency=1)
-    large = jobs.start_worker(worker_concurrency=3)
+    small = jobs.start_worker(worker_concurrency=1, lease=LONG_LEASE)
+    large = jobs.start_worker(worker_concurrency=3, lease=LONG_LEASE)
     wait_until(lambda: sum(computing(jobs).values()) == 4, "four jobs to be begun")
     time.sleep(0.6)  # more than two looks
     assert computing(jobs) == {small.pid: 1, large.pid: 3}
@@ -88,17 +88,17 @@ def test_worker_of_an_older_version_leaves_newer_jobs_to_a_newer_worker_which_ru
     newer_queue = JobQueue(protocol=2)
     with jobs.database.write() as session:
         newer = new_job(session, newer_queue)
-    old_worker = jobs.start_worker(protocol=1)
+    old_worker = jobs.start_worker(protocol=1, lease=LONG_LEASE)
     older = [jobs.add() for _ in range(3)]
     for job_id in older:
         jobs.wait_for_state(job_id, "done")
     assert jobs.job(newer).state == "queued"
     assert jobs.job(newer).executor_id is None
-    new_worker = jobs.start_worker(protocol=2)
+    new_worker = jobs.start_worker(protocol=2, lease=LONG_LEASE)
     jobs.wait_for_state(newer, "done")
     assert jobs.saves(newer) == [new_worker.pid]
     old_worker.terminate()
-    assert old_worker.wait(timeout=30) == 0
+    assert old_worker.wait(timeout=PATIENCE_SECONDS) == 0
     last = jobs.add()
     jobs.wait_for_state(last, "done")
     assert jobs.saves(last) == [new_worker.pid]
@@ -145,7 +145,7 @@ def test_workers_asked_to_end_hand_several_jobs_back_and_others_begin_them_at_on
     for job_id in ids:
         jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
     first.terminate()
-    assert first.wait(timeout=12) == 0
+    assert first.wait(timeout=PATIENCE_SECONDS) == 0
     for job_id in ids:
         assert (jobs.job(job_id).executor_id, jobs.job(job_id).takeovers) == (None, 0)
     second = jobs.start_worker(estimate_seconds=600, worker_concurrency=3)

@@ -17,7 +17,7 @@ def line(jobs):
 
 
 class Line:
-    """What waits, taken one after the other as workers would."""
+    """Waiting jobs, taken one after the other as workers would."""
 
     def __init__(self, jobs):
         self.jobs = jobs
@@ -42,7 +42,7 @@ class Line:
             return job.id
 
     def take_up_to(self, wanted):
-        """How many others are taken before it."""
+        """The number of others that are taken before it."""
         taken = 0
         while (job_id := self.take()) != wanted:
             assert job_id is not None

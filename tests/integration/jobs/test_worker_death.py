@@ -3,15 +3,15 @@ import time
 
 import pytest
 
-from tests.integration.jobs.conftest import wait_until
-from tests.integration.jobs.fakes import TIMES
+from tests.integration.jobs.fakes import LONG_DRAIN, LONG_LEASE, TIMES
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 
 
 def test_job_of_killed_worker_is_finished_by_another_and_saved_once(jobs):
     job_id = jobs.add("hold")
-    first = jobs.start_worker()
+    first = jobs.start_worker(lease=LONG_LEASE)  # so that it does not bury the second
     jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
     second = jobs.start_worker()
     first.kill()
@@ -42,7 +42,7 @@ def test_worker_asked_to_end_hands_its_job_back(jobs):
     first = jobs.start_worker(estimate_seconds=600)
     jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
     first.terminate()
-    assert first.wait(timeout=30) == 0
+    assert first.wait(timeout=PATIENCE_SECONDS) == 0
     assert jobs.living() == []
     assert jobs.job(job_id).state == "processing"
     assert jobs.meal(job_id).status == "processing"
@@ -50,17 +50,17 @@ def test_worker_asked_to_end_hands_its_job_back(jobs):
     jobs.wait_for_state(job_id, "failed")
     assert jobs.meal(job_id).failure_code == "estimate_timed_out"
     assert jobs.job(job_id).attempts == 4  # one of the first, three of the second
-    assert jobs.job(job_id).executor_id == jobs.living()[0].executor_id
+    assert jobs.job(job_id).executor_id == wait_until(jobs.living, "the second's heartbeat")[0].executor_id
     assert second.poll() is None
 
 
 def test_worker_asked_to_end_finishes_a_short_job(jobs):
     job_id = jobs.add("hold")
-    worker = jobs.start_worker()
+    worker = jobs.start_worker(drain=LONG_DRAIN)
     jobs.wait_for_file(f"computing-{job_id}-{worker.pid}")
     worker.terminate()
     jobs.go(job_id)
-    assert worker.wait(timeout=30) == 0
+    assert worker.wait(timeout=PATIENCE_SECONDS) == 0
     assert jobs.job(job_id).state == "done"
     assert jobs.saves(job_id) == [worker.pid]
 
@@ -85,7 +85,7 @@ def test_stopped_worker_that_goes_on_after_takeover_writes_nothing(jobs):
     jobs.wait_for_state(job_id, "done")
     version = jobs.meal(job_id).version
     first.send_signal(signal.SIGCONT)
-    assert first.wait(timeout=30) == 75  # it notices, and ends to be started again under a new name
+    assert first.wait(timeout=PATIENCE_SECONDS) == 75  # it notices, and ends to be started again under a new name
     assert jobs.saves(job_id) == [second.pid]
     assert jobs.meal(job_id).version == version
 
@@ -116,13 +116,13 @@ def test_worker_stopped_while_it_saves_keeps_nobody_waiting(jobs):
     second = jobs.start_worker()
     jobs.wait_for_state(job_id, "done")
     first.send_signal(signal.SIGCONT)
-    assert first.wait(timeout=30) == 75
+    assert first.wait(timeout=PATIENCE_SECONDS) == 75
     assert jobs.saves(job_id) == [second.pid]
 
 
 def test_two_workers_share_jobs_and_do_none_twice(jobs):
     ids = [jobs.add() for _ in range(6)]
-    workers = [jobs.start_worker(), jobs.start_worker()]
+    workers = [jobs.start_worker(lease=LONG_LEASE) for _ in range(2)]
     ids += [jobs.add() for _ in range(6)]
     for job_id in ids:
         jobs.wait_for_state(job_id, "done")
@@ -137,7 +137,7 @@ def test_job_that_was_claimed_and_never_begun_is_queued_again(jobs):
     job_id = jobs.add("hold")
     worker = jobs.start_worker()
     jobs.wait_for_file(f"computing-{job_id}-{worker.pid}")
-    executor = jobs.living()[0].executor_id
+    executor = wait_until(jobs.living, "its heartbeat")[0].executor_id
     lost = jobs.add()
     jobs.change(lost, executor_id=executor)
     jobs.go(job_id)

@@ -8,7 +8,6 @@ import stat
 import subprocess
 import sys
 import tarfile
-import time
 from datetime import UTC, datetime
 
 import pytest
@@ -19,6 +18,7 @@ from app.people.privacy_models import Tombstone
 from tests.commands import run_tada
 from tests.integration.operations.deployments import SECRET, deployment
 from tests.integration.operations.test_backup_refused import add_meal
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 
 @pytest.fixture
@@ -79,9 +79,8 @@ def test_backup_that_is_told_to_end_leaves_no_half_of_itself(place, tmp_path):
             pipe = opened_once_it_is_read(blob)
             assert [path.suffix for path in folder.iterdir()] == [".partial"]
             process.send_signal(signal.SIGTERM)
-            time.sleep(0.2)
             os.close(pipe)
-            assert process.wait(30) == 128 + signal.SIGTERM
+            assert process.wait(PATIENCE_SECONDS) == 128 + signal.SIGTERM
         finally:
             process.kill()
     assert list(folder.iterdir()) == []
@@ -89,14 +88,15 @@ def test_backup_that_is_told_to_end_leaves_no_half_of_itself(place, tmp_path):
 
 def opened_once_it_is_read(pipe):
     """A named pipe to write to, once another process reads from it."""
-    deadline = time.monotonic() + 60
-    while True:
+
+    def opened():
         try:
             return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
         except OSError as error:
-            if error.errno != errno.ENXIO or time.monotonic() > deadline:
+            if error.errno != errno.ENXIO:
                 raise
-            time.sleep(0.05)
+
+    return wait_until(opened, "another process to read from the pipe")
 
 
 def test_damaged_blob_is_told_by_name_with_status_1(place, tmp_path):

@@ -18,6 +18,7 @@ from app.operations import figures
 from app.operations.figures import DeploymentFigures
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.photographs import pair
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 TOKEN = "a token for tests of metrics"
 HERE = {"Host": "127.0.0.1:8000"}
@@ -65,10 +66,12 @@ def test_caller_from_elsewhere_does_not_learn_that_there_are_metrics(client):
 @pytest.mark.parametrize(
     "header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "Via", "X-Forwarded-Host", "X-Forwarded-Proto"]
 )
+@pytest.mark.same_on_both
 def test_proxy_on_the_same_machine_is_not_a_local_caller(local, header):
     assert local.get("/metrics", headers={header: "127.0.0.1"}).status_code == 404
 
 
+@pytest.mark.same_on_both
 def test_page_in_a_local_browser_that_asks_by_another_name_is_refused(local):
     assert local.get("/metrics", headers={"Host": "tada.example.org"}).status_code == 404
 
@@ -194,7 +197,7 @@ def test_database_that_hangs_is_asked_by_one_thread_and_waited_for_a_moment_only
 
     def hang(session):
         asked.append(1)
-        assert go_on.wait(30)
+        assert go_on.wait(PATIENCE_SECONDS)
         return real(session)
 
     real = figures.figures
@@ -202,10 +205,11 @@ def test_database_that_hangs_is_asked_by_one_thread_and_waited_for_a_moment_only
     monkeypatch.setattr(figures, "PATIENCE_SECONDS", 0.05)
     try:
         assert [value(scrape(local), "tada_database_up") for _ in range(3)] == [0, 0, 0]
+        wait_until(lambda: asked, "its thread to ask")
         assert asked == [1]
     finally:
         go_on.set()
-    monkeypatch.setattr(figures, "PATIENCE_SECONDS", 30)
+    monkeypatch.setattr(figures, "PATIENCE_SECONDS", PATIENCE_SECONDS)
     assert value(scrape(local), "tada_database_up") == 1
 
 

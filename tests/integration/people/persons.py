@@ -26,7 +26,7 @@ from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.caller import sha256_hex
 from app.people.access.secret_box import SecretBox
 from app.people.calibration_models import CameraCalibration
-from app.people.models import Enrolment, Participant, Staff, Study
+from app.people.models import Enrolment, Participant, PushSubscription, Staff, Study
 from app.records.rebuild_records import rebuild_records
 from app.releases.file_runner import FileRunner
 from app.releases.freeze_release import ReleaseFilters
@@ -281,6 +281,18 @@ class Person:
                         rms_px=0.2,
                         photographs=9,
                         author=mark,
+                        created_at=now,
+                    ),
+                    PushSubscription(
+                        device_id=meal.device_id,
+                        endpoint=f"https://push.example.org/{mark}",
+                        public_key=f"key of {mark}",
+                        auth=f"secret of {mark}",
+                        times=["12:30"],
+                        after_meal=True,
+                        time_zone="Europe/Berlin",
+                        quiet_from_minutes=0,
+                        quiet_until_minutes=0,
                         created_at=now,
                     ),
                     Enrolment(

@@ -8,6 +8,7 @@ import sqlalchemy as sa
 
 from app.people.access.access_rules import RULES, SAFE_METHODS
 from app.people.privacy_models import AuditEvent
+from app.reminders.web_push import text_of
 from app.webhooks import safe_address
 from tests import estimates
 from tests.estimates import found_item
@@ -15,8 +16,10 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import QUARK
 from tests.integration.people.people import PASSWORD, make_staff
 from tests.photographs import pair
+from tests.push_services import Browser
 from tests.unit.vision.test_rig import FILE as RIG_FILE
 
+IMAGE = "/v1/meals/{meal_id}/images/{slot}"
 UNNOTED = {
     ("POST", "/v1/checks"): "judges a pair and keeps nothing",
     (
@@ -24,6 +27,9 @@ UNNOTED = {
         "/v1/calibrations",
     ): "noted, as tests/integration/uploads/test_calibrations.py shows: it needs photographs of a board",
     ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): "the same",
+    ("POST", f"{IMAGE}/upload"): "keeps nothing of the study's: bytes that are not yet a photograph",
+    ("PATCH", f"{IMAGE}/upload"): "the same; its last byte is noted as PUT is, as test_partial_uploads.py shows",
+    ("DELETE", f"{IMAGE}/upload"): "removes such bytes",
 }
 STUDY = {"study": "pilot"}
 PARTICIPANTS = "/v1/studies/{study}/participants"
@@ -102,6 +108,12 @@ def call_of_staff(walk, client, admin):
     walk(make_staff(client, admin, "weber").headers, "DELETE", "/v1/sessions/current")
 
 
+@pytest.fixture
+def settings(settings):
+    """A server that sends reminders."""
+    return settings.model_copy(update={"push_contact": "mailto:study@example.org"})
+
+
 def call_of_people(walk, client, admin):
     walk(admin, "POST", PARTICIPANTS, {"code": "P002"}, **STUDY)
     one = {"participant": "P002"} | STUDY
@@ -114,6 +126,11 @@ def call_of_people(walk, client, admin):
 
 
 def call_of_meals(walk, state, admin, phone):
+    receiver = Browser().receiver
+    keys = {"p256dh": text_of(receiver.public_key), "auth": text_of(receiver.auth)}
+    subscription = {"endpoint": "https://push.example.org/a", "keys": keys}
+    walk(phone, "PUT", "/v1/me/reminders", {"subscription": subscription, "time_zone": "Europe/Berlin"})
+    walk(phone, "DELETE", "/v1/me/reminders")
     body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
     one = {"meal_id": body["id"]}
     walk(phone, "PUT", "/v1/meals/{meal_id}", {k: v for k, v in body.items() if k != "id"}, **one)

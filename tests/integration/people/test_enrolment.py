@@ -1,6 +1,8 @@
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
-from app.people.models import AccessToken, Enrolment
+from app.people.models import AccessToken, Device, Enrolment
+from app.people.privacy_models import AuditEvent
 
 
 def issue(client, admin):
@@ -9,8 +11,11 @@ def issue(client, admin):
     return client.post("/v1/studies/s/participants/P1/enrolment-codes", headers=admin).json()["code"]
 
 
-def exchange(client, code):
-    return client.post("/v1/enrolments", json={"code": code, "device_name": "phone"})
+SECRET, OTHER_SECRET = "s" * 22, "o" * 22
+
+
+def exchange(client, code, **fields):
+    return client.post("/v1/enrolments", json={"code": code, "device_name": "phone"} | fields)
 
 
 def test_code_is_exchanged_once(client, admin):
@@ -19,6 +24,93 @@ def test_code_is_exchanged_once(client, admin):
     assert first.status_code == 201
     assert (first.json()["study"], first.json()["participant"]) == ("s", "P1")
     assert (second.status_code, second.json()["code"]) == (404, "enrolment_code_invalid")
+
+
+def test_phone_whose_answer_was_lost_gets_the_same_token_again_by_its_secret(client, admin, state):
+    code = issue(client, admin)
+    first = exchange(client, code, secret=SECRET)
+    again = exchange(client, code, secret=SECRET, device_name="renamed")
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert again.json() == first.json()
+    headers = {"Authorization": f"Bearer {again.json()['token']}"}
+    assert client.get("/v1/me", headers=headers).json()["participant"] == "P1"
+    with state.database.read() as session:
+        assert session.query(Device).count() == 1
+        enrolments = session.query(AuditEvent).filter(AuditEvent.action == "device.enrol")
+        assert enrolments.count() == 1
+
+
+def test_used_code_gives_nothing_to_another_secret_or_none(client, admin):
+    code = issue(client, admin)
+    assert exchange(client, code, secret=SECRET).status_code == 201
+    for fields in ({}, {"secret": OTHER_SECRET}, {"secret": SECRET + " "}):
+        answer = exchange(client, code, **fields)
+        assert (answer.status_code, answer.json()["code"]) == (404, "enrolment_code_invalid")
+
+
+def test_code_that_was_used_without_a_secret_cannot_be_asked_again_with_one(client, admin):
+    code = issue(client, admin)
+    assert exchange(client, code).status_code == 201
+    assert exchange(client, code, secret=SECRET).status_code == 404
+
+
+def test_same_secret_with_another_code_gives_another_token(client, admin):
+    tokens = [exchange(client, issue(client, admin), secret=SECRET).json()["token"] for _ in range(2)]
+    assert tokens[0] != tokens[1]
+
+
+def test_code_of_a_sandbox_gives_each_secret_one_token(client, admin):
+    client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "sandbox": True})
+    code = issue(client, admin)
+    first, again, other = (exchange(client, code, secret=secret) for secret in (SECRET, SECRET, OTHER_SECRET))
+    assert [answer.status_code for answer in (first, again, other)] == [201, 200, 201]
+    assert first.json() == again.json()
+    assert first.json()["token"] != other.json()["token"]
+
+
+def test_signed_out_phone_cannot_come_back_by_its_secret(client, admin):
+    code = issue(client, admin)
+    token = exchange(client, code, secret=SECRET).json()["token"]
+    assert client.delete("/v1/me/device", headers={"Authorization": f"Bearer {token}"}).status_code == 204
+    assert exchange(client, code, secret=SECRET).status_code == 404
+
+
+def test_secret_of_a_signed_out_phone_is_refused_with_the_code_of_a_sandbox(client, admin):
+    client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "sandbox": True})
+    code = issue(client, admin)
+    token = exchange(client, code, secret=SECRET).json()["token"]
+    assert client.delete("/v1/me/device", headers={"Authorization": f"Bearer {token}"}).status_code == 204
+    refused = exchange(client, code, secret=SECRET)
+    assert (refused.status_code, refused.json()["code"]) == (404, "enrolment_code_invalid")
+    assert exchange(client, code, secret=OTHER_SECRET).status_code == 201
+
+
+def test_secret_of_an_erased_participant_is_refused_with_the_code_of_a_sandbox(client, admin):
+    client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "sandbox": True})
+    code = issue(client, admin)
+    phone = {"Authorization": f"Bearer {exchange(client, code, secret=SECRET).json()['token']}"}
+    receipt = client.post("/v1/me/withdrawal", headers=phone).json()["id"]
+    assert exchange(client, code, secret=SECRET).status_code == 404
+    assert client.get("/v1/me", headers=phone).json()["receipt"] == receipt
+    assert exchange(client, code, secret=OTHER_SECRET).status_code == 201
+
+
+def test_short_secret_is_refused_and_the_code_stays(client, admin):
+    code = issue(client, admin)
+    refused = exchange(client, code, secret="1234")
+    assert refused.status_code == 422
+    assert "1234" not in refused.text
+    assert exchange(client, code, secret=SECRET).status_code == 201
+
+
+def test_concurrent_calls_of_one_phone_get_one_token(client, admin, state):
+    code = issue(client, admin)
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(lambda _: exchange(client, code, secret=SECRET), range(4)))
+    assert sorted(answer.status_code for answer in answers) == [200, 200, 200, 201]
+    assert len({answer.json()["token"] for answer in answers}) == 1
+    with state.database.read() as session:
+        assert session.query(Device).count() == 1
 
 
 def test_unknown_and_expired_code_give_the_same_answer(client, admin, state):

@@ -12,8 +12,7 @@ from tests.estimates import identified_item
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
 from tests.photographs import pair
-
-HEAD_START_SECONDS = 0.5  # of the reviewer, who has to wait for the one who leaves
+from tests.waiting import wait_for_blocked_transaction
 
 
 def test_reviewers_confirmation_waits_for_a_withdrawal_under_way(phone, state, client, admin):
@@ -31,7 +30,7 @@ def test_reviewers_confirmation_waits_for_a_withdrawal_under_way(phone, state, c
         people_privacy.lock_participant(session, participant_id)
         word = threading.Thread(target=confirm)
         word.start()
-        word.join(HEAD_START_SECONDS)
+        wait_for_blocked_transaction(state.database)  # the reviewer waits for the one who leaves
         assert len(privacy.lock_meals_of(session, participant_id)) == 1
     word.join()
     assert [answer.status_code for answer in answers] == [201], answers[0].text

@@ -78,6 +78,7 @@ def test_first_day_moves_only_when_it_is_named(owner, participant, state):
     ],
     ids=str,
 )
+@pytest.mark.same_on_both
 def test_profile_that_cannot_be_is_refused(owner, participant, profile, code):
     answer = owner.patch(participant, json={"profile": profile})
     assert (answer.status_code, answer.json()["code"]) == (422, code)
@@ -111,6 +112,7 @@ def test_qr_code_contains_server_and_code(owner, participant):
     issued = owner.post(f"{participant}/enrolment-codes")
     body = issued.json()
     assert json.loads(body["qr_text"]) == {"tada": 1, "server": "http://testserver", "code": body["code"]}
+    assert body["capture_url"] == f"http://testserver/capture/#code={body['code']}"
     assert body["qr_svg"].startswith("<svg")
     assert body["code"] not in body["qr_svg"]
     assert issued.headers["cache-control"] == "private, no-store"
@@ -135,6 +137,7 @@ def test_png_is_read_back_by_another_program_and_its_code_enrols(owner, particip
         ("text/html, application/json", "application/json"),
     ],
 )
+@pytest.mark.same_on_both
 def test_answer_is_what_the_caller_accepts_first(owner, participant, accept, media_type):
     answer = owner.post(f"{participant}/enrolment-codes", headers={"Accept": accept})
     assert answer.headers["content-type"].split(";")[0] == media_type

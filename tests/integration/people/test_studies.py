@@ -112,6 +112,7 @@ def test_null_takes_marker_camera_and_retention_away(owner):
     ],
     ids=str,
 )
+@pytest.mark.same_on_both
 def test_protocol_that_cannot_be_is_refused_and_nothing_changes(owner, wrong):
     assert change(owner, **wrong).status_code == 422
     assert owner.get("/v1/studies/pilot").headers["etag"] == '"1"'

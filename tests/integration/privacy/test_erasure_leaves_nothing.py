@@ -42,6 +42,7 @@ STAYS_WITHOUT_MEAL = {
     "diary_day",
     "enrolment",
     "participant",
+    "push_subscription",
     "webhook_delivery",
 }
 

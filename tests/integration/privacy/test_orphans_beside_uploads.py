@@ -23,8 +23,8 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table
 from tests.photographs import pair
 from tests.stores import make_old
+from tests.waiting import PATIENCE_SECONDS
 
-PATIENCE_SECONDS = 10.0
 BLOCKED_SECONDS = 0.5  # long enough for whoever is not kept waiting by a lock
 
 

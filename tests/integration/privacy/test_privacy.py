@@ -5,7 +5,6 @@ import csv
 import io
 import json
 import threading
-import time
 import uuid
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,6 @@ import sqlalchemy as sa
 
 from app.core.errors import GoneError
 from app.exports.export_places import ExportPlaces
-from app.meals import queries as meals
 from app.meals.event_models import MealEvent
 from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.models import Meal, MealImage
@@ -33,11 +31,13 @@ from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import public_digest
 from app.privacy.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
+from tests.deadlocks import deadlock_over_a_meal
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.persons import Person, database_bytes
 from tests.photographs import pair, photograph
 from tests.stores import store_bytes
 from tests.unit.photos.photo_files import coordinate_bytes, exif_block
+from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 def set_study(state, **values):
@@ -58,6 +58,13 @@ def test_deleting_a_meal_gives_a_receipt_readable_by_id_alone(person, client):
     assert receipt["counts"]["meal_image"] == 2
     assert client.get(f"/v1/receipts/{receipt['id']}").json() == receipt
     assert client.get(f"/v1/receipts/{uuid.uuid4()}").status_code == 404
+    for method in ("DELETE", "GET"):
+        again = client.request(method, person.path, headers=person.phone.headers)
+        assert (again.status_code, again.json()["code"], again.json()["receipt"]) == (
+            410,
+            "meal_deleted",
+            receipt["id"],
+        )
 
 
 @pytest.mark.parametrize(
@@ -123,31 +130,40 @@ def test_every_call_of_the_phone_is_410_after_withdrawal(policy, person, state, 
     ):
         answer = client.request(method, path, headers=person.phone.headers)
         assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn"), (method, path)
-        assert set(answer.json()) == {"type", "title", "status", "detail", "code", "retryable"}
+        assert set(answer.json()) == {"type", "title", "status", "detail", "code", "retryable", "receipt"}
+        assert answer.json()["receipt"] == receipt["id"]
     assert person.phone.post(pair(7)).status_code == 410
     answer = client.post("/v1/enrolments", json={"code": f"code of {person.mark}", "device_name": "again"})
     assert answer.status_code == 404
 
 
+def test_concurrent_withdrawals_name_one_receipt(person, state, client):
+    def leave(_):
+        return client.post("/v1/me/withdrawal", headers=person.phone.headers)
+
+    with ThreadPoolExecutor(3) as pool:
+        answers = list(pool.map(leave, range(3)))
+    assert {answer.status_code for answer in answers} <= {200, 410}
+    assert len({answer.json().get("receipt") or answer.json()["id"] for answer in answers}) == 1
+
+
 def test_text_sent_while_its_person_is_anonymised_is_not_kept(person, state, client, monkeypatch):
     set_study(state, withdrawal_policy="anonymise")
-    nearly_done, said = threading.Event(), threading.Event()
+    nearly_done = threading.Event()
     note = audit.note
 
     def note_slowly(session, caller, action, **details):
         note(session, caller, action, **details)
         if action == "participant.withdraw":
             nearly_done.set()
-            said.wait(1)  # the word waits for this transaction: it is let go after a while
+            wait_for_blocked_transaction(state.database)  # the text waits for this one
 
     monkeypatch.setattr(audit, "note", note_slowly)
 
     def say():
-        nearly_done.wait(10)
+        nearly_done.wait(PATIENCE_SECONDS)
         told = {"id": str(uuid.uuid4()), "kind": "comment", "text": "it is me, Ottilie"}
-        answer = client.post(f"{person.path}/events", headers=person.phone.headers | {"If-Match": "*"}, json=told)
-        said.set()
-        return answer
+        return client.post(f"{person.path}/events", headers=person.phone.headers | {"If-Match": "*"}, json=told)
 
     with ThreadPoolExecutor(1) as pool:
         saying = pool.submit(say)
@@ -166,14 +182,14 @@ def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
 
     def end_slowly(session, participant_id, now):
         issuing.set()
-        time.sleep(0.5)  # the withdrawal comes in
+        wait_for_blocked_transaction(state.database)  # the withdrawal waits for this one
         end(session, participant_id, now)
 
     monkeypatch.setattr(people, "end_enrolments", end_slowly)
     path = f"/v1/studies/pilot/participants/{person.mark}/enrolment-codes"
     with ThreadPoolExecutor(1) as pool:
         issued = pool.submit(client.post, path, headers=admin)
-        issuing.wait(10)
+        issuing.wait(PATIENCE_SECONDS)
         left = client.post("/v1/me/withdrawal", headers=person.phone.headers)
         assert (issued.result().status_code, left.status_code) == (201, 200)
     answer = client.post("/v1/enrolments", json={"code": issued.result().json()["code"], "device_name": "again"})
@@ -181,20 +197,8 @@ def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
 
 
 def test_withdrawal_succeeds_despite_a_deadlock_with_a_holder_of_a_meal(person, state, client):
-    holding = threading.Event()
-
-    def save_something():
-        with state.database.write() as session:
-            meals.lock_meal(session, person.meal_id)
-            holding.set()
-            time.sleep(0.7)  # the withdrawal locks the person and waits for the meal
-            privacy.join_participant(session, person.participant_id)
-
-    with ThreadPoolExecutor(1) as pool:
-        saving = pool.submit(save_something)
-        holding.wait(10)
+    with deadlock_over_a_meal(state.database, person.meal_id, privacy.join_participant):
         assert client.post("/v1/me/withdrawal", headers=person.phone.headers).status_code == 200
-        saving.result()
 
 
 def test_call_of_a_phone_whose_person_is_erased_meanwhile_is_410(person, state, client):

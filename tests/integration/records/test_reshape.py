@@ -102,6 +102,7 @@ def test_participant_cannot_reshape(participant):
 
 
 @pytest.mark.usefixtures("measured")
+@pytest.mark.same_on_both
 def test_form_that_makes_no_sense_is_invalid(reviewer):
     event = new_event("reshape", item=reviewer.items()[0]["id"], form=FORM | {"height_mm": -3.0})
     answer = reviewer.send(event)

@@ -264,6 +264,7 @@ def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
         "ring",
     ],
 )
+@pytest.mark.same_on_both
 def test_outline_that_encloses_nothing_or_too_much_is_refused(participant, polygon):
     apple = participant.items()[0]
     assert participant.refused("redraw", item=apple["id"], polygon=polygon) == (422, "invalid_input")
@@ -439,6 +440,7 @@ def test_meal_that_failed_can_be_told_in_words(phone, client, state):
         {"kind": "eat"},
     ],
 )
+@pytest.mark.same_on_both
 def test_event_that_makes_no_sense_is_invalid(participant, fields):
     answer = participant.send(new_event(fields["kind"], item=participant.items()[0]["id"]) | fields)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")

@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-import time
 
 import pytest
 import sqlalchemy as sa
@@ -14,6 +13,7 @@ from app.releases.file_work_chore import FileProcess
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.stores import stored_names
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 SLOW = """
@@ -28,7 +28,6 @@ def slow(file, piece):
 made_file.StagedFile.write = slow
 file_worker.main()
 """
-SECONDS = 60.0
 
 
 @pytest.fixture
@@ -41,12 +40,9 @@ def asked(client, admin, enrol, state):
     return lambda: viewer.get(path).json()
 
 
-def wait_until(is_so, meanwhile=lambda: None):
-    deadline = time.monotonic() + SECONDS
-    while not is_so():
-        assert time.monotonic() < deadline
-        meanwhile()
-        time.sleep(0.05)
+def wait_for(is_so, process):
+    """Until it is so, looking after the process meanwhile as its chore does."""
+    wait_until(lambda: process.look() or is_so(), "the file process")
 
 
 def attempts(state):
@@ -56,19 +52,19 @@ def attempts(state):
 
 def test_process_makes_the_file_and_ends(state, settings, asked):
     process = FileProcess(state.database, settings)
-    wait_until(lambda: asked()["state"] == "done", process.look)
-    wait_until(lambda: process.pid is None, process.look)
+    wait_for(lambda: asked()["state"] == "done", process)
+    wait_for(lambda: process.pid is None, process)
     assert asked()["rows_written"] == 1
 
 
 def test_killed_process_is_replaced_at_once(state, settings, asked):
     slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
-    wait_until(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow.look)
+    wait_for(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow)
     os.kill(slow.pid, signal.SIGKILL)
-    wait_until(lambda: asked()["state"] == "queued", slow.look)
+    wait_for(lambda: asked()["state"] == "queued", slow)
     slow.stop()
     other = FileProcess(state.database, settings)
-    wait_until(lambda: asked()["state"] == "done", other.look)
+    wait_for(lambda: asked()["state"] == "done", other)
     other.stop()
     assert attempts(state) >= 2
 
@@ -77,9 +73,9 @@ def test_stopped_worker_releases_its_work_without_counting_an_attempt(state, set
     slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     chores = ChoreThread([Chore("make_files", 0.1, slow.look, at_end=slow.stop)])
     chores.start()
-    wait_until(lambda: asked()["state"] == "running")
+    wait_until(lambda: asked()["state"] == "running", "the export to run")
     pid = slow.pid
-    chores.stop(SECONDS)
+    chores.stop(PATIENCE_SECONDS)
     assert asked()["state"] == "queued"
     assert attempts(state) == 0
     with pytest.raises(ProcessLookupError):

@@ -196,6 +196,7 @@ def test_phone_lists_the_vessels_in_use_without_who_measured_them(owner, phone):
         ({"colour": "blue"}, "invalid_input"),
     ],
 )
+@pytest.mark.same_on_both
 def test_vessel_that_cannot_be_is_refused(owner, changes, code):
     answered = owner.post(ROOT, json=MUG | changes)
     assert answered.status_code == 422, answered.text

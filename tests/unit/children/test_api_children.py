@@ -2,15 +2,15 @@
 
 import pathlib
 import threading
-import time
 import uuid
 
 import pytest
 
 from app.children import api_children
-from app.children.api_children import PATIENCE, WAITING_A_CHILD, ApiChildren, PhotographError, Whose
+from app.children.api_children import WAITING_A_CHILD, ApiChildren, PhotographError, Whose
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 TASKS = "tests.unit.children.fake_tasks:TASKS"
@@ -33,10 +33,22 @@ def describe(children, word):
     return children.run("describe", {"word": word}, seconds=30, whose=somebody())["echo"]["word"]
 
 
-def hang(children, seconds):
-    """Hold a child for so long by the clock."""
-    with pytest.raises(UnavailableError):
-        children.run("hang", {}, seconds=seconds / PATIENCE, whose=somebody())
+class Holder(threading.Thread):
+    """Whoever holds a child until it is let go."""
+
+    def __init__(self, children, folder):
+        super().__init__()
+        self._children, self._end = children, folder / "end"
+        self._arguments = {"until": str(self._end), "begun": str(folder / "begun")}
+        self.start()
+        wait_until((folder / "begun").exists, "the child to begin")
+
+    def run(self):
+        self._children.run("hold", self._arguments, seconds=PATIENCE_SECONDS, whose=somebody())
+
+    def let_go(self):
+        self._end.touch()
+        self.join()
 
 
 @pytest.mark.parametrize("task", ["raise", "not_json", "no_such_task"])
@@ -73,23 +85,19 @@ def test_slow_or_full_machine_does_not_blame_the_photograph(children, task):
     assert describe(children, "next") == "next"
 
 
-def test_request_that_waits_too_long_is_told_to_come_back(children):
-    describe(children, "warm")
-    busy = threading.Thread(target=hang, args=(children, 2))
-    busy.start()
-    time.sleep(0.2)
+def test_request_that_waits_too_long_is_told_to_come_back(children, tmp_path):
+    busy = Holder(children, tmp_path)
     with pytest.raises(UnavailableError) as caught:
         describe(children, "too much")
     assert (caught.value.code, caught.value.retryable) == ("server_busy", True)
-    busy.join()
+    busy.let_go()
     assert describe(children, "next") == "next"
 
 
 def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
-    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS, wait_seconds=30)
+    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS, wait_seconds=PATIENCE_SECONDS)
     try:
-        describe(children, "warm")
         refused = []
 
         def ask():
@@ -98,13 +106,13 @@ def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_pa
             except UnavailableError:
                 refused.append(1)
 
-        holder = threading.Thread(target=hang, args=(children, 1.5))
-        holder.start()
-        time.sleep(0.2)
+        holder = Holder(children, tmp_path)
         crowd = [threading.Thread(target=ask) for _ in range(WAITING_A_CHILD + 3)]
         for one in crowd:
             one.start()
-        for one in (*crowd, holder):
+        wait_until(lambda: sum(not one.is_alive() for one in crowd) == 3, "three to be turned away")
+        holder.let_go()
+        for one in crowd:
             one.join()
         assert len(refused) == 3
     finally:
@@ -114,20 +122,20 @@ def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_pa
 def test_closing_ends_whoever_waits(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS)
-    describe(children, "warm")
-    told = []
+    told, begun = [], tmp_path / "begun"
 
     def ask():
         try:
-            children.run("hang", {}, seconds=30, whose=somebody())
+            arguments = {"until": str(tmp_path / "never"), "begun": str(begun)}
+            children.run("hold", arguments, seconds=PATIENCE_SECONDS, whose=somebody())
         except UnavailableError as error:
             told.append(error.code)
 
     asking = threading.Thread(target=ask)
     asking.start()
-    time.sleep(0.3)
+    wait_until(begun.exists, "the child to begin")
     children.close()
-    asking.join(10)
+    asking.join(PATIENCE_SECONDS)
     assert told == ["server_busy"]
     with pytest.raises(UnavailableError):
         describe(children, "after the end")
@@ -138,11 +146,9 @@ def test_several_children_work_at_once(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     children = ApiChildren(Settings(data_dir=tmp_path, api_children=2), tasks=TASKS, wait_seconds=0.3)
     try:
-        busy = threading.Thread(target=hang, args=(children, 4))
-        busy.start()
-        time.sleep(0.2)
+        busy = Holder(children, tmp_path)
         assert describe(children, "beside it") == "beside it"
-        busy.join()
+        busy.let_go()
     finally:
         children.close()
 
@@ -152,8 +158,6 @@ def test_photograph_that_broke_a_child_is_refused_without_another(children):
     for _ in range(2):
         with pytest.raises(PhotographError):
             children.run("segfault", {}, seconds=30, whose=whose, photograph_sha256="ab" * 32)
-    started = time.monotonic()
-    with pytest.raises(PhotographError):
-        children.run("hang", {}, seconds=30, whose=whose, photograph_sha256="ab" * 32)
-    assert time.monotonic() - started < 1
+    with pytest.raises(PhotographError):  # where it hung, the server would be busy
+        children.run("hang", {}, seconds=1, whose=whose, photograph_sha256="ab" * 32)
     assert describe(children, "another") == "another"

@@ -11,6 +11,7 @@ import pytest
 
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildPoolClosedError, ChildRequest, ChildStartError
 from app.core.settings import Settings
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 TASKS = "tests.unit.children.fake_tasks:TASKS"
@@ -31,7 +32,8 @@ def pool(settings, monkeypatch):
 
 
 def run(pool, task, seconds=None, **arguments):
-    return pool.run(ChildRequest(task, arguments), lambda _: None, seconds=seconds)
+    """With so much patience by the clock that only the limit of processor time counts, whatever else runs."""
+    return pool.run(ChildRequest(task, arguments), lambda _: None, seconds=seconds, patience=PATIENCE_SECONDS)
 
 
 @pytest.mark.parametrize(
@@ -59,26 +61,29 @@ def test_signal_of_a_crash_is_told(pool):
 
 
 def test_child_that_hangs_is_killed_at_the_limit_of_the_clock(pool):
-    stages = []
-    ended = pool.run(ChildRequest("hang", {}), stages.append, seconds=0.5, patience=2.0)
-    assert (ended.outcome, ended.failure.code) == ("stalled", "estimate_timed_out")
-    assert "within 1 s" in ended.failure.message
+    run(pool, "describe")  # it is warm
+
+    for limit in (1, 2, 4, 8):  # s
+        stages = []
+        ended = pool.run(ChildRequest("hang", {}), stages.append, seconds=limit / 2, patience=2.0)
+        assert (ended.outcome, ended.failure.code) == ("stalled", "estimate_timed_out")
+        assert f"within {limit} s" in ended.failure.message
+        if stages:  # otherwise a loaded machine needed longer to begin
+            break
     assert stages == ["hanging"]
 
 
 def test_child_that_computes_too_long_is_ended_by_its_processor_time(pool):
-    started = time.monotonic()
     ended = run(pool, "spin", seconds=1.0)
     assert (ended.outcome, ended.failure.code) == ("timed_out", "estimate_timed_out")
     assert "more than 1 s of processor time" in ended.failure.message
-    assert time.monotonic() - started < 9  # long before the limit of the clock
     assert run(pool, "describe").outcome == "ok"
 
 
 def test_busy_machine_does_not_time_out_a_child_that_has_had_little_of_the_processor(pool, tmp_path):
     """It was 120 s of the clock that failed meals on a machine under load."""
     end = tmp_path / "end"
-    threading.Timer(2.5, end.touch).start()
+    threading.Timer(1.5, end.touch).start()
     assert run(pool, "hold", seconds=1.0, until=str(end)).outcome == "ok"
 
 
@@ -106,7 +111,7 @@ def test_request_that_runs_alone_has_no_child_beside_it(settings, monkeypatch, t
     threads = [threading.Thread(target=hold)]
     try:
         threads[0].start()
-        assert holding.wait(30)
+        assert holding.wait(PATIENCE_SECONDS)
         threads += [threading.Thread(target=alone), threading.Thread(target=alone)]
         for thread in threads[1:]:
             thread.start()
@@ -114,7 +119,7 @@ def test_request_that_runs_alone_has_no_child_beside_it(settings, monkeypatch, t
         assert order == []
         end.touch()
         for thread in threads:
-            thread.join(60)
+            thread.join(PATIENCE_SECONDS)
         assert sorted(order) == ["alone", "alone", "beside"]
         assert order[0] == "beside"
     finally:
@@ -179,10 +184,10 @@ def test_cancelled_request_raises_its_child_is_ended_and_the_next_request_runs(p
 
     thread = threading.Thread(target=wait_for_it)
     thread.start()
-    assert hanging.wait(30)
+    assert hanging.wait(PATIENCE_SECONDS)
     assert pool.cancel("another job") is False
     assert pool.cancel("a job") is True
-    thread.join(30)
+    thread.join(PATIENCE_SECONDS)
     assert len(ended) == 1
     assert run(pool, "describe").outcome == "ok"
     assert pool.cancel("a job") is False
@@ -198,13 +203,10 @@ def test_requests_that_come_while_the_pool_warms_up_start_no_child_more_than_the
     try:
         for waiting, thread in enumerate(threads, start=1):
             thread.start()
-            deadline = time.monotonic() + 30
-            while pool._starter._work_queue.qsize() < waiting:
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
+            wait_until(lambda count=waiting: pool._starter._work_queue.qsize() == count, "its wish for a child")
         go_on.set()
         for thread in threads:
-            thread.join(60)
+            thread.join(PATIENCE_SECONDS)
         assert len(pool._alive) == 1
     finally:
         go_on.set()
@@ -231,7 +233,7 @@ def test_warm_children_are_as_many_as_there_may_be_and_are_the_ones_that_work(se
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(60)
+            thread.join(PATIENCE_SECONDS)
         assert outcomes == ["ok"] * 60
         assert pids <= warm  # none was ended under another's request
     finally:
@@ -249,9 +251,9 @@ def test_closing_ends_a_running_request_and_refuses_the_next(pool):
 
     thread = threading.Thread(target=wait_for_it)
     thread.start()
-    assert hanging.wait(30)
+    assert hanging.wait(PATIENCE_SECONDS)
     pool.close()
-    thread.join(30)
+    thread.join(PATIENCE_SECONDS)
     assert len(ended) == 1
     with pytest.raises(ChildPoolClosedError):
         run(pool, "describe")
@@ -271,10 +273,7 @@ pool.run(ChildRequest("hang", {{}}), print)
         child = int(parent.stdout.readline())
         assert is_running(child)
         parent.kill()
-    deadline = time.monotonic() + 30
-    while is_running(child):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_until(lambda: not is_running(child), "the child to die")
 
 
 def is_running(pid):

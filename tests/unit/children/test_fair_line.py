@@ -1,11 +1,13 @@
 """Few places, many who want them: nobody takes all of them away."""
 
 import threading
-import time
 
 import pytest
 
 from app.children.fair_line import FairLine, LineFullError
+from tests.waiting import PATIENCE_SECONDS, wait_until
+
+SOON = 0.002
 
 
 class Crowd:
@@ -23,13 +25,15 @@ class Crowd:
         thread = threading.Thread(target=self._hold, args=(name, study, caller or name, is_costly))
         thread.start()
         self.threads.append(thread)
-        wait_until(lambda: len(self.line._waiting) + len(self.served) + len(self.refused) > before)
+        wait_until(
+            lambda: len(self.line._waiting) + len(self.served) + len(self.refused) > before, name, interval_seconds=SOON
+        )
 
     def _hold(self, name, study, caller, is_costly):
         try:
             with self.line.place(study, caller, is_costly=is_costly):
                 self.served.append(name)
-                assert self.ends[name].wait(30)
+                assert self.ends[name].wait(PATIENCE_SECONDS)
         except LineFullError:
             self.refused.append(name)
 
@@ -38,27 +42,20 @@ class Crowd:
         is_wanted = bool(self.line._waiting)
         self.ends[name].set()
         if is_wanted:
-            wait_until(lambda: len(self.served) > count)
+            wait_until(lambda: len(self.served) > count, "the next to be served", interval_seconds=SOON)
 
     def finish(self):
         for end in self.ends.values():
             end.set()
         for thread in self.threads:
-            thread.join(30)
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
+            thread.join(PATIENCE_SECONDS)
 
 
 @pytest.fixture
 def crowd_of():
     crowds = []
 
-    def make(places=1, most_waiting=8, wait_seconds=30):
+    def make(places=1, most_waiting=8, wait_seconds=PATIENCE_SECONDS):
         crowds.append(Crowd(FairLine(places, most_waiting=most_waiting, wait_seconds=wait_seconds)))
         return crowds[-1]
 
@@ -92,7 +89,7 @@ def test_caller_has_one_place_at_a_time_though_others_are_free(crowd_of):
     crowd.come("a1", "study", caller="phone")
     crowd.come("a2", "study", caller="phone")
     crowd.come("b1", "study", caller="another phone")
-    wait_until(lambda: len(crowd.served) == 2)
+    wait_until(lambda: len(crowd.served) == 2, "two to be served")
     assert crowd.served == ["a1", "b1"]
     crowd.let_go("a1")
     assert crowd.served == ["a1", "b1", "a2"]
@@ -103,10 +100,10 @@ def test_costly_work_of_one_study_leaves_a_place_for_another(crowd_of):
     for name in ("a1", "a2", "a3"):
         crowd.come(name, "a", is_costly=True)
     crowd.come("b1", "b")
-    wait_until(lambda: len(crowd.served) == 2)
+    wait_until(lambda: len(crowd.served) == 2, "two to be served")
     assert crowd.served == ["a1", "b1"]
     crowd.ends["b1"].set()
-    crowd.threads[-1].join(30)
+    crowd.threads[-1].join(PATIENCE_SECONDS)
     assert crowd.served == ["a1", "b1"]  # the place stays free
     crowd.come("b2", "b")
     assert crowd.served == ["a1", "b1", "b2"]
@@ -117,7 +114,7 @@ def test_costly_work_of_one_study_leaves_a_place_for_another(crowd_of):
 def test_costly_work_has_the_place_where_there_is_only_one(crowd_of):
     crowd = crowd_of(places=1)
     crowd.come("a1", "a", is_costly=True)
-    wait_until(lambda: crowd.served == ["a1"])
+    wait_until(lambda: crowd.served == ["a1"], "a1")
 
 
 def test_one_caller_and_one_study_leave_room_in_the_line_for_others(crowd_of):
@@ -139,7 +136,8 @@ def test_who_waits_too_long_is_refused_and_keeps_nobody_else_waiting(crowd_of):
     crowd = crowd_of(wait_seconds=0.2)
     crowd.come("a", "study")
     crowd.come("b", "study")
-    wait_until(lambda: crowd.refused == ["b"])
+    wait_until(lambda: crowd.refused == ["b"], "b to be refused")
     crowd.let_go("a")
+    crowd.threads[0].join(PATIENCE_SECONDS)
     crowd.come("c", "study")
-    wait_until(lambda: crowd.served == ["a", "c"])
+    wait_until(lambda: crowd.served == ["a", "c"], "c to be served")

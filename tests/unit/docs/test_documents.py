@@ -118,3 +118,11 @@ def test_every_folder_of_the_program_stands_in_the_layout_once():
     ]
     folders = {path.parent.name for path in (DOCS.parent / "app").glob("*/__init__.py")}
     assert sorted(name for name in listed if not name.endswith(".py")) == sorted(folders - {"demo_data"})
+
+
+def test_every_decision_has_a_number_of_its_own_and_says_it():
+    files = sorted((DOCS / "decisions").glob("[0-9]*.md"))
+    numbers = [path.name[:4] for path in files]
+    assert len(set(numbers)) == len(numbers)
+    for number, path in zip(numbers, files, strict=True):
+        assert path.read_text(encoding="utf-8").startswith(f"# {number}: "), path.name

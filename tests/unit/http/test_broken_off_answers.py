@@ -3,6 +3,7 @@ import socket
 import pytest
 
 from tests.unit.http.watched_server import watched_server
+from tests.waiting import PATIENCE_SECONDS
 
 
 async def app(scope, receive, send):
@@ -20,7 +21,7 @@ def port():
 
 
 def read_all(port, request):
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as sock:
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as sock:
         sock.sendall(request)
         data = b""
         while piece := sock.recv(65536):

@@ -5,6 +5,7 @@ import pytest
 from app.http import connection_protocol as http_protocol
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch
 from app.http.rate_limit import home_of
+from tests.waiting import PATIENCE_SECONDS
 
 LIMITS = ConnectionLimits(
     header_seconds=1.0,
@@ -43,7 +44,7 @@ async def codes_of_three(address):
     connections = [Connection(loop, address) for _ in range(3)]
     found = [watch.admit(connection, home_of(address)) for connection in connections]
     for connection in connections:
-        watch.forget(connection, home_of(address))
+        watch.forget(connection)
     return [error.code if error is not None else None for error in found]
 
 
@@ -65,10 +66,10 @@ def test_watch_goes_on_after_a_connection_that_cannot_be_looked_at(monkeypatch):
         broken, fine = Connection(loop, error=OSError("gone")), Connection(loop)
         for connection in (broken, fine):
             watch.admit(connection, "127.0.0.1")
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_SECONDS):
             await fine.looked_at_often.wait()
         for connection in (broken, fine):
-            watch.forget(connection, "127.0.0.1")
+            watch.forget(connection)
         return broken.transport.is_aborted, fine.transport.is_aborted
 
     assert asyncio.run(look_three_times()) == (True, False)

@@ -1,4 +1,4 @@
-"""The OpenAPI document: whole, and its examples are what they are examples of."""
+"""The OpenAPI document: whole."""
 
 import pytest
 from fastapi.routing import APIRoute
@@ -7,7 +7,7 @@ from app.core.settings import Settings
 from app.main import create_app
 from app.people.access.access_rules import OF_API, RULES, list_parameters
 from app.people.schemas import ParticipantIn, StudyIn
-from app.records.meal_schemas import MealMetadataIn, MealOut, NewMealMetadataIn
+from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +50,9 @@ def test_every_reference_leads_somewhere(document):
     assert set(references(document)) <= parts
 
 
-@pytest.mark.parametrize("model", [MealOut, MealMetadataIn, NewMealMetadataIn, StudyIn, ParticipantIn])
-def test_example_is_valid(document, model):
-    assert document["components"]["schemas"][model.__name__]["example"]
-    model.model_validate(model.model_config["json_schema_extra"]["example"])  # FastAPI drops nulls from the document
+@pytest.mark.parametrize("model", [MealMetadataIn, NewMealMetadataIn, StudyIn, ParticipantIn])
+def test_example_passes_the_models_own_checks(model):
+    model.model_validate(model.model_config["json_schema_extra"]["example"])
 
 
 def test_only_what_the_rules_open_needs_no_token(document):

@@ -3,7 +3,6 @@
 import json
 import socket
 import threading
-import time
 from functools import partial
 
 import pytest
@@ -12,10 +11,10 @@ import uvicorn
 from app.cli.serving import server_config
 from app.core.settings import Settings
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 HEAD = b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 200000\r\n\r\n"
 HALF = b"x" * 100_000
-PATIENCE_SECONDS = 10.0
 
 
 async def count_body(scope, receive, send):
@@ -34,20 +33,22 @@ class Running:
     """A server in a thread. stop_seconds: what it gives to requests under way."""
 
     def __init__(self, stop_seconds):
-        watch = ConnectionWatch(ConnectionLimits(10, 10, 10, 10, stop_seconds=stop_seconds))
+        limits = ConnectionLimits(PATIENCE_SECONDS, PATIENCE_SECONDS, 10, 10, stop_seconds=stop_seconds)
+        watch = ConnectionWatch(limits)
+        self._begun = threading.Event()
         config = uvicorn.Config(
-            count_body,
+            self._app,
+            interface="asgi3",
             port=0,
             http=partial(WatchedProtocol, watch),
             lifespan="off",
             log_level="critical",
-            timeout_graceful_shutdown=10,
+            timeout_graceful_shutdown=int(PATIENCE_SECONDS),
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run)
         self._thread.start()
-        while not self._server.started and self._thread.is_alive():
-            time.sleep(0.01)
+        wait_until(lambda: self._server.started or not self._thread.is_alive(), "the server to start")
         self.address = self._server.servers[0].sockets[0].getsockname()
         self._connections = []
 
@@ -55,17 +56,22 @@ class Running:
         self._connections.append(socket.create_connection(self.address, timeout=PATIENCE_SECONDS))
         return self._connections[-1]
 
+    async def _app(self, scope, receive, send):
+        self._begun.set()
+        await count_body(scope, receive, send)
+
     def stop(self):
-        """Told to end; back once nobody listens any more."""
+        """Told to end while the app has a request; back once nobody listens any more."""
+        assert self._begun.wait(PATIENCE_SECONDS)
         self._server.should_exit = True
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while time.monotonic() < deadline:
+
+        def nobody_listens():
             try:
                 self.connect().close()
             except ConnectionRefusedError:
-                return
-            time.sleep(0.02)
-        raise TimeoutError("it still listens")
+                return True
+
+        wait_until(nobody_listens, "the server to listen no more")
 
     def close(self):
         for connection in self._connections:

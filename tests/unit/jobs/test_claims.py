@@ -9,6 +9,7 @@ import pytest
 from app.children.faults import JobLeft
 from app.jobs import claims
 from app.jobs.claims import Claims, no_backlog
+from tests.waiting import PATIENCE_SECONDS
 
 
 class FakeDatabase:
@@ -49,7 +50,7 @@ class Runs:
         end = self._ends.setdefault(job_id, [threading.Event(), None])
         self.begun.append(job_id)
         self.has_begun.release()
-        end[0].wait(20)
+        end[0].wait(PATIENCE_SECONDS)
         if end[1] is not None:
             raise end[1]
 
@@ -111,7 +112,7 @@ def start(monkeypatch):
 
 def wait_for(semaphore, times=1):
     for _ in range(times):
-        assert semaphore.acquire(timeout=20)
+        assert semaphore.acquire(timeout=PATIENCE_SECONDS)
 
 
 def ids(count):

@@ -1,12 +1,12 @@
 import subprocess
 import sys
-import time
 
 import pytest
 
 from app.children.faults import JobLeft
 from app.db.session import Database
 from app.jobs.leases import FileLease, living_workers, lock_files, lock_folder, new_executor
+from tests.waiting import wait_until
 
 
 @pytest.fixture
@@ -55,9 +55,7 @@ time.sleep(600)
         name = other.stdout.readline().strip()
         assert mine.bury({name}) == set()
         other.kill()
-    deadline = time.monotonic() + 30
-    while mine.bury({name}) != {name}:
-        assert time.monotonic() < deadline
+    wait_until(lambda: mine.bury({name}) == {name}, "the dead process's lock to go")
     assert [path.stem for path in lock_files(lock_folder(database))] == [mine.executor_id]
     mine.release()
 

@@ -4,24 +4,22 @@ import pathlib
 import signal
 import subprocess
 import sys
-import time
 
 from app.core.settings import Settings
 from app.jobs.supervisor import WorkerProcess, settings_environment
+from tests.waiting import wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 WRITE_PID_AND_WAIT = "import os, pathlib, sys, time; pathlib.Path('pid').write_text(str(os.getpid())); time.sleep(600)"
 
 
 def wait_for_pid(folder, other_than=None):
-    deadline = time.monotonic() + 30
-    while True:
+    def written():
         with contextlib.suppress(FileNotFoundError, ValueError):
             pid = int((folder / "pid").read_text())
-            if pid != other_than:
-                return pid
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+            return pid != other_than and pid
+
+    return wait_until(written, "a process that writes its id")
 
 
 def has_ended(pid):
@@ -47,7 +45,7 @@ def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
     first = wait_for_pid(tmp_path)
     os.kill(first, signal.SIGKILL)
     second = wait_for_pid(tmp_path, other_than=first)
-    assert worker.pid == second
+    wait_until(lambda: worker.pid == second, "the supervisor to have the new process")
     worker.stop()
     assert has_ended(second)
     assert worker.pid is None
@@ -67,10 +65,7 @@ time.sleep(600)
     with subprocess.Popen([sys.executable, "-c", server_code], cwd=tmp_path) as server:
         worker = wait_for_pid(tmp_path)
         server.kill()
-    deadline = time.monotonic() + 30
-    while not has_ended(worker):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_until(lambda: has_ended(worker), "the worker to end")
 
 
 def test_worker_beside_the_server_gives_way_to_it():

@@ -5,7 +5,6 @@ import http.client
 import socket
 import struct
 import threading
-import time
 
 import pytest
 from prometheus_client import CollectorRegistry, Counter
@@ -14,6 +13,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from app.metrics import server as server_module
 from app.metrics.reader import may_read
 from app.metrics.server import MetricsServer
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 TOKEN = "a token for tests of metrics"
 
@@ -31,7 +31,7 @@ def serve():
         started.append(server)
 
         def get(path, **headers):
-            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=PATIENCE_SECONDS)
             connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
             answer = connection.getresponse()
             body = answer.read().decode()
@@ -101,31 +101,31 @@ def test_proxy_here_that_adds_nothing_is_taken_for_a_caller_from_here():
 def test_callers_beyond_the_most_are_turned_away_and_slow_ones_cut_off(serve, monkeypatch):
     """Else whoever reaches the port has the worker start threads without end, and keep them."""
     monkeypatch.setattr(server_module, "MAX_CALLERS", 2)
+    monkeypatch.setattr(server_module, "REQUEST_SECONDS", PATIENCE_SECONDS)
     get = serve()
     with contextlib.ExitStack() as stack:
         slow = [stack.enter_context(connection_to(get.port)) for _ in range(2)]
         for caller in slow:
             caller.sendall(b"GET /metrics HTTP/1.0\r\n")
-        deadline = time.monotonic() + 30
-        while threads_of_callers() < 2:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: threads_of_callers() == 2, "two callers")
         turned_away = stack.enter_context(connection_to(get.port))
         assert received(turned_away) == b""
         assert threads_of_callers() == 2
         monkeypatch.setattr(server_module, "REQUEST_SECONDS", 0.2)
-        while threads_of_callers():
-            assert time.monotonic() < deadline
+
+        def are_cut_off():
             for caller in slow:  # never silent, never done
                 with contextlib.suppress(OSError):
                     caller.sendall(b"x")
-            time.sleep(0.05)
+            return not threads_of_callers()
+
+        wait_until(are_cut_off, "the slow ones to be cut off", interval_seconds=0.05)
         monkeypatch.setattr(server_module, "REQUEST_SECONDS", 30.0)
         assert get("/metrics")[0] == 200
 
 
 def connection_to(port):
-    return socket.create_connection(("127.0.0.1", port), timeout=30)
+    return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS)
 
 
 def received(caller):
