@@ -179,7 +179,8 @@ def test_card_is_in_the_study_s_language(client, admin, owner, locale, words):
     page = owner.post("/dashboard/studies/pilot/enrol", participants="P001").text
     (card,) = re.findall(rf'<section class="enrol-card" lang="{locale}".*?</section>', page, re.DOTALL)
     assert words in card
-    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d", card)
+    assert re.search(r">\d{4}-\d\d-\d\d \d\d:\d\d</time>", card)
+    assert not re.search(r"&(lt|gt|amp);", card)
     assert not re.search(r"[{}]", card)
 
 
