@@ -48,9 +48,10 @@ async function show() {
   close = () => {};
   document.title = t("title");
   document.querySelector("nav").replaceChildren(...(phone?.token ? [link("meals", t("meals")), link("days", t("days")), link("phone", t("phone_page"))] : []));
-  main.replaceChildren();
+  const content = h("div"); // of this page alone: what it loads late does not appear on a later one
+  main.replaceChildren(content);
   const context = { t, phone, go, client: clientOf(phone) };
-  const closing = await page(main, context, ...(code ? [code] : rest));
+  const closing = await page(content, context, ...(code ? [code] : rest));
   if (mine === turn) close = closing ?? (() => {});
   else closing?.();
   main.focus();

@@ -11,8 +11,10 @@ const SCAN_SIDES_PX = [1280, 960, 640]; // in turn: a code that is not read at o
 const SCAN_EVERY_MS = 250;
 
 export async function showEnrol(main, { t, phone, go }, code) {
+  const begun = code ? null : await store.joining();
   const status = h("p", { role: "alert" });
   const field = h("input", { id: "code", autocomplete: "off", autocapitalize: "none", spellcheck: "false", required: true });
+  field.value = begun?.code ?? "";
   const video = h("video", { playsinline: true, muted: true, hidden: true, "aria-label": t("enrol_preview") });
   const join = h("button", {}, t("enrol_button"));
   let camera = null;
@@ -73,7 +75,6 @@ export async function showEnrol(main, { t, phone, go }, code) {
   );
   if (phone?.receipt) status.textContent = t("withdrawn_explain", { receipt: phone.receipt });
   if (code) await enrol(code);
-  else field.value = (await store.joining())?.code ?? "";
   return stopScan;
 }
 
