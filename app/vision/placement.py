@@ -96,12 +96,8 @@ def doubt_volumes(
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
-    flags = [*SCALE_FLAGS[placed.scale]]
-    if doubt.focal_sd > FLAG_SD:
-        flags.append("focal_unknown")
-    if placed.scale == "marker" and placed.views.matches == 0:
-        flags.append("few_matches")
-    return doubt.sd, tuple(flags)
+    flags = SCALE_FLAGS[placed.scale]
+    return doubt.sd, (*flags, "focal_unknown") if doubt.focal_sd > FLAG_SD else flags
 
 
 def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from app.core.units import ml_from_mm3
-from app.vision.geometry.masks import filled, inward_px
+from app.vision.geometry.masks import filled, inward_px, window_around
 from app.vision.geometry.mesh import (
     IntArray,
     Topology,
@@ -360,8 +360,10 @@ def _uncovered(at: FormAt, seen: Seen) -> float:
     Where another food hides the outline, nothing else draws a form over the whole of the mask.
     """
     placed = _placed(at.form, at.unknowns, at.cells, seen)
-    covered = filled(draw_mask(placed.pixels[0], placed.mesh.faces, seen.mask.shape))
-    return float(np.count_nonzero(seen.mask & ~covered)) / TUNING.dense_area_px
+    rows, columns = window_around(seen.mask, TUNING.margin_px)  # beyond it nothing is to be covered
+    mask = seen.mask[rows, columns]
+    covered = filled(draw_mask(placed.pixels[0] - (columns.start, rows.start), placed.mesh.faces, mask.shape))
+    return float(np.count_nonzero(mask & ~covered)) / TUNING.dense_area_px
 
 
 def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:

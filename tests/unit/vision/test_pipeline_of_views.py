@@ -1,12 +1,16 @@
 """More than two photographs of one scene: the best partner is chosen; others join in any order, or add nothing."""
 
 import json
+from dataclasses import astuple
 
 import numpy as np
 import pytest
 
+from app.vision import placement
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
+from app.vision.stereo import stillness
+from app.vision.stereo.features import Matches, match_features
 from app.vision.stereo.other_views import stereo_partners
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, look_at, render
 
@@ -62,6 +66,26 @@ def test_another_partner_is_tried_where_the_nearest_shows_another_scene(photogra
     third = measured([left, Photo(np.clip(moved, 0, 255).astype(np.uint8)), other])
     assert (third.failure, third.second_place) == (None, 2)
     assert third.items[0].volume_ml == measured([left, other]).items[0].volume_ml
+
+
+def test_partner_that_shares_no_points_comes_after_all_that_do(photographs, monkeypatch):
+    left, near, far, _ = photographs
+
+    def only_the_marker_in_near(first, second, **gate):
+        matches = match_features(first, second, **gate)
+        is_kept = matches.is_board | (not is_same_photo(near, second))
+        return Matches(*(values[is_kept] for values in astuple(matches)))
+
+    for module in (placement, stillness):
+        monkeypatch.setattr(module, "match_features", only_the_marker_in_near)
+    assert measured([left, near]).items[0].flags[-1] == "few_matches"
+    both = measured([left, near, far])
+    assert (both.failure, both.second_place) == (None, 2)
+    assert "few_matches" not in both.items[0].flags
+
+
+def is_same_photo(photo, view):
+    return np.array_equal(photo.pixels_bgr, view.photo.pixels_bgr)
 
 
 def test_partner_that_is_not_the_right_photograph_is_named(photographs):
