@@ -10,8 +10,9 @@ import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import TypeVar, cast
 
 import h11
@@ -46,6 +47,16 @@ class Answer:
         return self.status is not None and 200 <= self.status < 300
 
 
+@dataclass(frozen=True, slots=True)
+class _Post:
+    """A body with its headers for a target, whose addresses were checked."""
+
+    target: Target
+    addresses: tuple[str, ...]
+    headers: Mapping[str, str]
+    body: bytes
+
+
 AsyncSend = Callable[[str, Mapping[str, str], bytes], Awaitable[Answer]]
 
 
@@ -72,7 +83,7 @@ class WebhookPost:
         try:
             target = parse_target(url, allow_loopback=self._allow_loopback)
             addresses = resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
-            return asyncio.run(self._send_alone(target, addresses, headers, body))
+            return asyncio.run(self._send_alone(_Post(target, addresses, headers, body)))
         except (AddressError, TimeoutError, httpx2.TransportError) as error:
             return self._failure(error)
 
@@ -103,15 +114,15 @@ class WebhookPost:
                     target = parse_target(url, allow_loopback=self._allow_loopback)
                     host = f"{target.scheme}://{target.host}:{target.port}"
                     async with asyncio.timeout(self._total_seconds):
-                        addresses = await look_up(host, target)
+                        post = _Post(target, await look_up(host, target), headers, body)
                         response = None
                         if host not in transports and len(transports) < KEPT_HOSTS:
                             transports[host] = self._open_transport()
                             await stack.enter_async_context(transports[host])
                         if host in transports:
-                            response = await self._send_kept(transports[host], target, addresses, headers, body)
+                            response = await self._send_kept(transports[host], post)
                         if response is None:
-                            return await self._send_alone(target, addresses, headers, body)
+                            return await self._send_alone(post)
                 except (AddressError, TimeoutError, httpx2.TransportError) as error:
                     return self._failure(error)
                 await _end_body(response)
@@ -123,14 +134,7 @@ class WebhookPost:
         resolve = partial(resolve_safely, target, allow_loopback=self._allow_loopback, resolve=self._resolve)
         return await asyncio.get_running_loop().run_in_executor(threads, resolve)
 
-    async def _send_kept(
-        self,
-        transport: httpx2.AsyncBaseTransport,
-        target: Target,
-        addresses: tuple[str, ...],
-        headers: Mapping[str, str],
-        body: bytes,
-    ) -> httpx2.Response | None:
+    async def _send_kept(self, transport: httpx2.AsyncBaseTransport, post: _Post) -> httpx2.Response | None:
         """Return the response, or None if the peer ended a kept connection before it answered: it had been idle.
 
         httpx2 does not say whether a part of the response's head had arrived.
@@ -142,37 +146,28 @@ class WebhookPost:
             is_new = is_new or event == "connection.connect_tcp.complete"
 
         try:
-            return await self._send_by(transport, target, addresses, headers, body, {"trace": note_connection})
+            return await self._send_by(transport, post, {"trace": note_connection})
         except (httpx2.ReadError, httpx2.WriteError, httpx2.RemoteProtocolError) as error:
             if is_new or _cause(error, h11.RemoteProtocolError) is not None:
                 raise
             return None
 
-    async def _send_alone(
-        self, target: Target, addresses: tuple[str, ...], headers: Mapping[str, str], body: bytes
-    ) -> Answer:
+    async def _send_alone(self, post: _Post) -> Answer:
+        closing = replace(post, headers={**post.headers, "Connection": "close"})
         async with asyncio.timeout(self._total_seconds), self._open_transport() as transport:
-            response = await self._send_by(transport, target, addresses, {**headers, "Connection": "close"}, body)
+            response = await self._send_by(transport, closing)
             await response.aclose()  # without reading the body
             return _answer(response)
 
     async def _send_by(
-        self,
-        transport: httpx2.AsyncBaseTransport,
-        target: Target,
-        addresses: tuple[str, ...],
-        headers: Mapping[str, str],
-        body: bytes,
-        extensions: Mapping[str, object] | None = None,
+        self, transport: httpx2.AsyncBaseTransport, post: _Post, extensions: Mapping[str, object] = MappingProxyType({})
     ) -> httpx2.Response:
         """Send to the first address that accepts a connection. extensions: of the request, for httpx2."""
-        for number, address in enumerate(addresses, 1):
+        for number, address in enumerate(post.addresses, 1):
             try:
-                request = self._request(target, address, headers, body)
-                request.extensions.update(extensions or {})
-                return await transport.handle_async_request(request)
+                return await transport.handle_async_request(self._request(post, address, extensions))
             except httpx2.ConnectError as error:
-                if number == len(addresses) or _cause(error, ssl.SSLError) is not None:
+                if number == len(post.addresses) or _cause(error, ssl.SSLError) is not None:
                     raise
         raise AddressError("The name in the URL does not resolve.")
 
@@ -190,21 +185,18 @@ class WebhookPost:
             verify=self._tls, trust_env=False, retries=0, limits=httpx2.Limits(max_connections=MAX_CONNECTIONS)
         )
 
-    def _request(self, target: Target, address: str, headers: Mapping[str, str], body: bytes) -> httpx2.Request:
-        host = f"[{address}]" if ":" in address else address
+    def _request(self, post: _Post, address: str, extensions: Mapping[str, object]) -> httpx2.Request:
+        target, host = post.target, f"[{address}]" if ":" in address else address
         return httpx2.Request(
             "POST",
             f"{target.scheme}://{host}:{target.port}{target.path}",
-            headers={
-                "Host": target.host_header,
-                "Content-Length": str(len(body)),
-                **headers,
-            },
-            content=body,
+            headers={"Host": target.host_header, "Content-Length": str(len(post.body)), **post.headers},
+            content=post.body,
             extensions={
                 "sni_hostname": target.host,
                 # per step, so that the library itself ends a stalled step and closes the connection
                 "timeout": dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds),
+                **extensions,
             },
         )
 
