@@ -85,16 +85,17 @@ def wait_for_story(server, request_id):
         lines = [json.loads(line) for line in complete if line.startswith("{")]
         kept = [line for line in lines if line["event"] == "meal_kept"]
         story = [line for line in lines if kept and line.get("meal_id") == kept[0]["meal_id"]]
-        told = [line for line in story if line["event"] == "webhook_tried" and line["outcome"] == "delivered"]
-        is_told = {"meal.received", "meal.estimated"} <= {line["webhook_event"] for line in told} | estimated(told)
-        return is_told and {"request", "job_ended"} <= {line["event"] for line in story} and story
+        delivered = [line for line in story if line["event"] == "webhook_tried" and line["outcome"] == "delivered"]
+        webhook_events = {line["webhook_event"] for line in delivered} | estimated(delivered)
+        is_whole = {"request", "job_ended"} <= {line["event"] for line in story}
+        return is_whole and {"meal.received", "meal.estimated"} <= webhook_events and story
 
     return wait_until(whole_story, lambda: f"the end of the story:\n{server.log}", patience_seconds=PATIENCE_SECONDS)
 
 
-def estimated(told):
+def estimated(delivered):
     """A meal that needs review is estimated too."""
-    return {"meal.estimated"} if any(line["webhook_event"] == "meal.needs_review" for line in told) else set()
+    return {"meal.estimated"} if any(line["webhook_event"] == "meal.needs_review" for line in delivered) else set()
 
 
 def check_story(lines, request_id):

@@ -49,6 +49,12 @@ def send(page):
     return page.get_attribute("li[data-state=sent]", "data-meal")
 
 
+def sent_meal(served, tab):
+    """Enrol a phone, photograph a meal and send it; return its id."""
+    photograph(enrolled(served, tab))
+    return send(tab.page)
+
+
 def require_accessible(page):
     """No finding of axe, no target below 44 px, no scrolling sideways."""
     violations = Axe().run(page, options=AXE).response["violations"]

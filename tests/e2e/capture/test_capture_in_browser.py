@@ -15,6 +15,7 @@ from tests.e2e.capture.capture_page import (
     photograph,
     require_accessible,
     send,
+    sent_meal,
 )
 from tests.e2e.clients.lossy_line import lossy_line
 from tests.e2e.dashboard_server import PASSWORD, require
@@ -235,9 +236,7 @@ def test_meal_that_was_sent_is_no_longer_a_draft_for_the_way_back(served, open_p
 
 def test_what_is_left_is_photographed_or_nothing_is(served, open_phone):
     tab = open_phone()
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     open_estimated(served, page, meal)
     page.get_by_role("button", name="Photograph what is left").click()
     both_photographs(page)
@@ -249,9 +248,7 @@ def test_what_is_left_is_photographed_or_nothing_is(served, open_phone):
 
 def test_all_eaten_takes_the_place_of_a_pair_that_was_begun(served, open_phone):
     tab = open_phone()
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     open_estimated(served, page, meal)
     page.get_by_role("button", name="Photograph what is left").click()
     first_photograph(page)
@@ -320,9 +317,7 @@ def test_phone_that_the_server_no_longer_knows_keeps_its_meals_unless_the_person
 
 def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone):
     tab = open_phone()
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     served.say(meal, "question", text="Was the bread buttered?")
     page.get_by_role("link", name="Days").click()
     page.get_by_label("Was the bread buttered?").fill("No")
@@ -468,9 +463,7 @@ def test_meal_of_another_participant_of_the_phone_is_not_sent_as_one_of_this_one
 def test_meal_is_followed_again_after_the_server_was_away(served, open_phone):
     tab = open_phone()
     tab.expect("ERR_(CONNECTION|EMPTY|INCOMPLETE)")
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     page.click(f"li[data-meal='{meal}'] a")
     page.get_by_text("Waiting to be measured").wait_for()
     served.server.kill()
@@ -485,9 +478,7 @@ def test_meal_is_followed_again_after_the_server_was_away(served, open_phone):
 def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_phone):
     tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
     tab.expect("ERR_FAILED|status of 410|Service Worker registration blocked")
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     estimates.save(served, meal, identified_item({"apple": 0.9}))
     page.click(f"li[data-meal='{meal}'] a")
 

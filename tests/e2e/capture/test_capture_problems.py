@@ -7,7 +7,7 @@ import pytest
 from app.capture.files import STATIC
 from tests import estimates
 from tests.e2e.browser import WatchedPage
-from tests.e2e.capture.capture_page import enrolled, photograph, send
+from tests.e2e.capture.capture_page import sent_meal
 from tests.e2e.static_modules import open_modules
 from tests.estimates import identified_item
 
@@ -43,9 +43,7 @@ def test_only_what_the_server_says_is_shown_as_the_server_s_words(browser):
 def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, open_phone):
     tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
     tab.expect("status of 422|Service Worker registration blocked")
-    page = enrolled(served, tab)
-    photograph(page)
-    meal = send(page)
+    page, meal = tab.page, sent_meal(served, tab)
     estimates.save(served, meal, identified_item({"apple": 0.9}))
     estimated = served.admin.get(f"/v1/meals/{meal}").json()
     documents = [estimated | {"status": "processing"}]
