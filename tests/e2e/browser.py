@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
+from playwright.sync_api import expect
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 ARGUMENTS = (
@@ -26,6 +27,7 @@ ARGUMENTS = (
 )
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # WebGL where there is no graphics card
 WAIT_MS = 60_000  # of a machine that is busy with other work
+expect.set_options(timeout=WAIT_MS)
 
 
 @dataclass

@@ -16,6 +16,7 @@ import httpx2
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import DEFAULT_OPTIONS, Axe
+from playwright.sync_api import expect
 
 from app.cli.demo_menus import APPLE, PEOPLE, RICE, SALAD
 from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
@@ -201,10 +202,13 @@ def assert_foods_are_drawn(page):
     """The 3D view shows something in colours: what lies on the plate."""
     canvas = page.locator("canvas[data-frames]")
     canvas.scroll_into_view_if_needed()
-    page.wait_for_timeout(500)  # frames
-    pixels = cv2.imdecode(np.frombuffer(page.locator(".meal3d-view").screenshot(), np.uint8), cv2.IMREAD_COLOR)
-    spread = pixels.max(axis=2).astype(int) - pixels.min(axis=2)
-    assert np.count_nonzero(spread > 40) > 2000
+
+    def coloured_pixels():
+        pixels = cv2.imdecode(np.frombuffer(page.locator(".meal3d-view").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        spread = pixels.max(axis=2).astype(int) - pixels.min(axis=2)
+        return np.count_nonzero(spread > 40)
+
+    wait_until(lambda: coloured_pixels() > 2000, "a view in colours")
 
 
 def review_by_keyboard(world, page):
@@ -260,6 +264,8 @@ def enrol_by_card(page, world):
     page.get_by_role("link", name=re.compile("nrol")).first.click()
     page.fill("#participants", "P002")
     page.get_by_role("button", name="Create the cards").click()
+    expect(page.locator(".enrol-card figure")).to_have_count(2)
+    page.wait_for_load_state()
     assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
     code = page.inner_text(".enrol-card .secret").strip()
     for_browser, for_app = (read_qr(picture.screenshot()) for picture in page.locator(".enrol-card figure").all())

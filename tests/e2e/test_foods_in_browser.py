@@ -4,6 +4,7 @@ import re
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
 
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 
@@ -38,15 +39,15 @@ def test_rows_and_address_follow_what_is_typed_and_the_address_alone_shows_them_
     page.locator("#q").press_sequentially("spagetti")
     page.wait_for_url(re.compile(r".*/dashboard/foods\?q=spagetti$"))
     first = page.locator("#found tbody a").first
-    assert "paghetti" in first.inner_text()
+    expect(first).to_contain_text("paghetti")
     name = first.inner_text()
     page.reload()
-    assert page.locator("#found tbody a").first.inner_text() == name
-    assert page.locator("#q").input_value() == "spagetti"
+    expect(first).to_have_text(name)
+    expect(page.locator("#q")).to_have_value("spagetti")
     assert_accessible(page)
-    page.locator("#found tbody a").first.press("Enter")
+    first.press("Enter")
     page.wait_for_url(re.compile(r".*/dashboard/foods/[a-z-]+$"))
-    assert page.locator("h1").inner_text() == name
+    expect(page.locator("h1")).to_have_text(name)
     assert_accessible(page)
 
 
@@ -57,8 +58,8 @@ def test_correction_is_previewed_by_enter_and_saved(tab):
     page.fill("#nutrient-401", "9.5")
     page.locator("#nutrient-401").press("Enter")
     page.wait_for_selector("#preview")
-    assert "9.5" in page.locator(".preview").inner_text()
+    expect(page.locator(".preview")).to_contain_text("9.5")
     page.fill("#reason", "analysed")
     page.get_by_role("button", name="Save").click()
     page.wait_for_url(re.compile(r".*/dashboard/foods/apple$"))
-    assert "Version 2 is in force" in page.locator("#told").inner_text()
+    expect(page.locator("#told")).to_contain_text("Version 2 is in force")

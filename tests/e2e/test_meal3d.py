@@ -11,6 +11,7 @@ import threading
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 import app.dashboard
 from app.dashboard.answers import CONTENT_SECURITY_POLICY
@@ -188,14 +189,13 @@ def test_without_webgl_it_says_so_and_shows_the_servers_picture_and_the_table(op
     watched.goto("/meal.html")
     watched.page.wait_for_selector(".meal3d img")
     wait_until(watched.page, "document.querySelector('.meal3d img').naturalWidth > 0")
-    assert "no WebGL" in watched.page.locator(".meal3d [role=status]").inner_text()
-    assert watched.page.locator(".meal3d tbody tr").count() == 1
-    assert watched.page.locator("canvas").count() == 0
+    expect(watched.page.locator(".meal3d [role=status]")).to_contain_text("no WebGL")
+    expect(watched.page.locator(".meal3d tbody tr")).to_have_count(1)
+    expect(watched.page.locator("canvas")).to_have_count(0)
 
 
 def test_run_without_a_scene_says_so(open_page, address):
     watched = open_page(address)
     watched.expect("404")
     watched.goto("/none.html")
-    watched.page.wait_for_selector(".meal3d .notice")
-    assert watched.page.locator(".meal3d .notice").inner_text() == "There is no 3D view of this run."
+    expect(watched.page.locator(".meal3d .notice")).to_have_text("There is no 3D view of this run.")

@@ -4,14 +4,22 @@ import re
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
 
 from tests import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.estimates import found_item, unmeasured_item
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
 MEALS = "/dashboard/studies/pilot/meals"
+COUNT_POLLS = """
+window.polls = { sent: 0, answered: 0 };
+const count = (name) => ({ detail }) => { if (detail.ctx.sourceElement.id === "meals-watch") window.polls[name] += 1; };
+addEventListener("htmx:before:request", count("sent"));
+addEventListener("htmx:after:request", count("answered"));
+"""
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +52,10 @@ def test_meal_is_followed_in_its_place_and_the_focus_stays(served, phone, open_p
     tab.page.evaluate("document.activeElement.mark = 'same'")
     estimates.save(served, waiting, found_item(hint=None))
     tab.page.wait_for_selector(f"{place} .status-needs_review")
-    assert tab.page.evaluate("document.activeElement.mark") == "same"
-    assert tab.page.locator(place).count() == 1
-    assert "needs review" in tab.page.text_content("#meals-live")
-    assert tab.page.get_attribute("#meals-watch", "hx-get") is None
+    wait_until(lambda: tab.page.evaluate("document.activeElement.mark") == "same", "the focus on the same link")
+    expect(tab.page.locator(place)).to_have_count(1)
+    expect(tab.page.locator("#meals-live")).to_contain_text("needs review")
+    expect(tab.page.locator("#meals-watch:not([hx-get])")).to_have_count(1)
     tab.page.keyboard.press("Enter")
     tab.page.wait_for_url(f"**{MEALS}/P001/{waiting}")
 
@@ -57,34 +65,36 @@ def test_meal_that_is_erased_leaves_the_page(served, phone, open_page):
     tab = open_page(served.address)
     tab.expect("status of 410")  # its picture may be on its way as it goes
     tab.sign_in("ann", PASSWORD, MEALS)
-    assert tab.page.is_visible(f"#meal-P001-{erased}")
+    expect(tab.page.locator(f"#meal-P001-{erased}")).to_be_visible()
     others = tab.page.locator(".meal-card").count() - 1
     assert phone.delete(f"/v1/meals/{erased}").status_code == 200
     tab.page.wait_for_selector(f"#meal-P001-{erased}", state="detached")
-    assert tab.page.locator(".meal-card").count() == others
-    assert tab.page.text_content("#meals-live") == "A meal of P001 no longer exists."
+    expect(tab.page.locator(".meal-card")).to_have_count(others)
+    expect(tab.page.locator("#meals-live")).to_have_text("A meal of P001 no longer exists.")
+
+
+def open_page_with_a_standing_clock(open_page, served):
+    """A tab that counts its polls and whose clock stands unless it is told to run; the server's does not."""
+    tab = open_page(served.address)
+    tab.page.clock.install(time=0)
+    tab.page.clock.pause_at(1000)
+    tab.page.add_init_script(COUNT_POLLS)
+    return tab
 
 
 def test_page_asks_less_and_less_often_until_something_changes(served, phone, open_page):
     waiting = [served.send_meal(phone, captured_at=f"2026-11-08T1{hour}:30:00+08:00") for hour in (1, 2)]
-    tab = open_page(served.address)
-    tab.page.clock.install(time=0)
-    tab.page.clock.pause_at(1000)  # it goes on when it is told to
+    tab = open_page_with_a_standing_clock(open_page, served)
     tab.sign_in("ann", PASSWORD, f"{MEALS}?status=queued&to=2026-11-08")
-    asked, answered = [], []
-    tab.page.on("request", lambda request: asked.append(request.url) if "changed-meals" in request.url else None)
-    tab.page.on("requestfinished", lambda request: answered.append(request.url) if request.url in asked else None)
 
     def times_of_questions(ticks):
         """At which of so many ticks, four seconds each, the page asks."""
         times = []
         for tick in range(1, ticks + 1):
-            before = len(asked)
+            before = tab.page.evaluate("polls.sent")
             tab.page.clock.run_for(4000)
-            tab.page.wait_for_timeout(50)  # the page's clock stands, its server's does not
-            while len(answered) < len(asked):
-                tab.page.wait_for_timeout(20)
-            times += [4 * tick] if len(asked) > before else []
+            times += [4 * tick] if tab.page.evaluate("polls.sent") > before else []
+            wait_until(lambda: tab.page.evaluate("polls.answered === polls.sent"), "the server's answer")
         return times
 
     assert times_of_questions(28) == [4, 8, 12, 16, 20, 24, 28, 32, 40, 56, 84, 112]
@@ -95,16 +105,14 @@ def test_page_asks_less_and_less_often_until_something_changes(served, phone, op
 
 def test_tab_that_nobody_sees_does_not_ask(served, phone, open_page):
     served.send_meal(phone, captured_at="2026-11-10T12:30:00+08:00")
-    tab = open_page(served.address)
+    tab = open_page_with_a_standing_clock(open_page, served)
     tab.sign_in("ann", PASSWORD, MEALS)
-    asked = []
-    tab.page.on("request", lambda request: asked.append(request.url) if "changed-meals" in request.url else None)
     ask = "document.getElementById('meals-watch').dispatchEvent(new CustomEvent('every'))"
     hide = "Object.defineProperty(document, 'hidden', {configurable: true, get: () => %s})"
     tab.page.evaluate(hide % "true")
     tab.page.evaluate(ask)
-    tab.page.wait_for_timeout(5000)  # longer than between two questions
-    assert asked == []
+    tab.page.clock.run_for(5000)  # longer than between two polls
+    assert tab.page.evaluate("polls.sent") == 0
     tab.page.evaluate(hide % "false")
     with tab.page.expect_response("**/changed-meals*") as answer:
         tab.page.evaluate(ask)
@@ -117,21 +125,25 @@ def test_food_is_chosen_by_keyboard_and_stands_in_the_address_with_the_other_fil
     page = tab.page
     page.fill("#participant", "P001")
     page.focus("#meals-food")
-    page.keyboard.type("apple raw")
+    page.keyboard.insert_text("apple raw")  # in one go: else a list for fewer letters might be replaced under the keys
     page.wait_for_selector("#meals-foods [role=option]")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
+    expect(page.locator("input[name=food]")).to_have_value(re.compile("."))
     chosen = page.input_value("input[name=food]")
-    assert chosen
     page.keyboard.press("Enter")
     page.wait_for_url("**food=*")
     assert page.url.split("?")[1].split("&") == ["view=table", "participant=P001", f"food={chosen}"]
-    assert page.is_checked(f"input[name=food][value='{chosen}']")
+    expect(page.locator(f"input[name=food][value='{chosen}']")).to_be_checked()
     page.click("text=Clear all")
     page.wait_for_url(f"**{MEALS}?view=table")
     with page.expect_download() as download:
         page.click(".meals-files a:has-text('CSV') >> nth=0")
     assert download.value.suggested_filename == "meals.csv"
+
+
+def validation_message(page):
+    return page.evaluate("document.querySelector('#meals-food').validationMessage")
 
 
 def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_page):
@@ -147,9 +159,8 @@ def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_p
         page.fill("#meals-food", words)
         for press in (lambda: page.press("#meals-food", "Enter"), lambda: page.click("text=Show")):
             press()
-            page.wait_for_selector("#meals-food[aria-invalid=true]")
-            assert page.evaluate("document.querySelector('#meals-food').validationMessage") == sentence
-            assert page.evaluate("document.activeElement.id") == "meals-food"
+            wait_until(lambda expected=sentence: validation_message(page) == expected, sentence)
+            expect(page.locator("#meals-food[aria-invalid=true]")).to_be_focused()
     assert sent == []
     page.fill("#meals-food", "")
     with page.expect_navigation(url=re.compile(r".*/meals\??$")):
@@ -158,8 +169,7 @@ def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_p
     tab.expect("ERR_FAILED")
     page.fill("#meals-food", "apple")
     page.press("#meals-food", "Enter")
-    page.wait_for_selector("#meals-food[aria-invalid=true]")
-    assert "try again" in page.evaluate("document.querySelector('#meals-food').validationMessage")
+    wait_until(lambda: "try again" in validation_message(page), "try again")
     page.unroute("**/foods?list=*")
     page.press("#meals-food", "Enter")
     page.wait_for_url("**food=apple")
@@ -173,7 +183,7 @@ def test_exact_name_or_key_is_taken_without_a_choice(served, phone, open_page, t
     tab.page.fill("#meals-food", name.upper() if typed == "name" else "banana")
     tab.page.press("#meals-food", "Enter")
     tab.page.wait_for_url(f"**{MEALS}?food=banana")
-    assert tab.page.is_checked("input[name=food][value=banana]")
+    expect(tab.page.locator("input[name=food][value=banana]")).to_be_checked()
 
 
 def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, open_page):
@@ -183,7 +193,7 @@ def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, 
     tab.page.fill("#food", "apples")
     tab.page.press("#food", "Enter")
     tab.page.wait_for_url("**food=apples*")
-    assert "No food of the tables has the key “apples”" in tab.page.inner_text("main")
+    expect(tab.page.locator("main")).to_contain_text("No food of the tables has the key “apples”", use_inner_text=True)
 
 
 @pytest.mark.parametrize("view", ["gallery", "table"])
@@ -193,7 +203,7 @@ def test_page_is_accessible(served, phone, open_page, looks, view):
     options |= {"viewport": {"width": 390, "height": 800}} if looks == "phone" else {}
     tab = open_page(served.address, **options)
     tab.sign_in("ann", PASSWORD, f"{MEALS}?view={view}&participant=P001&flag=low_texture&flag=not_measurable")
-    assert tab.page.locator("[id^=meal-P001]").count() == 2
+    expect(tab.page.locator("[id^=meal-P001]")).to_have_count(2)
     found = Axe().run(tab.page).response["violations"]
     assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
     assert tab.page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")

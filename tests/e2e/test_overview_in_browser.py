@@ -1,15 +1,18 @@
 """The overview in a browser: charts drawn and read out by keys, a map that moves; and what they reckon, by itself."""
 
+import re
 from datetime import date, timedelta
 
 import pytest
 import sqlalchemy as sa
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
 
 from app.meals.models import Meal
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.e2e.static_modules import open_modules
 from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -49,6 +52,7 @@ def opened(served, open_page):
         tab.sign_in("ann", PASSWORD, PATH)
         tab.page.wait_for_selector("figure[data-chart=nutrient].is-drawn canvas")
         tab.page.wait_for_selector("figure[data-map].is-drawn canvas")
+        expect(tab.page.locator("figure[data-chart]:not(.is-drawn)")).to_have_count(0)
         return tab
 
     return opened
@@ -59,6 +63,16 @@ def run(open_page):
     """What a script returns that may import the static modules."""
     watched = open_modules(open_page)
     return lambda script: watched.page.evaluate(f"async () => {{ {script} }}")
+
+
+def expect_start(locator, text):
+    """Expect a text that begins so, with spaces of the same kind."""
+    expect(locator).to_have_text(re.compile("^" + re.escape(text)), use_inner_text=True)
+
+
+def expect_exactly(locator, text):
+    """Expect this text, with spaces of the same kind."""
+    expect(locator).to_have_text(re.compile("^" + re.escape(text) + "$"), use_inner_text=True)
 
 
 def colours(page, figure):
@@ -80,32 +94,41 @@ def colours(page, figure):
 
 def test_chart_is_drawn_and_read_out_by_keys(served, opened):
     page = opened().page
-    assert colours(page, "figure[data-chart=meals]").get("26 102 83", 0) > 5000, "bars in the token's colour"
+    wait_until(
+        lambda: colours(page, "figure[data-chart=meals]").get("26 102 83", 0) > 5000, "bars in the token's colour"
+    )
     told = page.locator("figure[data-chart=energy] output")
     page.focus("figure[data-chart=energy] .plot")
     page.keyboard.press("Home")
-    assert told.inner_text() == "2026-11-01: whole days 3\u202f000 kcal (n = 1), open days, at least not known"
+    expect_exactly(told, "2026-11-01: whole days 3\u202f000 kcal (n = 1), open days, at least not known")
     page.keyboard.press("ArrowRight")
-    assert told.inner_text().startswith("2026-11-02: whole days 2\u202f505 kcal")
+    expect_start(told, "2026-11-02: whole days 2\u202f505 kcal")
     page.keyboard.press("End")
-    assert told.inner_text() == "2026-11-06: whole days not known, open days, at least 505 kcal (n = 1)"
-    assert told.get_attribute("aria-live") == "polite"
+    expect_exactly(told, "2026-11-06: whole days not known, open days, at least 505 kcal (n = 1)")
+    expect(told).to_have_attribute("aria-live", "polite")
     page.keyboard.press("Escape")
-    assert not told.inner_text()
+    expect(told).to_be_empty()
     page.focus("figure[data-chart=nutrient] .plot")
     page.keyboard.press("End")
-    assert ": days 1" in page.inner_text("figure[data-chart=nutrient] output")
+    expect(page.locator("figure[data-chart=nutrient] output")).to_contain_text(": days 1")
 
 
 def test_charts_and_map_follow_light_and_dark(opened):
     tab = opened()
     tab.expect("willReadFrequently")  # this test reads the canvas
     page = tab.page
-    before = [colours(page, figure) for figure in ("figure[data-chart=meals]", "figure[data-map]")]
+
+    def dark_bars():
+        return colours(page, "figure[data-chart=meals]").get("127 209 182", 0)
+
+    def light_sea():
+        return colours(page, "figure[data-map]").get("236 238 234", 0)
+
+    wait_until(lambda: light_sea() > 1000, "the sea in the light token's colour")
+    assert dark_bars() == 0
     page.click("[data-theme-toggle]")
-    after = [colours(page, figure) for figure in ("figure[data-chart=meals]", "figure[data-map]")]
-    assert before[0].get("127 209 182", 0) == 0 < after[0].get("127 209 182", 0)
-    assert before[1].get("236 238 234", 0) > 1000 > after[1].get("236 238 234", 0)
+    wait_until(lambda: dark_bars() > 0, "bars in the dark token's colour")
+    wait_until(lambda: light_sea() < 1000, "the sea in the dark token's colour")
 
 
 def test_map_shows_neighbours_across_the_180th_meridian_and_moves_by_keys(opened):
@@ -113,13 +136,13 @@ def test_map_shows_neighbours_across_the_180th_meridian_and_moves_by_keys(opened
     told = page.locator("figure[data-map] output")
     page.focus(".map-place")
     page.keyboard.press("0")
-    assert told.inner_text().startswith("3 of 3 places seen, around 16°S")
-    assert "°W" in told.inner_text() or "°E" in told.inner_text()
+    expect_start(told, "3 of 3 places seen, around 16°S")
+    expect(told).to_have_text(re.compile("°[WE]"))
     for _ in range(6):
         page.keyboard.press("+")
-    assert told.inner_text().startswith("0 of 3 places seen")
+    expect_start(told, "0 of 3 places seen")
     page.click("button[data-map-do=fit]")
-    assert told.inner_text().startswith("3 of 3 places seen")
+    expect_start(told, "3 of 3 places seen")
     assert page.locator("table[data-of=places] tbody tr").count() == 3
 
 

@@ -5,12 +5,14 @@ import re
 import cv2
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
 
 from app.vision.hand_form import hand_form_ml
 from tests import estimates
 from tests.e2e.dashboard_server import PASSWORD
 from tests.e2e.measured_ball import BALL, measured_ball
 from tests.estimates import found_item, scene_artefact
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -70,11 +72,12 @@ def test_form_begins_around_the_measured_shape_in_both_photographs_and_in_3d(ope
     assert [form[name] for name in ("length_mm", "width_mm", "height_mm")] == pytest.approx([66] * 3, abs=6)
     assert [form["x_mm"], form["y_mm"], form["base_mm"]] == pytest.approx([*BALL.centre_mm, 0], abs=4)
     assert shown_ml(page) == pytest.approx(BALL.volume_ml, rel=0.12)
-    assert page.locator('svg[data-photograph="right"] .hand-line').count() == 1
-    assert page.locator("[data-reshape-view] .hand-line").count() == 1
+    expect(page.locator('svg[data-photograph="right"] .hand-line')).to_have_count(1)
+    expect(page.locator("[data-reshape-view] .hand-line")).to_have_count(1)
     # the outline drawn is where the ball's own is
     bounds = "(each) => { const { x, y, width, height } = each.getBBox(); return [x, y, x + width, y + height]; }"
     drawn = page.eval_on_selector('svg[data-photograph="left"] .hand-line', bounds)
+    page.wait_for_selector('svg[data-photograph="left"] a.outline path')
     found = page.eval_on_selector('svg[data-photograph="left"] a.outline path', bounds)
     assert drawn == pytest.approx(found, abs=10)
 
@@ -124,10 +127,10 @@ def test_height_that_is_dragged_changes_the_volume_at_once_and_the_record_when_i
     page.click("text=Use this form")
     page.wait_for_selector(f"#item-{item} .status-corrected")
     assert served.meal(meal)["items"][0]["volume_ml"] == pytest.approx(volume_ml)
-    assert "Form by hand: saved." in page.inner_text("#said")
-    assert "ellipsoid" in page.inner_text(".timeline")
+    expect(page.locator("#said")).to_contain_text("Form by hand: saved.")
+    expect(page.locator(".timeline")).to_contain_text("ellipsoid")
     page.reload()
-    assert numbers(page) == form
+    wait_until(lambda: numbers(page) == form, "the form that was saved")
     page.click(".timeline button:text('Take back') >> nth=0")
     page.wait_for_selector(f"#item-{item} .status-proposed")
 
@@ -159,8 +162,8 @@ def test_meal_without_a_scene_says_why_no_form_can_be_given(served, phone, open_
     tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
     item = served.meal(meal)["items"][0]["id"]
     tab.page.click(f"#change-{item} > summary")
-    assert tab.page.locator("[data-reshape]").count() == 0
-    assert "needs the scene of the run" in tab.page.inner_text(f"#change-{item}")
+    expect(tab.page.locator(f"#change-{item}")).to_contain_text("needs the scene of the run")
+    expect(tab.page.locator("[data-reshape]")).to_have_count(0)
 
 
 @pytest.mark.parametrize("looks", ["light", "dark", "phone"])

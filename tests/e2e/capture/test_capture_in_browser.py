@@ -4,6 +4,7 @@ import gzip
 import re
 
 import pytest
+from playwright.sync_api import expect
 
 from tests import estimates
 from tests.e2e.browser import WatchedPage
@@ -20,6 +21,7 @@ from tests.e2e.capture.capture_page import (
 from tests.e2e.clients.lossy_line import lossy_line
 from tests.e2e.dashboard_server import PASSWORD, require
 from tests.estimates import identified_item
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -31,12 +33,20 @@ SLOW_MICROPHONE = """() => {
   navigator.mediaDevices.getUserMedia = (options) => new Promise((resolve) => {
     window.allow = async () => {
       const stream = await ask(options);
+      window.tracks = stream.getTracks();
       resolve(stream);
-      await new Promise((done) => setTimeout(done, 200));
-      return stream.getTracks().map((track) => track.readyState);
     };
   });
 }"""
+COUNT_RECORDED_BYTES = """
+const start = MediaRecorder.prototype.start;
+MediaRecorder.prototype.start = function () {
+  window.recorder = this;
+  window.recordedBytes = 0;
+  this.addEventListener("dataavailable", ({ data }) => { window.recordedBytes += data.size; });
+  start.call(this);
+};"""
+RECORDED_BYTES = "() => { recorder.requestData(); return recordedBytes; }"
 EMPTY_RECORDING = """() => {
   const listen = MediaRecorder.prototype.addEventListener;
   MediaRecorder.prototype.addEventListener = function (name, ...rest) {
@@ -79,6 +89,13 @@ def open_estimated(served, page, meal):
     page.click(f"li[data-meal='{meal}'] a")
 
 
+def record_note(page, min_bytes=500):
+    """Record a voice note until the microphone has given so many bytes; the page runs COUNT_RECORDED_BYTES."""
+    page.get_by_role("button", name="Record a voice note").click()
+    page.get_by_text("Recording: speak now").wait_for()
+    wait_until(lambda: page.evaluate(RECORDED_BYTES) >= min_bytes, f"{min_bytes} bytes of sound")
+
+
 def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, open_phone):
     tab = open_phone()
     page = enrolled(served, tab)
@@ -107,16 +124,14 @@ def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, op
 
 def test_voice_note_is_recorded_replaced_sent_and_played_by_a_reviewer(served, open_phone, browser):
     tab = open_phone()
+    tab.page.add_init_script(COUNT_RECORDED_BYTES)
     page = enrolled(served, tab)
     photograph(page)
-    page.get_by_role("button", name="Record a voice note").click()
-    page.get_by_text("Recording: speak now").wait_for()
+    record_note(page)
     require_accessible(page)
-    page.wait_for_timeout(500)
     page.get_by_role("button", name="Stop").click()
     page.get_by_role("button", name="Delete the voice note").click()
-    page.get_by_role("button", name="Record a voice note").click()
-    page.wait_for_timeout(1500)
+    record_note(page, 4_000)
     page.get_by_role("button", name="Stop").click()
     page.get_by_label("Voice note", exact=True).wait_for()
     require_accessible(page)
@@ -139,11 +154,10 @@ def test_voice_note_is_recorded_replaced_sent_and_played_by_a_reviewer(served, o
 
 def test_recording_that_still_runs_is_sent_too(served, open_phone):
     tab = open_phone()
+    tab.page.add_init_script(COUNT_RECORDED_BYTES)
     page = enrolled(served, tab)
     photograph(page)
-    page.get_by_role("button", name="Record a voice note").click()
-    page.get_by_text("Recording: speak now").wait_for()
-    page.wait_for_timeout(500)
+    record_note(page)
     assert served.meal(send(page))["voice_note"]["durable"]
 
 
@@ -164,7 +178,10 @@ def test_microphone_that_is_allowed_after_the_page_was_left_is_released(served, 
     page.evaluate(SLOW_MICROPHONE)
     page.get_by_role("button", name="Record a voice note").click()
     assert served.meal(send(page))["voice_note"] is None
-    assert page.evaluate("window.allow()") == ["ended"]
+    page.evaluate("window.allow()")
+    wait_until(
+        lambda: page.evaluate("tracks.map((track) => track.readyState)") == ["ended"], "the microphone to be released"
+    )
 
 
 def test_recording_without_sound_is_not_kept(served, open_phone):
@@ -193,10 +210,10 @@ def test_refused_note_does_not_hold_its_meal_back(served, open_phone):
 
 def test_deleted_note_leaves_no_bytes_on_the_phone(served, open_phone):
     tab = open_phone()
+    tab.page.add_init_script(COUNT_RECORDED_BYTES)
     page = enrolled(served, tab)
     photograph(page)
-    page.get_by_role("button", name="Record a voice note").click()
-    page.wait_for_timeout(500)
+    record_note(page)
     page.get_by_role("button", name="Stop").click()
     page.get_by_label("Voice note", exact=True).wait_for()
     assert page.evaluate(NOTE_BYTES) > 0
@@ -231,7 +248,7 @@ def test_meal_that_was_sent_is_no_longer_a_draft_for_the_way_back(served, open_p
     send(page)
     page.goto(address)
     page.get_by_role("button", name="Photograph a meal").wait_for()
-    assert page.locator("li[data-state=sent]").count() == 1
+    expect(page.locator("li[data-state=sent]")).to_have_count(1)
 
 
 def test_what_is_left_is_photographed_or_nothing_is(served, open_phone):
@@ -333,22 +350,24 @@ def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone)
     assert [event["new"]["text"] for event in events if event["kind"] == "answer"] == ["No"]
 
 
-def reload_before_the_answer(page, pattern, act):
-    """The server carries out a call, but the page is loaded again before it has the answer."""
+def reopen_before_the_answer(page, pattern, act):
+    """The server carries out a call, but the page ends before it has the answer, and is opened again."""
     page.route(pattern, lambda route: (route.fetch(), route.abort()))
     with page.expect_event("requestfailed", lambda request: request.method == "POST"):
         act()
+    address = page.url
+    page.goto("about:blank")  # which ends the page's own repetitions of the call before they are let through
     page.unroute(pattern)
-    page.reload()
+    page.goto(address)
 
 
-def test_joining_and_leaving_continue_after_a_reload_though_the_answers_were_lost(served, open_phone):
+def test_joining_and_leaving_continue_on_the_page_opened_again_though_the_answers_were_lost(served, open_phone):
     require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P030"}))
     tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
     tab.expect("ERR_FAILED|status of 410|Service Worker registration blocked")
     page, link = tab.page, capture_link(served, "P030")
-    reload_before_the_answer(page, "**/v1/enrolments", lambda: page.goto(link))
-    assert page.get_by_label("Code on the card").input_value() == link.partition("code=")[2]
+    reopen_before_the_answer(page, "**/v1/enrolments", lambda: page.goto(link))
+    expect(page.get_by_label("Code on the card")).to_have_value(link.partition("code=")[2])
     page.get_by_role("button", name="Join").click()
     page.get_by_text("Participant P030").wait_for()
     devices = require(served.admin.get("/v1/studies/pilot/devices"))["items"]
@@ -356,7 +375,7 @@ def test_joining_and_leaving_continue_after_a_reload_though_the_answers_were_los
     page.get_by_role("link", name="This phone").click()
     page.once("dialog", lambda dialog: dialog.accept())
     leave = page.get_by_role("button", name="Leave the study for good")
-    reload_before_the_answer(page, "**/v1/me/withdrawal", leave.click)
+    reopen_before_the_answer(page, "**/v1/me/withdrawal", leave.click)
     page.get_by_role("link", name="Meals").click()
     page.get_by_text("You have left the study. Nothing more is sent.").wait_for()
     receipt = page.get_by_text("Your receipt: ").inner_text().split()[-1]
@@ -472,7 +491,7 @@ def test_meal_is_followed_again_after_the_server_was_away(served, open_phone):
     served.server.start()
     served.server.wait_until_ready()
     page.get_by_role("button", name="That is right").wait_for(timeout=90_000)
-    assert page.get_by_text("This needs a network connection.").count() == 0
+    expect(page.get_by_text("This needs a network connection.")).to_have_count(0)
 
 
 def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_phone):
@@ -494,7 +513,7 @@ def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_p
     page.route("**/v1/meals/*", lose_the_first_answer)
     page.get_by_role("button", name="Erase this meal").click()
     page.get_by_role("button", name="Photograph a meal").wait_for()
-    assert page.locator(f"li[data-meal='{meal}']").count() == 0
+    expect(page.locator(f"li[data-meal='{meal}']")).to_have_count(0)
     assert served.admin.get(f"/v1/meals/{meal}").status_code == 404
     assert lost == [200]
 

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import zxingcpp
+from playwright.sync_api import expect
 
 from app.people.enrolment_qr import qr_png
 from tests import estimates
@@ -13,6 +14,7 @@ from tests.e2e.capture.fake_camera import camera_arguments, write_video
 from tests.e2e.dashboard_server import PASSWORD, require
 from tests.e2e.processes import REPOSITORY
 from tests.estimates import identified_item
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -25,10 +27,8 @@ SLOW_CAMERA = """() => {
   navigator.mediaDevices.getUserMedia = (options) => new Promise((resolve) => {
     window.allow = async () => {
       const stream = await ask(options);
+      [window.track] = stream.getTracks();
       resolve(stream);
-      const [track] = stream.getTracks();
-      while (track.readyState !== "ended") await new Promise((done) => setTimeout(done, 20));
-      return track.readyState;
     };
   });
 }"""
@@ -104,7 +104,7 @@ def test_from_the_card_before_the_page_s_camera_to_a_confirmed_meal_without_a_ke
     page.wait_for_selector(".advice[data-advice=good]")
     first_photograph(page)
     page.wait_for_selector(".advice[data-advice=move_right]")
-    assert page.locator(".outline .first").count() == 1
+    expect(page.locator(".outline .first")).to_have_count(1)
     page.wait_for_selector(".advice[data-advice=good]")
     page.get_by_role("button", name="Take the photograph").click()
     page.get_by_role("heading", name="Are both good?").wait_for()
@@ -117,7 +117,7 @@ def test_from_the_card_before_the_page_s_camera_to_a_confirmed_meal_without_a_ke
     estimates.save(served, meal, identified_item({"orange": 0.9}))  # the page waits for it
     page.get_by_role("button", name="That is right").click()
     page.wait_for_selector("li[data-status=confirmed]")
-    assert page.locator("svg .food").count() == 1
+    expect(page.locator("svg .food")).to_have_count(1)
     confirmed = served.meal(meal)
     assert (confirmed["status"], confirmed["participant"]) == ("confirmed", PAGES)
 
@@ -129,4 +129,5 @@ def test_camera_that_is_allowed_after_the_page_was_left_is_released(open_phone):
     tab.page.get_by_role("button", name="Scan the card").click()
     tab.page.evaluate('location.hash = "another"')
     tab.page.get_by_role("button", name="Scan the card").wait_for()
-    assert tab.page.evaluate("window.allow()") == "ended"
+    tab.page.evaluate("window.allow()")
+    wait_until(lambda: tab.page.evaluate("track.readyState") == "ended", "the camera to be released")

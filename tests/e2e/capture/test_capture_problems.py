@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from playwright.sync_api import expect
 
 from app.capture.files import STATIC
 from tests import estimates
@@ -63,7 +64,7 @@ def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, ope
     page.get_by_text("The study's server says: No such food.").wait_for()
     documents.append(estimated | {"version": estimated["version"] + 1})
     page.get_by_role("button", name="Erase this meal").wait_for()  # shown once the meal is measured
-    assert page.get_by_text("The study's server says: No such food.").is_visible()
+    expect(page.get_by_text("The study's server says: No such food.")).to_be_visible()
 
 
 def test_form_that_is_sent_without_its_button_joins_too(open_phone):
@@ -74,4 +75,4 @@ def test_form_that_is_sent_without_its_button_joins_too(open_phone):
     tab.page.get_by_label("Code on the card").fill("wrong")
     tab.page.evaluate('document.querySelector("form").requestSubmit()')
     tab.page.get_by_text("This code is not valid").wait_for()
-    assert tab.page.get_by_role("button", name="Join", exact=True).is_enabled()
+    expect(tab.page.get_by_role("button", name="Join", exact=True)).to_be_enabled()

@@ -73,12 +73,18 @@ def reminded_phone(served, open_phone):
     push_service = ENDPOINT, text_of(receiver.public_key), text_of(receiver.auth)
     page.evaluate(PUSH_SERVICE, push_service)
     page.context.add_init_script(f"({PUSH_SERVICE})({json.dumps(push_service)})")
-    (worker,) = page.context.service_workers
-    worker.evaluate(PUSH_SERVICE, push_service)
+    service_worker(page).evaluate(PUSH_SERVICE, push_service)
     page.get_by_role("link", name="This phone").click()
     page.get_by_role("button", name="Remind me", exact=True).click()
     page.get_by_text("Saved.").wait_for()
     return page
+
+
+def service_worker(page):
+    """Return the page's only service worker; the browser may tell of it after it has begun."""
+    workers = page.context.service_workers or [page.context.wait_for_event("serviceworker")]
+    (worker,) = workers
+    return worker
 
 
 def token_of(page):
@@ -160,7 +166,7 @@ def test_time_zone_of_a_journey_is_sent_when_the_page_is_opened(served, open_pho
 
 def test_service_worker_sends_the_browser_s_new_subscription(served, open_phone):
     page = reminded_phone(served, open_phone)
-    (worker,) = page.context.service_workers
+    worker = service_worker(page)
     worker.evaluate(f'endpoint = "{ENDPOINT}-new"')
     worker.evaluate(CHANGED_SUBSCRIPTION)
     assert only_subscription(served).endpoint == f"{ENDPOINT}-new"
