@@ -94,17 +94,18 @@ def dashboard_server(folder: pathlib.Path, **variables: str) -> DashboardServer:
         TADA_MIN_FREE_BYTES="0",
         **variables,
     )
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()
-        token = server.tada("admin", "create", "boss")
+        token = server.create_admin("boss")
     except BaseException:
         server.stop()
         raise
     client = httpx2.Client(
         base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=PATIENCE_SECONDS
     )
-    return DashboardServer(server, Database(f"sqlite:///{server.data_dir / 'tada.sqlite3'}"), client)
+    return DashboardServer(server, Database(server.database_url), client)
 
 
 def require(answer):

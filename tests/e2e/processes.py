@@ -1,15 +1,23 @@
 """Real processes of the real program, started, killed and started again by a test."""
 
 import contextlib
+import functools
 import os
 import pathlib
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 
 import httpx2
 
+import app.tables  # noqa: F401  # defines every table
+from app.core.settings import Settings
+from app.db.session import Database
+from app.operations.prepare import prepare
+from app.people.access.staff import create_admin
+from tests.conftest import make_template
 from tests.waiting import PATIENCE_SECONDS, wait_until
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
@@ -29,6 +37,15 @@ def environment_of(data_dir, **variables):
         | {"TADA_DATA_DIR": str(data_dir), "TADA_LOG_LEVEL": "WARNING", "TADA_SECRET_KEY": "k" * 40}
         | variables
     )
+
+
+@functools.cache
+def prepared_sqlite():
+    """Return the database file that the first start of `tada serve` makes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "tada.sqlite3"
+        make_template(f"sqlite:///{path}", lambda new: prepare(new, Settings(data_dir=pathlib.Path(folder))))
+        return path.read_bytes()
 
 
 class Program:
@@ -76,13 +93,31 @@ class Server(Program):
         command = [sys.executable, "-m", "app.cli", "serve", *arguments]
         super().__init__(command, self.environment, folder / "server.log")
 
+    @property
+    def database_url(self):
+        return f"sqlite:///{self.data_dir / 'tada.sqlite3'}"
+
+    def place_prepared_database(self):
+        """Let the first start find what it would make: for tests of anything that comes later."""
+        self.data_dir.mkdir(parents=True)
+        (self.data_dir / "tada.sqlite3").write_bytes(prepared_sqlite())
+
+    def create_admin(self, name):
+        """Return the token of a new admin, as `tada admin create` does, which takes seconds to start."""
+        database = Database(self.database_url)
+        try:
+            return create_admin(database, name)
+        finally:
+            database.dispose()
+
     def wait_until_ready(self):
         def is_ready():
             assert self.process.poll() is None, f"the server ended with {self.process.returncode}:\n{self.log}"
             with contextlib.suppress(httpx2.TransportError):
-                return httpx2.get(f"{self.address}/readyz", timeout=5).status_code == 200
+                return client.get("/readyz").status_code == 200
 
-        wait_until(is_ready, lambda: f"the server to be ready:\n{self.log}", interval_seconds=0.1)
+        with httpx2.Client(base_url=self.address, timeout=5) as client:
+            wait_until(is_ready, lambda: f"the server to be ready:\n{self.log}", interval_seconds=0.1)
 
     def tada(self, *arguments):
         """Run another `tada` command on the same data: its standard output."""
@@ -100,7 +135,7 @@ class Server(Program):
 
 def enrolment_code(server, participant="P001", study="pilot", **protocol):
     """A one-time code of a new participant; the study is made if there is none yet, by `protocol`."""
-    admin = {"Authorization": f"Bearer {server.tada('admin', 'create', f'admin of {study} {participant}')}"}
+    admin = {"Authorization": f"Bearer {server.create_admin(f'admin of {study} {participant}')}"}
     with httpx2.Client(base_url=server.address, headers=admin, timeout=PATIENCE_SECONDS) as client:
         client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11", **protocol})
         client.post(f"/v1/studies/{study}/participants", json={"code": participant})

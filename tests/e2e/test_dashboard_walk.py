@@ -104,10 +104,11 @@ def world(chromium, tmp_path_factory):
         TADA_EXPORT_MIN_FREE_BYTES="0",
         TADA_WEBHOOK_ALLOW_LOOPBACK="true",
     )
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()
-        token = server.tada("admin", "create", "boss")
+        token = server.create_admin("boss")
         headers = {"Authorization": f"Bearer {token}"}
         with httpx2.Client(base_url=server.address, headers=headers, timeout=60) as admin:
             study = make_study(admin, PEOPLE[:3])

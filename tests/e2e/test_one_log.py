@@ -55,7 +55,7 @@ def test_meal_is_followed_by_the_log_alone_which_names_nobody(tmp_path):
 
 def send_meal(server, hook, request_id, client_id):
     """Everything that a study does before its first meal, and the meal. Returns the phone's token."""
-    admin = {"Authorization": f"Bearer {server.tada('admin', 'create', MARKED['staff'])}"}
+    admin = {"Authorization": f"Bearer {server.create_admin(MARKED['staff'])}"}
     with httpx2.Client(base_url=server.address, headers=admin, timeout=60) as client:
         client.post("/v1/studies", json={"code": "pilot", "name": "Pilot", "marker": "plain:9x7:11"})
         client.post("/v1/studies/pilot/participants", json={"code": MARKED["participant"]})

@@ -22,6 +22,7 @@ PATIENCE_SECONDS = 120
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     server = Server(tmp_path_factory.mktemp("sandbox"))
+    server.place_prepared_database()
     server.start()
     server.wait_until_ready()
     yield server
@@ -58,7 +59,7 @@ def test_every_line_of_the_sandbox_document_works_as_printed(served, tmp_path):
 
 
 def test_study_of_participants_is_refused(served, phones):
-    environment = served.environment | {"TADA_TOKEN": served.tada("admin", "create", "somebody")}
+    environment = served.environment | {"TADA_TOKEN": served.create_admin("somebody")}
     command = [sys.executable, "-m", "app.cli", "sandbox", "--server", served.address, "--study", "pilot"]
     done = subprocess.run(command, env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (done.returncode, "is no sandbox" in done.stderr) == (2, True), done.stdout + done.stderr

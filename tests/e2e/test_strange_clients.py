@@ -36,6 +36,7 @@ def running_server(folder, header_seconds, stall_seconds):
         TADA_MAX_CONNECTIONS_PER_ADDRESS=str(PER_ADDRESS),
         TADA_MIN_FREE_BYTES="0",
     )
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()

@@ -34,6 +34,7 @@ CHANGES = Counter(
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     server = Server(tmp_path_factory.mktemp("server"), TADA_PUSH_CONTACT="mailto:study@example.org")
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()
@@ -44,7 +45,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def staff(server):
-    with Staff(server.address, server.tada("admin", "create", "client")) as staff:
+    with Staff(server.address, server.create_admin("client")) as staff:
         yield staff
 
 

@@ -48,21 +48,26 @@ def test_python_client_is_whole_and_carries_a_phones_conversation(document, tmp_
     assert "WARNING" not in printed, printed  # an operation or a schema was skipped
     assert "Unable" not in printed, printed
     server = Server(tmp_path)
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()
         script = REPOSITORY / "tests" / "e2e" / "clients" / "generated_client.py"
         photographs = REPOSITORY / "app" / "demo_data"
-        talk = [python, "-W", "error", script, tmp_path, server.address, admin_token(server), document, photographs]
+        talk = [
+            python,
+            "-W",
+            "error",
+            script,
+            tmp_path,
+            server.address,
+            server.create_admin("me"),
+            document,
+            photographs,
+        ]
         run(tmp_path, *talk)
     finally:
         server.stop()
-
-
-def admin_token(server):
-    command = [sys.executable, "-m", "app.cli", "admin", "create", "me"]
-    done = subprocess.run(command, env=server.environment, cwd=REPOSITORY, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 def test_typescript_types_carry_a_phones_conversation(document, server, tmp_path):

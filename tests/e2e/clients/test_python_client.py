@@ -32,7 +32,7 @@ def test_example_of_the_readme_holds_the_whole_conversation(server, tmp_path, mo
     for name in ("left.jpg", "right.jpg"):
         (tmp_path / name).write_bytes((PHOTOGRAPHS / name).read_bytes())
     monkeypatch.chdir(tmp_path)
-    variables = {"server": server.address, "admin_token": server.tada("admin", "create", "me")}
+    variables = {"server": server.address, "admin_token": server.create_admin("me")}
     exec(example, variables)
     assert capsys.readouterr().out.splitlines()[-1].startswith("Apple")
     assert (tmp_path / "records.csv").read_text().count("\n") == 2

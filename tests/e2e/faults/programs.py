@@ -222,12 +222,13 @@ class Tada(Program):
     def wait_until_ready(self):
         def is_ready():
             with contextlib.suppress(httpx2.TransportError):
-                return httpx2.get(f"http://127.0.0.1:{self.port}/readyz", timeout=5).status_code == 200
+                return client.get("/readyz").status_code == 200
 
         def words():
             return f"{self.name} to be ready:\n{self.log_path.read_text(errors='replace')[-3000:]}"
 
-        wait_until(is_ready, words, interval_seconds=0.1, patience_seconds=90)
+        with httpx2.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=5) as client:
+            wait_until(is_ready, words, interval_seconds=0.1, patience_seconds=90)
 
 
 class Postgres(Program):
