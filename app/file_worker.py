@@ -13,10 +13,10 @@ from dataclasses import asdict
 from types import FrameType
 
 import app.tables  # noqa: F401  # defines every table
-from app.children.process_life import die_with_parent
 from app.core.garbage import collect_rarely
 from app.core.logs import configure_logging
 from app.core.private_files import keep_files_private
+from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.session import open_database
 from app.exports import file_work_queries as file_work

@@ -9,10 +9,10 @@ import structlog
 
 import app.tables  # noqa: F401  # defines every table
 from app.children.child_pool import ChildPool
-from app.children.process_life import die_with_parent
 from app.core.errors import TadaError
 from app.core.logs import configure_logging
 from app.core.private_files import keep_files_private
+from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.estimates.estimate_meal import EstimateMeal

@@ -33,7 +33,7 @@ START_SECONDS = 60.0  # three on a machine that has nothing else to do
 STARTS = 5  # tries, should another process take one of our ports meanwhile
 DIE_WITH_PARENT = """
 import os, sys
-from app.children.process_life import die_with_parent
+from app.core.process_life import die_with_parent
 die_with_parent(int(sys.argv[1]))
 os.execv(sys.argv[2], sys.argv[2:])
 """  # what the kernel was asked for holds beyond execv

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TextIO
 
-from app.children.process_life import die_with_parent
+from app.core.process_life import die_with_parent
 
 Arguments = Mapping[str, Any]  # JSON, checked by each task
 StageListener = Callable[[str], None]

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from app.children.child import StageListener
+from app.children.cores import THREAD_VARIABLES
 from app.core.errors import Failure
 from app.core.settings import Settings
 from app.metrics import instruments
@@ -41,7 +42,6 @@ KEPT_VARIABLES = (
     "LC_ALL",
     "LD_LIBRARY_PATH",
 )  # none of the settings, so no password
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 PATIENCE = 10.0  # limit by the clock, in limits of processor time: a child may get only a tenth of a core
 

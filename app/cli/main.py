@@ -184,6 +184,9 @@ def estimate(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the volumes of the foods in one or more photographs of a meal, without a server."""
+    from app.children.cores import take_cores_of_command
+
+    cores = take_cores_of_command()
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(
@@ -206,6 +209,7 @@ def estimate(
         debug=debug,
         on_stage=announce,
         index=settings.food_index,
+        cores=cores,
         depths=depth or [],
         depth_camera=depth_camera,
         confidences=depth_confidence or [],

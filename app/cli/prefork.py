@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import structlog
 
-from app.children.process_life import die_with_parent
+from app.core.process_life import die_with_parent
 from app.jobs.supervisor import FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS, STEADY_SECONDS
 
 log = structlog.get_logger()

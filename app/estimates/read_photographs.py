@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.core.errors import Failure
+from app.core.side_by_side import mapped
 from app.photos.heic_depth import read_heic_depth
 from app.photos.heif import read_heif_layout
 from app.photos.inspect import HEIC, PhotoFacts, inspect_photo, sniff
@@ -53,15 +54,16 @@ def read_photographs(
     depths: Mapping[str, DepthFiles],
     *,
     is_depth_needed: bool,
+    cores: int = 1,
 ) -> tuple[list[Photo], tuple[str, ...]] | Failure:
     """The photographs with their depth maps, and flags for maps that are left out. See run_estimate.py."""
     photos: list[Photo] = []
     unused: tuple[str, ...] = ()
-    for side, path in photographs.items():
-        data = path.read_bytes()
-        photo = read_photo(data, max_pixels=max_pixels)
-        if isinstance(photo, Failure):
-            return Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
+    decoded = mapped(lambda path: read_photo(path.read_bytes(), max_pixels=max_pixels), [*photographs.values()], cores)
+    for (side, path), read in zip(photographs.items(), decoded, strict=True):
+        if isinstance(read, Failure):
+            return Failure(read.code, f"The {side} photograph: {read.message}", read.advice)
+        photo = read
         depth: DepthMap | Failure | None = None
         if side in depths:
             height, width = photo.pixels_bgr.shape[:2]
@@ -69,7 +71,7 @@ def read_photographs(
             if isinstance(depth, Failure) and is_depth_needed:
                 return depth
         elif options.method == "shape" and len(photographs) == 1:  # of two, the pair knows more
-            depth = _depth_inside(data)
+            depth = _depth_inside(path.read_bytes())
         if isinstance(depth, Failure):
             unused = ("depth_ignored",)
         else:

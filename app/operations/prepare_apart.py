@@ -8,9 +8,9 @@ import signal
 import subprocess
 import sys
 
-from app.children.process_life import die_with_parent
 from app.core.errors import UnavailableError
 from app.core.logs import configure_logging
+from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.schema_state import MigrationBusyError, is_current
 from app.db.session import Database, open_database

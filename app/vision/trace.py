@@ -74,7 +74,7 @@ class Trace:
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
     photograph. second_place: which photograph stands for the right one, see MealEstimate. scale: where it comes from,
-    known once the views are placed.
+    known once the views are placed. cores: that the run may use.
     """
 
     stage: Stages = field(default_factory=Stages)
@@ -94,6 +94,7 @@ class Trace:
     printed: PrintedStereo | None = None
     second_place: int = 1
     scale: Scale | None = None
+    cores: int = 1
 
     @property
     def is_by_marker_alone(self) -> bool:

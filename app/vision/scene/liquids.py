@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
+from app.core.side_by_side import beside
 from app.vision.geometry.masks import dilated, distance_px, eroded
 from app.vision.geometry.topview import fit_table_trend, usable_points
 from app.vision.liquids.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
@@ -41,47 +42,42 @@ def segment_meal(
     ignored: MaskArray,
     hints: Sequence[HintMask],
     options: EstimateOptions,
+    cores: int = 1,
 ) -> Foods | Failure:
     """Foods and liquids, liquids first. See segment_foods for shapes, units and failures.
+
+    On two cores vessels are sought while foods are, since most meals have no filled one.
 
     The paper's method has no vessels: all is food to it, as it is and as printed. A rim's height takes two views: a
     single one shows none.
     """
     is_table_sure = options.marker is not None
-    if options.method != "shape" or pair.second_bgr is None:
+
+    def foods_beside(vessels: MaskArray | None, sought: Sequence[HintMask]) -> Foods | Failure:
         return segment_foods(
-            pair, disparity, points_table, ignored, hints, is_complete=options.is_complete, is_table_sure=is_table_sure
+            pair,
+            disparity,
+            points_table,
+            ignored,
+            sought,
+            vessels,
+            is_complete=options.is_complete,
+            is_table_sure=is_table_sure,
         )
+
+    if options.method != "shape" or pair.second_bgr is None:
+        return foods_beside(None, hints)
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
-    vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
-    taken = np.zeros(ignored.shape, np.bool_)
-    liquids: list[Region] = []
-    answered: set[int] = set()
-    for vessel in vessels.filled:
-        hint = _hint_of(vessel, hints)
-        if hint is None and (options.is_complete or _is_drawn(vessel, hints)):
-            continue
-        if hint is not None:
-            answered.add(hint.index)
-        named = vessel if hint is None else _as_named(vessel, options.hints[hint.index], options.vessels)
-        taken |= vessel.silhouette
-        liquids.append(Region(vessel.content, None if hint is None else hint.index, liquid=named))
-    rest = [hint for hint in hints if hint.index not in answered]
-    if liquids and options.is_complete and not rest:
-        return Foods(liquids, table)
-    around = dilated(taken, BESIDE_PX)
-    foods = segment_foods(
-        pair,
-        disparity,
-        points_table,
-        ignored,
-        rest,
-        around,
-        is_complete=options.is_complete,
-        is_table_sure=is_table_sure,
-    )
+    with beside(lambda: foods_beside(None, hints), cores) as foods_without_liquids:
+        vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
+        liquids, taken = _liquids(vessels, hints, options)
+        answered = {region.hint for region in liquids}
+        rest = [hint for hint in hints if hint.index not in answered]
+        if liquids and options.is_complete and not rest:
+            return Foods(liquids, table)
+        foods = foods_beside(dilated(taken, BESIDE_PX), rest) if liquids else foods_without_liquids()
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
     regions = [
@@ -90,6 +86,20 @@ def segment_meal(
         if region.hint is not None or not _is_part_of_vessel(region, points_table, vessels)
     ]
     return replace(foods, regions=[*liquids, *regions])
+
+
+def _liquids(vessels: Vessels, hints: Sequence[HintMask], options: EstimateOptions) -> tuple[list[Region], MaskArray]:
+    """The liquids that are measured, with the hints that they answer, and (H, W) their vessels."""
+    liquids: list[Region] = []
+    taken: MaskArray | np.bool_ = np.False_
+    for vessel in vessels.filled:
+        hint = _hint_of(vessel, hints)
+        if hint is None and (options.is_complete or _is_drawn(vessel, hints)):
+            continue
+        named = vessel if hint is None else _as_named(vessel, options.hints[hint.index], options.vessels)
+        taken = taken | vessel.silhouette
+        liquids.append(Region(vessel.content, None if hint is None else hint.index, liquid=named))
+    return liquids, np.asarray(taken, np.bool_)
 
 
 def _is_part_of_vessel(region: Region, points_table: Float32Array, vessels: Vessels) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.errors import Failure
+from app.core.side_by_side import mapped
 from app.vision.geometry.masks import dilated, inward_in, window_around
 from app.vision.geometry.mesh import Topology, faces_towards
 from app.vision.geometry.pictures import LabPicture, grey_of
@@ -64,6 +65,7 @@ class _Food:
     mask_mm2: float
     support_mm: float
     support_sd_mm: float
+    cores: int
 
     @property
     def is_single(self) -> bool:
@@ -82,14 +84,16 @@ def measure_shapes(
     others: Sequence[PinholeView] = (),
     depths: Sequence[DisparityMap] = (),
     likely: Sequence[LikelyForms | None] = (),
+    cores: int = 1,
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
     depths: maps on the pair's grid and in its scale. likely: of each region, in a single view.
+    cores: on which the families of a food are fitted side by side.
     """
-    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths))
+    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths), cores=cores)
     measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
@@ -117,6 +121,7 @@ class _Scene:
     lab: tuple[LabPicture, ...]
     others: tuple[PinholeView, ...]
     depths: tuple[DisparityMap, ...] = ()
+    cores: int = 1
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
@@ -145,7 +150,17 @@ class _Scene:
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
         mask_mm2 = float(np.count_nonzero(mask)) * self.pixel_mm**2
         return _Food(
-            sight, seen, self.grey, self.lab, hidden_by, self.depths, points, mask_mm2, support_mm, support_sd_mm
+            sight,
+            seen,
+            self.grey,
+            self.lab,
+            hidden_by,
+            self.depths,
+            points,
+            mask_mm2,
+            support_mm,
+            support_sd_mm,
+            self.cores,
         )
 
     def _support(self, number: int, points: Float64Array | Float32Array) -> tuple[float, float]:
@@ -238,7 +253,8 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
-    coarse = [begin_fit(replace(form, has_displacement=False), food.seen) for form in forms]
+    plain = [replace(form, has_displacement=False) for form in forms]
+    coarse = mapped(lambda form: begin_fit(form, food.seen), plain, food.cores)
     ranked = sorted((fit for fit in coarse if fit is not None), key=lambda fit: fit.cost)
     kept, margin = (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
     usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
@@ -272,8 +288,8 @@ def begin_fit(form: Form, seen: Seen) -> FormFit | None:
 
 def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[FormFit]:
     """All fitted finely from where they are, to what is seen along one form or each along itself; the best first."""
-    refitted = (_refit(food, common, fit) for fit in fits)
-    return sorted((fit for fit in refitted if fit is not None), key=lambda fit: fit.evidence)
+    refitted = mapped(lambda fit: _refit(food, common, fit), fits, food.cores)
+    return [fit for _, fit in sorted((each for each in refitted if each is not None), key=lambda each: each[0])]
 
 
 def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
@@ -288,12 +304,16 @@ def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
     return fits
 
 
-def _refit(food: _Food, seen: Seen | None, before: FormFit) -> FormFit | None:
-    """The form fitted finely from where it was found before, to what is seen along that or along another form."""
+def _refit(food: _Food, seen: Seen | None, before: FormFit) -> tuple[float, FormFit] | None:
+    """The evidence of the form fitted finely from where it was before, and that fit.
+
+    It is fitted to what is seen along the form there or along another one.
+    """
     form = replace(before.form, has_displacement=True)
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
-    return fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
+    fit = fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
+    return None if fit is None else (fit.evidence, fit)
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:

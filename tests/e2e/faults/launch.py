@@ -17,7 +17,7 @@ import time
 from datetime import timedelta
 
 import app
-from app.children.process_life import die_with_parent
+from app.core.process_life import die_with_parent
 
 STUB_TASKS = "tests.e2e.faults.stub_tasks:TASKS"
 ORPHAN_GRACE = timedelta(seconds=1)

@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx2
 import libfaketime
 
-from app.children.process_life import PR_SET_PDEATHSIG
+from app.core.process_life import PR_SET_PDEATHSIG
 from tests.e2e.processes import REPOSITORY, free_port
 from tests.waiting import wait_until
 

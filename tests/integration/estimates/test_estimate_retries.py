@@ -17,9 +17,11 @@ class Children:
     def __init__(self, result):
         self.result = result
         self.alone = []
+        self.cores = []
 
     def run(self, request, on_stage, *, name, is_alone):
         self.alone.append(is_alone)
+        self.cores.append(request.arguments["cores"])
         return self.result
 
 

@@ -18,7 +18,7 @@ import sqlalchemy as sa
 import app.tables  # noqa: F401  # defines every table
 from app.children.child_pool import ChildRequest
 from app.children.faults import BrokenOff, JobFailure
-from app.children.process_life import die_with_parent
+from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs

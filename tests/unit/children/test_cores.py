@@ -3,7 +3,15 @@ import os
 import pytest
 
 from app.children import cores
-from app.children.cores import ESTIMATE_BYTES, usable_cores, usable_memory_bytes, worker_concurrency
+from app.children.cores import (
+    ESTIMATE_BYTES,
+    THREAD_VARIABLES,
+    cores_for_estimate,
+    take_cores_of_command,
+    usable_cores,
+    usable_memory_bytes,
+    worker_concurrency,
+)
 from app.core.settings import MEBIBYTE, Settings
 
 GIBIBYTE = 1024 * MEBIBYTE
@@ -96,3 +104,34 @@ def test_concurrency_is_what_cores_and_memory_carry_and_one_at_least(monkeypatch
 def test_concurrency_that_is_set_counts(monkeypatch):
     monkeypatch.setattr(cores, "usable_cores", lambda: 8)
     assert worker_concurrency(Settings(worker_concurrency=3)) == 3
+
+
+@pytest.mark.parametrize(
+    ("cores", "running", "waiting", "expected"),
+    [
+        (1, 1, 0, 1),
+        (2, 1, 0, 2),
+        (2, 1, 1, 1),
+        (2, 2, 0, 1),
+        (2, 3, 0, 1),
+        (8, 1, 0, 8),
+        (8, 3, 4, 2),
+        (8, 3, 5, 1),
+    ],
+)
+def test_estimate_has_further_cores_only_while_no_waiting_job_needs_them(cores, running, waiting, expected):
+    assert cores_for_estimate(cores, running, waiting) == expected
+
+
+@pytest.mark.parametrize(
+    ("most", "expected"), [(None, 16), ("1", 1), ("4", 4), ("64", 16), ("0", 16), ("4,2", 16), ("", 16)]
+)
+def test_command_takes_the_cores_of_its_process_and_leaves_libraries_one_thread(monkeypatch, most, expected):
+    for name in THREAD_VARIABLES:
+        monkeypatch.setenv(name, "3")
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    if most is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", most)
+    monkeypatch.setattr(cores, "usable_cores", lambda: 16)
+    assert take_cores_of_command() == expected
+    assert {os.environ[name] for name in THREAD_VARIABLES} == {"1"}

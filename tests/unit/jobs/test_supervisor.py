@@ -52,7 +52,7 @@ def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
 
 
 def test_worker_ends_with_a_server_that_is_killed(tmp_path):
-    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.children.process_life import die_with_parent; "
+    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.core.process_life import die_with_parent; "
     worker_code = die + "die_with_parent(int(sys.argv[3])); " + WRITE_PID_AND_WAIT
     server_code = f"""
 import sys, time
