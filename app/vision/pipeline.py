@@ -223,7 +223,7 @@ def _measure(
         return doubt
     sd, flags = doubt
     if trace.is_by_marker_alone:
-        flags += ("few_matches",)
+        flags = (*flags, "few_matches")
     pair, disparity, points, hints = scene.rectified, scene.disparity, scene.points_table, options.hints
     measured: list[MeasuredItem] | Failure
     if options.method == "shape" or isinstance(placed.views, SingleView):
