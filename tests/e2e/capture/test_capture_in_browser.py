@@ -2,9 +2,10 @@
 
 import gzip
 import re
+from contextlib import suppress
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Error, expect
 
 from tests import estimates
 from tests.e2e.browser import WatchedPage
@@ -352,12 +353,18 @@ def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone)
 
 def reopen_before_the_answer(page, pattern, act):
     """The server carries out a call, but the page ends before it has the answer, and is opened again."""
-    page.route(pattern, lambda route: (route.fetch(), route.abort()))
+
+    def lose_the_answer(route):
+        with suppress(Error):  # of a repetition whose page has ended meanwhile
+            route.fetch()
+            route.abort()
+
+    page.route(pattern, lose_the_answer)
     with page.expect_event("requestfailed", lambda request: request.method == "POST"):
         act()
     address = page.url
     page.goto("about:blank")  # which ends the page's own repetitions of the call before they are let through
-    page.unroute(pattern)
+    page.unroute_all(behavior="wait")
     page.goto(address)
 
 
