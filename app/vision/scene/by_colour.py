@@ -33,7 +33,7 @@ from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Pla
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM
 
-TABLE_REACH_MM = 380.0  # from the sheet: beyond lies the room
+TABLE_REACH_MM = 480.0  # from the sheet: beyond lies the room
 BORDER_SHARE = 0.05  # of the picture's sides: its border, which foods seldom reach
 AROUND_SHEET_MM = (5.0, 25.0)  # beyond the paper, whose edge is blurred and may lie a little off
 MIN_BARE_PX = 150
@@ -43,6 +43,10 @@ COLOUR_NATS = 5.0
 COMMON_SHARE = 0.02  # of the bare surface, whose rarest colours are left out of what it is like
 ROUNDS = 3
 LIGHT_ROUNDS, LIGHT_RIDGE = 4, 1e-4
+LEAST_LIGHT_SPREAD = 1e-3  # of the log of a channel
+GROWTHS = 5
+ALIKE_SPREADS = 3.0
+PLAIN_SHARE = 0.8  # of what is surely bare, that looks alike in the same light
 LEAST_SPREAD, USUAL_SPREADS, APART_NATS = 1.0, 4.0, 4.0
 MIN_THING_MM2 = 250.0
 CELL_MM = 3.0
@@ -151,10 +155,11 @@ def _unlike_small(image_bgr: ImageArray, bare: MaskArray, within: MaskArray, lea
     nothing = np.zeros(bare.shape, np.bool_)
     if np.count_nonzero(bare) < MIN_BARE_PX or not within.any():
         return nothing
-    image = _evenly_lit(image_bgr, bare)
+    image, bare = _evenly_lit(image_bgr, bare, within)
     lab = lab_bytes(image)
     bins, shaded = colour_bins(lab), shaded_bins(image)
     features = contrast_features(lab)
+    features[~within] = np.median(features[within], axis=0)  # else the sheet's squares set what counts as contrast
     own = colour_histogram([bins, *shaded], bare)[bins]
     common = float(np.quantile(own[bare], COMMON_SHARE))
     apart = _apart_nats(lab, bare)
@@ -190,26 +195,41 @@ def _apart_nats(lab: Float32Array, bare: MaskArray) -> Float32Array:
     return np.asarray(np.minimum(beyond, APART_NATS), np.float32)
 
 
-def _evenly_lit(image_bgr: ImageArray, bare: MaskArray) -> ImageArray:
-    """The picture as if a bare surface, (h, w), were lit alike all over: each channel over its slow course there."""
+def _evenly_lit(image_bgr: ImageArray, bare: MaskArray, within: MaskArray) -> tuple[ImageArray, MaskArray]:
+    """The picture as if a surface were lit alike all over, each channel over its slow course there; and its bare part.
+
+    bare: (h, w) surely of the surface. From there the course is followed over what looks the same in the same light,
+    within (h, w), so that it is not continued to where nothing is known of it; all of that is bare, unless the surface
+    has a pattern, of which it would be a part.
+    """
     height, width = bare.shape
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    rows = design[bare]
+    values = np.log(image_bgr.astype(np.float32) + 1.0)
+    surface = bare
+    for _ in range(GROWTHS):
+        courses = np.stack([_course(values[..., channel], design, surface) for channel in range(3)], axis=-1)
+        off = np.abs(values - courses)
+        spread = 1.48 * np.median(off[surface], axis=0) + LEAST_LIGHT_SPREAD
+        alike = within & (off / spread < ALIKE_SPREADS).all(axis=-1)
+        grown = touching(opened(alike, 3), surface)
+        surface = grown | bare
+    steady = values - courses + np.median(courses[surface], axis=0)
+    is_plain = np.count_nonzero(grown & bare) > PLAIN_SHARE * np.count_nonzero(bare)
+    return np.clip(np.exp(steady) - 1.0, 0, 255).astype(np.uint8), surface if is_plain else bare
+
+
+def _course(values: Float32Array, design: Float32Array, where: MaskArray) -> Float32Array:
+    """(h, w) the slow course of a channel, fitted where a surface shows (h, w), whatever else lies there."""
+    rows, seen = design[where], values[where]
     ridge = LIGHT_RIDGE * len(rows) * np.eye(rows.shape[1], dtype=np.float32)
-    out = np.empty_like(image_bgr)
-    for channel in range(3):
-        values = np.log(image_bgr[..., channel].astype(np.float32) + 1.0)
-        seen = values[bare]
-        weights = np.ones_like(seen)
-        for _ in range(LIGHT_ROUNDS):
-            weighted = rows * weights[:, None]
-            course = np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ seen)
-            off = np.abs(seen - rows @ course)
-            weights = 1.0 / (1.0 + (off / (1.48 * np.median(off) + 1e-3)) ** 2)
-        steady = values - design @ course + np.median(rows @ course)
-        out[..., channel] = np.clip(np.exp(steady) - 1.0, 0, 255).astype(np.uint8)
-    return out
+    weights = np.ones_like(seen)
+    for _ in range(LIGHT_ROUNDS):
+        weighted = rows * weights[:, None]
+        course = np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ seen)
+        off = np.abs(seen - rows @ course)
+        weights = 1.0 / (1.0 + (off / (1.48 * np.median(off) + LEAST_LIGHT_SPREAD)) ** 2)
+    return np.asarray(design @ course, np.float32)
 
 
 def _top_grid(scene: Scene) -> TopView:
