@@ -98,7 +98,9 @@ def doubt_volumes(
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
     flags = SCALE_FLAGS[placed.scale]
-    return doubt.sd, (*flags, "focal_unknown") if doubt.focal_sd > FLAG_SD else flags
+    if doubt.focal_sd > FLAG_SD:
+        flags = (*flags, "focal_unknown")
+    return doubt.sd, flags
 
 
 def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:
