@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     answers = detect(frames, options.repeat)
     print_found("development photographs", answers)
     for name, change in CHANGES.items():
-        print_found(name, detect([changed(frame, change) for frame in frames], 1), list_missed=False)
+        print_found(name, detect([changed(frame, change) for frame in frames], 1), list_all=False)
     print_angles(answers)
     empty = list(frames_without_board(options.data, scenes))
     for name, group in (("without a board", empty), ("chequered cloth", list(cloths()))):
@@ -296,7 +296,7 @@ def detect(frames: Sequence[Frame], repeat: int) -> Answers:
         return Answers(frames, json.loads((folder / "boards.json").read_text()))
 
 
-def print_found(name: str, answers: Answers, *, list_missed: bool = True) -> None:
+def print_found(name: str, answers: Answers, *, list_all: bool = True) -> None:
     boards = [(frame, answers.of(frame)["board"]) for frame in answers.frames]
     seen = [(frame, board) for frame, board in boards if board is not None]
     errors = [
@@ -310,10 +310,9 @@ def print_found(name: str, answers: Answers, *, list_missed: bool = True) -> Non
         f" {statistics.median(times):>6.1f} {times[int(0.95 * len(times))]:>6.1f}"
     )
     missed = [frame.name for frame, board in boards if board is None]
-    if missed and list_missed:
-        print(f"  missed: {', '.join(missed)}")
-    if not list_missed and missed:
-        print(f"  missed: {', '.join(missed[:12])}{' ...' if len(missed) > 12 else ''}")
+    if missed:
+        listed = missed if list_all else missed[:12]
+        print(f"  missed: {', '.join(listed)}{' ...' if len(listed) < len(missed) else ''}")
 
 
 def corner_error_px(points: Sequence[Sequence[float]], corners_px: np.ndarray) -> float:

@@ -52,7 +52,7 @@ class TwoProcesses(Server):
         return wait_until(two, lambda: self.log)
 
     def _accepts(self, pid):
-        """Whether it waits for connections: epoll watches the listening socket."""
+        """True if a process waits for connections: epoll watches the listening socket."""
         with contextlib.suppress(OSError):
             listening = {link for link in _links(self.process.pid) if link in _links(pid)}
             for info in pathlib.Path(f"/proc/{pid}/fdinfo").iterdir():
@@ -103,12 +103,12 @@ def wait_for_log(server, event):
 
 
 def _links(pid):
-    """What a process has open."""
-    found = set()
+    """The sockets that a process has open."""
+    links = set()
     for entry in pathlib.Path(f"/proc/{pid}/fd").iterdir():
         with contextlib.suppress(OSError):
-            found.add(str(entry.readlink()))
-    return {link for link in found if link.startswith("socket:")}
+            links.add(str(entry.readlink()))
+    return {link for link in links if link.startswith("socket:")}
 
 
 def status_of(connection):

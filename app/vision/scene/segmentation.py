@@ -277,7 +277,7 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     masks = [mask & ~food.is_gap for mask in masks]
     beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
     corrected = correct_outlines(masks, beside, place.floor_mm)
-    return [_Seen(mask, is_one) for mask, is_one in zip(corrected, are_foods, strict=True) if mask.any()]
+    return [_Seen(mask, is_kept) for mask, is_kept in zip(corrected, are_foods, strict=True) if mask.any()]
 
 
 def no_food_found() -> Failure:

@@ -141,8 +141,8 @@ def textures():
 @pytest.mark.parametrize("marker", MARKERS[1:5])  # of each kind one
 def test_textures_are_no_board(run, marker):
     frames = {name: np.clip(frame, 0, 255).astype(np.uint8) for name, frame in textures().items()}
-    found = dict(zip(frames, boards(run, frames.values(), marker), strict=True))
-    assert found == dict.fromkeys(frames)
+    seen = dict(zip(frames, boards(run, frames.values(), marker), strict=True))
+    assert seen == dict.fromkeys(frames)
 
 
 def test_lattice_that_takes_in_and_drops_the_same_place_of_a_print_ends(run, shared_data):
