@@ -2,7 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-IN_TWO := -n 2 --dist loadfile --no-loadscope-reorder
+# Two workers with one thread each, as the server's own children have; more threads would only compete.
+TWO_WORKERS := OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+unexport PYTHONDONTWRITEBYTECODE  # else every process compiles the app, and pytest rewrites every test, anew
 
 .PHONY: venv lock audit demo browse test test-slow bench check format serve clean
 
@@ -35,10 +37,10 @@ browse: venv  ## a sample study to look at in a browser, on throwaway data, unti
 	$(BIN)/tada demo --browse
 
 test: venv  ## all tests but the slow ones
-	$(BIN)/pytest $(IN_TWO) -m "not slow"
+	$(TWO_WORKERS) -m "not slow"
 
 test-slow: venv  ## the slow tests: processes that are killed, whole releases, schemas, rendered scenes
-	$(BIN)/pytest $(IN_TWO) -m slow
+	$(TWO_WORKERS) -m slow
 
 bench: venv  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench

@@ -12,6 +12,7 @@ from app.conformance.verdict import Result, Verdict, failed, not_seen, passed
 FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})
 PROBLEM_JSON = "application/problem+json"
 ESTIMATE_SECONDS = 300.0
+WAIT_SECONDS = 25  # of one request for the estimate
 MALFORMED = (AttributeError, LookupError, TypeError, ValueError)  # what reading an answer of another form raises
 SETTLE_SECONDS = 1.0  # a server may notice later that a connection has ended
 
@@ -109,7 +110,7 @@ def check_estimate(phone: TrialPhone) -> Verdict:
     meal = phone.read()
     while meal.get("status") not in FINAL and time.monotonic() < deadline:
         began = time.monotonic()
-        meal = document(phone.call("GET", f"/v1/meals/{phone.meal}", params={"wait": 25}))
+        meal = document(phone.call("GET", f"/v1/meals/{phone.meal}", params={"wait": WAIT_SECONDS}))
         time.sleep(max(0.0, 1.0 - (time.monotonic() - began)))
     if meal.get("status") not in FINAL:
         return failed(f"After {ESTIMATE_SECONDS:g} s the meal is {meal.get('status')}: is there a worker?")

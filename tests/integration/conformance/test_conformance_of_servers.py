@@ -54,6 +54,7 @@ def changed(answer, status=None, drop=(), **fields):
 def trial(client, admin, state, monkeypatch):
     monkeypatch.setattr(server_checks, "SETTLE_SECONDS", 0.0)
     monkeypatch.setattr(server_checks, "ESTIMATE_SECONDS", 0.5)
+    monkeypatch.setattr(server_checks, "WAIT_SECONDS", 1)
     client.post(
         "/v1/studies", headers=admin, json={"code": "try", "name": "t", "marker": "plain:9x7:11", "sandbox": True}
     )

@@ -52,10 +52,14 @@ def volumes_ml(estimate):
     return [item.volume_ml for item in estimate.items if item.volume_ml is not None]
 
 
-def test_depth_without_a_marker_gives_the_scale(photo, by_marker):
-    estimate = estimate_meal(PhotoPair(photo), replace(OPTIONS, marker=None), want_artefacts=True)
-    assert estimate.failure is None
-    measured = [item for item in estimate.items if item.volume_ml is not None]  # the board is an item, too
+@pytest.fixture(scope="module")
+def by_map(photo):
+    return estimate_meal(PhotoPair(photo), replace(OPTIONS, marker=None), want_artefacts=True)
+
+
+def test_depth_without_a_marker_gives_the_scale(by_map, by_marker):
+    assert by_map.failure is None
+    measured = [item for item in by_map.items if item.volume_ml is not None]  # the board is an item, too
     item = min(measured, key=lambda each: abs(each.volume_ml / BALL.volume_ml - 1))
     assert abs(item.volume_ml / BALL.volume_ml - 1) < TOLERANCE
     assert "scale_from_depth" in item.flags
@@ -79,12 +83,12 @@ def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo):
     assert all("scale_from_depth" in item.flags for item in estimate.items if item.volume_ml is not None)
 
 
-def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo):
-    options = replace(OPTIONS, marker=None)
+def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo, by_map):
     far = replace(photo, depth=replace(photo.depth, depth_mm=photo.depth.depth_mm * 2))
+    by_far_map = estimate_meal(PhotoPair(far), replace(OPTIONS, marker=None))
     near_ml, far_ml = (
-        min(volumes_ml(estimate_meal(PhotoPair(each), options)), key=lambda ml: abs(ml - near))
-        for each, near in ((photo, BALL.volume_ml), (far, 8 * BALL.volume_ml))
+        min(volumes_ml(estimate), key=lambda ml: abs(ml - true_ml))
+        for estimate, true_ml in ((by_map, BALL.volume_ml), (by_far_map, 8 * BALL.volume_ml))
     )
     assert far_ml / near_ml == pytest.approx(8.0, rel=0.2)  # priors in mm, of supports and heights, do not scale
 

@@ -66,16 +66,22 @@ def test_candidates_of_an_index_say_which_form_a_single_view_shows(pair, estimat
     assert as_ball.relative_sd["item"] < estimate.items[0].relative_sd["item"]
 
 
-def test_what_a_hint_says_of_the_form_counts_rather_than_candidates(pair, estimate):
+def named(form, estimate):
+    """Options with a hint that the ball's form is this one."""
     [ring] = estimate.items[0].rings
     x, y = ring.mean(axis=0)
-    options = replace(OPTIONS, hints=(Hint(point=(float(x), float(y)), form="whole"),))
-    photo = PhotoPair(on_plain_table(pair.left))
-    by_hint, contradicted = (
-        estimate_meal(photo, replace(options, forms_by_looks=forms)).items[0]
-        for forms in (None, lambda _: {"heap": 1.0})
-    )
-    assert by_hint.volume_ml == contradicted.volume_ml
+    return replace(OPTIONS, hints=(Hint(point=(float(x), float(y)), form=form),))
+
+
+@pytest.fixture(scope="module")
+def named_whole(pair, estimate):
+    return estimate_meal(PhotoPair(on_plain_table(pair.left)), named("whole", estimate))
+
+
+def test_what_a_hint_says_of_the_form_counts_rather_than_candidates(pair, estimate, named_whole):
+    options = replace(named("whole", estimate), forms_by_looks=lambda _: {"heap": 1.0})
+    contradicted = estimate_meal(PhotoPair(on_plain_table(pair.left)), options)
+    assert named_whole.items[0].volume_ml == contradicted.items[0].volume_ml
 
 
 def test_one_view_is_recorded_and_drawn(estimate):
@@ -106,18 +112,12 @@ def test_marker_unseen_in_the_left_photograph_is_told(pair):
     assert estimate_meal(PhotoPair(hidden, pair.right), OPTIONS).failure.code == "marker_not_found"
 
 
-def test_form_that_a_person_names_decides_where_the_outline_does_not(pair):
-    photo = on_plain_table(pair.left)
-    left, _ = rendered_views(BALL)
-    middle = left.rotation @ np.array([*BALL.centre_mm, BALL.radius_mm]) + left.translation_mm
-    x, y = middle[:2] / middle[2] * CAMERA.fx + [CAMERA.cx, CAMERA.cy]
-
-    def volume_ml(form):
-        hint = Hint(point=(float(x), float(y)), form=form)
-        items = estimate_meal(PhotoPair(photo), replace(OPTIONS, hints=(hint,))).items
-        return next(item.volume_ml for item in items if item.hint == 0)
-
-    assert volume_ml("heap") < volume_ml("whole")
+def test_form_that_a_person_names_decides_where_the_outline_does_not(pair, estimate, named_whole):
+    named_heap = estimate_meal(PhotoPair(on_plain_table(pair.left)), named("heap", estimate))
+    heap_ml, whole_ml = (
+        next(item.volume_ml for item in each.items if item.hint == 0) for each in (named_heap, named_whole)
+    )
+    assert heap_ml < whole_ml
 
 
 @pytest.mark.parametrize(("fact", "value"), [("form", "liquid"), ("usual_form", "in_vessel"), ("vessel", "mug")])
