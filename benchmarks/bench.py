@@ -61,6 +61,7 @@ ROWS: Mapping[str, Figure] = {
     "pipeline_mb": Figure("a pair's estimate: peak memory, MB"),
     "check": Figure("pre-check of a pair: time to that of decoding it"),
     "check_no_board": Figure("pre-check of a pair without a board: time to that of decoding it"),
+    "check_other_board": Figure("pre-check of a pair, another board announced: time to that of decoding it"),
     "upload_disk": Figure("uploads of 8 MB, 8 at once: throughput to write + fsync", more_is_better=True),
     "upload_bare": Figure("uploads of 8 MB, 8 at once: throughput to a bare endpoint", more_is_better=True),
     "upload_ms": Figure("upload of 8 MB: the server's processor time, ms"),
@@ -139,10 +140,10 @@ def measure_checks(data: Path) -> Values:
     with tempfile.TemporaryDirectory() as name:
         children = ApiChildren(Settings(data_dir=Path(name)))
         try:
-            with_board, without = precheck.print_times(children, scenes, 2, Path(name))
+            with_board, without, other = precheck.print_times(children, scenes, 2, Path(name))
         finally:
             children.close()
-    return {"check": with_board, "check_no_board": without}
+    return {"check": with_board, "check_no_board": without, "check_other_board": other}
 
 
 def measure_uploads(_: Path) -> Values:

@@ -3,9 +3,9 @@
     python benchmarks/precheck.py [--scenes meals] [--repeat 3] [--data FOLDER]
 
 Each pair is checked as POST /v1/checks does it, without the upload: through the API's own pool of one child. Beside it
-stands what the check takes when the right photograph shows no board, the slowest answer. The yardstick is run right
-before each, on one thread, since the machine's speed changes from minute to minute. FOLDER (default: TADA_SHARED_DATA,
-or ../shared) holds scenes/dev/.
+stands what the check takes when the right photograph shows no board, and when another board was announced. The
+yardstick is run right before each, on one thread, since the machine's speed changes from minute to minute. FOLDER
+(default: TADA_SHARED_DATA, or ../shared) holds scenes/dev/.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -26,6 +27,8 @@ sys.path.insert(0, str(ROOT))
 from app.children.api_children import ApiChildren, Whose  # noqa: E402  # found from the checkout, installed or not
 from app.core.settings import Settings  # noqa: E402
 from benchmarks.pipeline import Scene, find_scenes  # noqa: E402
+
+OTHER_BOARD = "aruco:5x7:35:5:DICT_6X6_250"  # of tags, where checkerboards lie
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,39 +51,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def print_times(children: ApiChildren, scenes: Sequence[Scene], repeat: int, folder: Path) -> tuple[float, float]:
-    """Print a row a pair; the medians of what a check takes, with and without a board, as ratios to decoding."""
+def print_times(
+    children: ApiChildren, scenes: Sequence[Scene], repeat: int, folder: Path
+) -> tuple[float, float, float]:
+    """Print a row a pair; the medians of what checks take: as announced, without a board, another one announced.
+
+    As ratios to decoding.
+    """
     check(children, scenes[0], scenes[0].folder / "right.jpg")  # the child starts
     print(
-        f"{'pair':<20} {'MP':>5} {'decode s':>9} {'check s':>9} {'ratio':>6} {'no board s':>11} {'ratio':>6}  problems"
+        f"{'pair':<20} {'MP':>5} {'decode s':>9} {'check s':>9} {'ratio':>6} {'no board s':>11} {'ratio':>6}"
+        f" {'other s':>9} {'ratio':>6}  problems"
     )
     rows = []
     for scene in scenes:
         pair = [scene.folder / f"{side}.jpg" for side in ("left", "right")]
         bare = folder / "bare.jpg"
         bare.write_bytes(without_board(pair[1]))
-        decode, checked, absent, problems = [], [], [], []
+        other = replace(scene, marker=OTHER_BOARD)
+        decode, checked, absent, announced, problems = [], [], [], [], []
         for _ in range(repeat):
             decode.append(timed(lambda pair=pair: [cv2.imread(str(path)) for path in pair]))
             started = time.perf_counter()
             problems = check(children, scene, pair[1])
             checked.append(time.perf_counter() - started)
             absent.append(timed(lambda scene=scene, bare=bare: check(children, scene, bare)))
+            announced.append(timed(lambda scene=other, right=pair[1]: check(children, scene, right)))
         height, width = cv2.imread(str(pair[0])).shape[:2]
-        row = min(decode), min(checked), min(absent)
+        row = min(decode), min(checked), min(absent), min(announced)
         rows.append(row)
         codes = ", ".join(problems) or "none"
         print(
             f"{scene.folder.name:<20} {height * width / 1e6:5.1f} {row[0]:9.3f} {row[1]:9.3f} {row[1] / row[0]:6.2f}"
-            f" {row[2]:11.3f} {row[2] / row[0]:6.2f}  {codes}"
+            f" {row[2]:11.3f} {row[2] / row[0]:6.2f} {row[3]:9.3f} {row[3] / row[0]:6.2f}  {codes}"
         )
-    decode_s, check_s, absent_s = (statistics.median(column) for column in zip(*rows, strict=True))
+    decode_s, check_s, absent_s, other_s = (statistics.median(column) for column in zip(*rows, strict=True))
     print(
         f"{'median':<20} {'':>5} {decode_s:9.3f} {check_s:9.3f} {check_s / decode_s:6.2f} {absent_s:11.3f}"
-        f" {absent_s / decode_s:6.2f}"
+        f" {absent_s / decode_s:6.2f} {other_s:9.3f} {other_s / decode_s:6.2f}"
     )
-    print(f"slowest: {max(row[1] for row in rows):.3f} s, without a board {max(row[2] for row in rows):.3f} s")
-    return check_s / decode_s, absent_s / decode_s
+    slowest = [max(column) for column in zip(*rows, strict=True)]
+    print(f"slowest: {slowest[1]:.3f} s, without a board {slowest[2]:.3f} s, another board {slowest[3]:.3f} s")
+    return check_s / decode_s, absent_s / decode_s, other_s / decode_s
 
 
 def check(children: ApiChildren, scene: Scene, right: Path) -> list[str]:

@@ -44,7 +44,7 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
     where = f"in the {side} photograph" if side else "in the photograph"
     if spec.dictionary is not None:
         seen = find_tag_board(photo, spec, where)
-        return seen if isinstance(seen, MarkerObservation) else _explain_tags(photo, spec, seen, where)
+        return _explain_no_tags(photo, spec, where) if seen is None else seen
     contrast = contrast_image(photo.pixels_bgr, spec.kind)
     corners = (spec.columns - 1, spec.rows - 1)
     refusal: Failure | None = None
@@ -233,13 +233,8 @@ def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
     return bool(np.mean(margin > middle) >= MIN_CORRECT_SHARE)
 
 
-def _explain_tags(photo: Photo, spec: MarkerSpec, refusal: Failure | None, where: str) -> Failure:
-    """Why a board of tags cannot be measured; refusal: what its tags told, None where there are none."""
-    unfit = judge_photograph(grey_of(photo.pixels_bgr), where)
-    if unfit is not None:
-        return unfit
-    if refusal is not None:
-        return refusal
+def _explain_no_tags(photo: Photo, spec: MarkerSpec, where: str) -> Failure:
+    """What is seen instead of a board of tags where there are no tags."""
     contrast = contrast_image(photo.pixels_bgr, "colour")
     for grid in find_grids(contrast):
         if has_white_margin(contrast, grid):

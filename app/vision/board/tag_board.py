@@ -14,8 +14,9 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.board.grid import reduced
 from app.vision.board.print_layout import border_share, print_points_mm, tag_corners_mm
-from app.vision.board.quality import judge_tags
+from app.vision.board.quality import judge_photograph, judge_tags
 from app.vision.board.tag_edges import grow_tags, ink_gain_px, refine_tags
+from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import map_points
 from app.vision.marker_spec import DICTIONARIES, MarkerSpec
@@ -25,6 +26,7 @@ MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
 LONGER_THAN_ALIKE = 1.1  # than the outlines of which there are too many: a cloth's squares are all alike
 QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
+QUICK_TAGS = 100  # in a dictionary: of more, the detector is given those alone that are possible, to save time
 FOREIGN_SIDE_PX = 2016  # long side on which tags that were not announced are sought: they only explain a refusal
 MIN_TAGS = 4
 MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two by half
@@ -67,17 +69,24 @@ def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservat
     Failures: marker_mismatch, marker_covered, image_too_dark, image_blurred. where: such as "in the left photograph".
     """
     grey = grey_of(photo.pixels_bgr)
-    tags = _detect_tags(grey, str(spec.dictionary))
-    placed = _placed(tags, spec)
-    on_board = tags.chosen(placed)
-    other = _other_board(tags, len(on_board), spec, where)
-    if other is not None:
-        return other
-    if len(on_board) < MIN_TAGS:
-        foreign = _foreign_tags(grey, spec, where)
-        if foreign is None and len(on_board):
-            return _covered(len(on_board), where)
-        return foreign
+    quads = _quads_of(grey)
+    tags = _detect_tags(grey, str(spec.dictionary), quads)
+    on_board = tags.chosen(_placed(tags, spec))
+    seen: MarkerObservation | Failure | None = _other_board(tags, len(on_board), spec, where)
+    if seen is None and len(on_board) >= MIN_TAGS:
+        seen = _read_board(grey, on_board, spec, where)
+    if isinstance(seen, MarkerObservation):
+        return seen
+    unfit = judge_photograph(grey, where)
+    if unfit is not None:
+        return unfit
+    if seen is None:
+        seen = _foreign_tags(grey, quads, spec, where)
+    return _covered(len(on_board), where) if seen is None and len(on_board) else seen
+
+
+def _read_board(grey: ImageArray, on_board: Tags, spec: MarkerSpec, where: str) -> MarkerObservation | Failure:
+    """The points of MIN_TAGS tags or more that lie where the announced board has them."""
     corners_mm = tag_corners_mm(spec)[on_board.ids]
     if _spread_mm(corners_mm.mean(axis=1)) < MIN_ROWS_SPREAD * spec.pitch_mm:
         return _covered(len(on_board), where)
@@ -96,31 +105,67 @@ def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservat
     return observation if unfit is None else unfit
 
 
-def _detect_tags(grey: ImageArray, name: str) -> Tags:
-    """Tags of the named dictionary, each number once: where two tags have it, the larger one."""
-    corners, ids, _ = cv2.aruco.ArucoDetector(_dictionary(name), _parameters(grey)).detectMarkers(grey)
-    return _largest(np.ravel(ids) if ids is not None else (), corners)
+def _detect_tags(grey: ImageArray, name: str, quads: TagQuads) -> Tags:
+    """Tags of the named dictionary, each number once: where two tags have it, the larger one. quads: of grey."""
+    dictionary = dictionary_of(name)
+    if len(dictionary.bytesList) > QUICK_TAGS:
+        return _detect_possible(grey, name, quads.parameters, _possible_tags(quads, name))
+    return _detect_possible(grey, name, quads.parameters, np.arange(len(dictionary.bytesList)))
 
 
-def _detect_of_any(grey: ImageArray, names: Sequence[str]) -> tuple[str, Tags]:
-    """The dictionary of most of the tags that show their bits without an error, and its tags."""
-    parameters = _parameters(grey)
+def _detect_mirrored(grey: ImageArray, name: str, quads: TagQuads) -> Tags:
+    """The same of the mirror image. Quads that show no tag mirrored show none when the image is mirrored instead."""
+    possible = _possible_tags(quads, name, is_mirrored=True)
+    return _detect_possible(np.ascontiguousarray(grey[:, ::-1]), name, quads.parameters, possible)
+
+
+def _possible_tags(quads: TagQuads, name: str, *, is_mirrored: bool = False) -> Int64Array:
+    """Numbers of the tags that the detector may see."""
+    errors = int(dictionary_of(name).maxCorrectionBits * quads.parameters.errorCorrectionRate)
+    return quads.possible_tags(name, errors, is_mirrored=is_mirrored)
+
+
+def _detect_possible(
+    grey: ImageArray, name: str, parameters: cv2.aruco.DetectorParameters, possible: Int64Array
+) -> Tags:
+    """Tags with these numbers."""
+    if len(possible) == 0:
+        return _largest((), ())
+    corners, ids, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(grey)
+    return _largest(possible[np.ravel(ids)] if ids is not None else (), corners)
+
+
+def _detect_of_any(grey: ImageArray, names: Sequence[str], quads: TagQuads) -> tuple[str, Tags] | None:
+    """The dictionary of most of the tags that show their bits without an error, and its tags; None if these are few."""
+    possible = {name: quads.possible_tags(name, 0) for name in names}
+    likely = [name for name in names if len(possible[name]) >= MIN_TAGS]
+    if not likely:
+        return None
+    parameters = _parameters(quads.parameters.minMarkerPerimeterRate)
     parameters.errorCorrectionRate = 0.0
-    detector = cv2.aruco.ArucoDetector([_dictionary(name) for name in names], parameters)
+    detector = cv2.aruco.ArucoDetector([tags_of(name, possible[name]) for name in likely], parameters)
     corners, ids, _, of_dictionary = detector.detectMarkersMultiDict(grey)
     numbers, places = (np.ravel(each) if each is not None else np.empty(0, np.int64) for each in (ids, of_dictionary))
     tags = [
-        _largest(numbers[places == place], [quad for quad, own in zip(corners, places, strict=True) if own == place])
-        for place in range(len(names))
+        _largest(
+            possible[name][numbers[places == place]],
+            [quad for quad, own in zip(corners, places, strict=True) if own == place],
+        )
+        for place, name in enumerate(likely)
     ]
-    return max(zip(names, tags, strict=True), key=lambda each: len(each[1]))
+    most = max(zip(likely, tags, strict=True), key=lambda each: len(each[1]))
+    return most if len(most[1]) >= MIN_TAGS else None
 
 
-def _parameters(grey: ImageArray) -> cv2.aruco.DetectorParameters:
+def _parameters(least_perimeter_share: float) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = _least_perimeter_share(grey)
+    parameters.minMarkerPerimeterRate = least_perimeter_share
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     return parameters
+
+
+def _quads_of(grey: ImageArray) -> TagQuads:
+    return TagQuads(grey, _parameters(_least_perimeter_share(grey)))
 
 
 def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
@@ -143,15 +188,10 @@ def _least_perimeter_share(grey: ImageArray) -> float:
     dark = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, QUAD_WINDOW_PX, 7)
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     # The detector sees the same outlines in the whole photograph, where a perimeter may be some px longer.
-    shares = np.sort([len(contour) + 4 for contour in contours])[::-1] / max(image.shape)
+    shares = (np.sort(list(map(len, contours)))[::-1] + 4.0) / max(image.shape)
     if len(shares) <= MAX_QUADS:
         return MIN_PERIMETER_SHARE
     return max(MIN_PERIMETER_SHARE, LONGER_THAN_ALIKE * float(shares[MAX_QUADS]))
-
-
-def _dictionary(name: str) -> cv2.aruco.Dictionary:
-    """OpenCV's, whose names of AprilTags have a capital H too."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 def _placed(tags: Tags, spec: MarkerSpec, *, is_legacy: bool = False) -> MaskArray:
@@ -188,16 +228,22 @@ def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Fai
     return _mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
 
 
-def _foreign_tags(grey: ImageArray, spec: MarkerSpec, where: str) -> Failure | None:
-    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
-    fewer, _ = reduced(grey, FOREIGN_SIDE_PX)
-    mirrored = _detect_tags(np.ascontiguousarray(fewer[:, ::-1]), str(spec.dictionary))
+def _foreign_tags(grey: ImageArray, quads: TagQuads, spec: MarkerSpec, where: str) -> Failure | None:
+    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any.
+
+    quads: of grey.
+    """
+    fewer, scale = reduced(grey, FOREIGN_SIDE_PX)
+    if scale < 1.0:
+        quads = _quads_of(fewer)
+    mirrored = _detect_mirrored(fewer, str(spec.dictionary), quads)
     if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
         return _mismatch(spec, where, "its mirror image")
-    name, tags = _detect_of_any(fewer, LARGEST_OF_FAMILY)
-    if len(tags) >= MIN_TAGS:
-        return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
-    return None
+    other = _detect_of_any(fewer, LARGEST_OF_FAMILY, quads)
+    if other is None:
+        return None
+    name, tags = other
+    return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
 
 
 def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
@@ -208,7 +254,7 @@ def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
 def _square_corners(grey: ImageArray, tags: Tags, spec: MarkerSpec) -> MarkerObservation:
     """The inner corners of a ChArUco board both of whose tags are seen, refined where four squares meet."""
     size = (spec.columns, spec.rows)
-    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.tag_mm, _dictionary(str(spec.dictionary)))
+    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.tag_mm, dictionary_of(str(spec.dictionary)))
     quads = [quad.astype(np.float32).reshape(1, 4, 2) for quad in tags.corners_px]
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(
         grey, markerCorners=quads, markerIds=tags.ids.astype(np.int32).reshape(-1, 1)

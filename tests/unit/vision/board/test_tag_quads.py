@@ -1,0 +1,72 @@
+"""Tags that a photograph can show at all: none that OpenCV's detector sees is left out."""
+
+import cv2
+import numpy as np
+import pytest
+
+from app.vision.board.tag_board import LARGEST_OF_FAMILY
+from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
+from app.vision.model import ImageArray
+
+SIDE_PX, PITCH_PX = 96, 150
+
+
+def tags_picture(name: str, wrong_bits: int = 0) -> ImageArray:
+    """Tags 0 to 19 of a dictionary, turned and with noise, some of whose cells are of the other colour."""
+    rng = np.random.default_rng(0)
+    dictionary = dictionary_of(name)
+    cells = dictionary.markerSize + 2
+    picture = np.full((4 * PITCH_PX + 60, 5 * PITCH_PX + 60), 230, np.uint8)
+    for tag in range(20):
+        printed = np.asarray(cv2.aruco.generateImageMarker(dictionary, tag, cells)).copy()
+        for row, column in rng.integers(1, cells - 1, (wrong_bits, 2)):
+            printed[row, column] = 255 - printed[row, column]
+        x, y = 40 + tag % 5 * PITCH_PX, 40 + tag // 5 * PITCH_PX
+        large = cv2.resize(np.rot90(printed, tag % 4), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_NEAREST)
+        picture[y : y + SIDE_PX, x : x + SIDE_PX] = large
+    noisy = cv2.GaussianBlur(picture, (0, 0), 1.0) + rng.normal(0.0, 2.0, picture.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def quads_of(grey: ImageArray) -> TagQuads:
+    return TagQuads(grey, cv2.aruco.DetectorParameters())
+
+
+@pytest.mark.parametrize("name", LARGEST_OF_FAMILY)
+def test_tags_are_possible_in_their_dictionary_and_boards_in_no_other(name):
+    quads = quads_of(tags_picture(name))
+    assert set(range(20)) <= set(quads.possible_tags(name, 0).tolist())
+    # 16 bits are few: what one dictionary of them prints is by chance a tag of the other one too.
+    others = [other for other in LARGEST_OF_FAMILY if dictionary_of(other).markerSize > 4 and other != name]
+    assert all(len(quads.possible_tags(other, 0)) < 4 for other in others)
+
+
+@pytest.mark.parametrize("name", ["DICT_4X4_1000", "DICT_6X6_250", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16H5"])
+@pytest.mark.parametrize("wrong_bits", [0, 1, 3])
+@pytest.mark.parametrize("rate", [0.0, 0.6])
+def test_the_detector_sees_the_same_among_the_possible_tags_as_among_all(name, wrong_bits, rate):
+    grey = tags_picture(name, wrong_bits)
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.errorCorrectionRate = rate
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(name), parameters).detectMarkers(grey)
+    seen = np.ravel(ids) if ids is not None else np.empty(0, np.int64)
+    assert len(seen) > 0 or wrong_bits > 0
+    possible = TagQuads(grey, parameters).possible_tags(name, int(dictionary_of(name).maxCorrectionBits * rate))
+    assert set(seen.tolist()) <= set(possible.tolist())
+    again, places = (), None
+    if len(possible) > 0:
+        again, places, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(grey)
+    assert np.array_equal(possible[np.ravel(places)] if places is not None else possible[:0], seen)
+    assert np.array_equal(np.array(again), np.array(corners))
+
+
+def test_mirrored_tags_are_possible_as_mirrored_ones_alone():
+    grey = tags_picture("DICT_6X6_250")
+    mirrored = quads_of(np.ascontiguousarray(grey[:, ::-1]))
+    assert set(range(20)) <= set(mirrored.possible_tags("DICT_6X6_250", 0, is_mirrored=True).tolist())
+    assert len(mirrored.possible_tags("DICT_6X6_250", 0)) == 0
+    assert len(quads_of(grey).possible_tags("DICT_6X6_250", 0, is_mirrored=True)) == 0
+
+
+def test_picture_without_quadrangles_can_show_no_tag():
+    assert len(quads_of(np.full((600, 800), 128, np.uint8)).possible_tags("DICT_4X4_1000", 1)) == 0
