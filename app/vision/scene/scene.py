@@ -6,6 +6,8 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
+Window = tuple[slice, slice]  # rows, columns
+WHOLE: Window = (slice(None), slice(None))
 FINE_REACH_PX = 2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
 IS_TABLE = 0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
 
@@ -31,11 +33,11 @@ class Scene:
     texture: Float32Array
     table_correlation: Float32Array
 
-    def xy_at(self, height_mm: float) -> Float32Array:
-        """(h, w, 2) where each pixel's ray meets the plane of this height."""
+    def xy_at(self, height_mm: float, window: Window = WHOLE) -> Float32Array:
+        """(h, w, 2) where each pixel's ray meets the plane of this height; in a window of rows and columns only."""
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
         foot = self.camera_mm[:2].astype(np.float32)
-        return foot + np.float32(share) * (self.plane_xy_mm - foot)
+        return foot + np.float32(share) * (self.plane_xy_mm[window] - foot)
 
     def distance_mm(self) -> Float32Array:
         """(h, w) from the camera to what a pixel shows; NaN where unmeasured."""

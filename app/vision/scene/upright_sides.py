@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened
+from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened, window_around
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
@@ -149,9 +149,11 @@ class _Footprint:
     """A flat top seen from above, on a grid of CELL_MM."""
 
     def __init__(self, top: MaskArray, scene: Scene, level_mm: float) -> None:
-        places = scene.xy_at(level_mm)[top]
+        window = window_around(top, 0)
+        places = scene.xy_at(level_mm, window)[top[window]]
         self._low = places.min(axis=0) - MARGIN_CELLS * CELL_MM
         columns, rows = np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
+        self._high = self._low + CELL_MM * np.array([columns, rows])
         cells = np.zeros((int(rows), int(columns)), np.uint8)
         column, row = ((places - self._low) / CELL_MM).astype(int).T
         cells[row, column] = 1
@@ -166,13 +168,25 @@ class _Footprint:
     def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
         """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""
         out = np.zeros(scene.is_ignored.shape, np.bool_)
+        near = self._pass_near(scene, level_mm, floor_mm)
+        if not near.any():
+            return out
+        window = window_around(near, 0)
         for height in np.linspace(floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)):
-            out |= self.outside_mm(scene.xy_at(float(height))) < CELL_MM / 2
+            out[window] |= self.outside_mm(scene.xy_at(float(height), window)) < CELL_MM / 2
         return out
+
+    def _pass_near(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
+        """(h, w) pixels whose rays may come over the footprint's grid between two heights: the others' never do."""
+        at_floor, at_level = scene.xy_at(floor_mm), scene.xy_at(level_mm)
+        reaches = (np.minimum(at_floor, at_level) <= self._high) & (np.maximum(at_floor, at_level) >= self._low)
+        return np.asarray(reaches.all(axis=-1), np.bool_)
 
     def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
         """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
         between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
         if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
             return 0.0
-        return float(np.mean(self.outside_mm(scene.points_table[..., :2])[between] > BESIDE_MM))
+        window = window_around(between, 0)
+        outside = self.outside_mm(scene.points_table[window][..., :2])
+        return float(np.mean(outside[between[window]] > BESIDE_MM))

@@ -213,9 +213,11 @@ def fit_form(
             return None
     now, stride = start, form.stride
     best = FormFit(start, start.cost(tolerance), tolerance)
-    costs, idle = deque([best.cost], TUNING.patience), 0
+    costs, idle = deque([best.cost], TUNING.remembered), 0
     damping, least, most = TUNING.damping
-    converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
+    converged, patience = TUNING.converged_fine, TUNING.patience_fine
+    if cells == COARSE:
+        converged, patience = TUNING.converged_coarse, TUNING.patience_coarse
     for _ in range(rounds):
         normal, slope = now.linearised(tolerance)
         for _ in range(TUNING.tries):
@@ -233,7 +235,7 @@ def fit_form(
         idle = 0 if best.cost - cost > converged * best.cost else idle + 1
         if cost < best.cost:
             best = FormFit(now, cost, tolerance)
-        if idle == TUNING.patience:
+        if idle == patience:
             break
     return best if cells == COARSE else replace(best, uncovered=_uncovered(best.at, seen))
 

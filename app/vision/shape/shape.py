@@ -4,7 +4,7 @@ Regions of the rectified grid, its parallax and points -> measured items with th
 docs/decisions/0007-closed-forms-in-both-views.md.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import below_gap, families
 from app.vision.shape.form_average import Flags, average_forms, likely_fits, log_normal_volume
-from app.vision.shape.form_fit import FormFit, Seen, fit_form, form_at
+from app.vision.shape.form_fit import FormAt, FormFit, Seen, fit_form, form_at
 from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
@@ -253,13 +253,12 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
-    plain = [replace(form, has_displacement=False) for form in forms]
-    coarse = mapped(lambda form: begin_fit(form, food.seen), plain, food.cores)
-    ranked = sorted((fit for fit in coarse if fit is not None), key=lambda fit: fit.cost)
+    known = prior.families if prior is not None else ()
+    ranked = _coarse_fits(food, [replace(form, has_displacement=False) for form in forms], known)
     kept, margin = (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
     usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
     rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
-    of_form = [fit for fit in rest if prior is not None and fit.form.name in prior.families]
+    of_form = [fit for fit in rest if fit.form.name in known]
     if food.is_single:
         return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
@@ -272,17 +271,37 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     return fits
 
 
-def begin_fit(form: Form, seen: Seen) -> FormFit | None:
-    """Return the better of two coarse fits: from the form's own start, and from a fit with a wide tolerance.
+def _coarse_fits(food: _Food, forms: Sequence[Form], known: Collection[str]) -> list[FormFit]:
+    """Coarse fits, the best first: of the families that begin nearest, from there, and of those that are known.
+
+    In a single view all families are fitted, from both starts: its outline tells few of them apart.
+    """
+    begun = [starts for starts in mapped(lambda form: begin_fit(form, food.seen), forms, food.cores) if starts]
+    begun.sort(key=lambda starts: starts[0].cost())
+    if not food.is_single:
+        begun = [
+            starts[:1]
+            for number, starts in enumerate(begun)
+            if number < TUNING.kept_coarse or starts[0].form.name in known
+        ]
+    fitted = mapped(lambda starts: _best_coarse_fit(starts, food.seen), begun, food.cores)
+    return sorted((fit for fit in fitted if fit is not None), key=lambda fit: fit.cost)
+
+
+def begin_fit(form: Form, seen: Seen) -> list[FormAt]:
+    """Return where a coarse fit may begin, the nearer first: at the form's own start, and where a wide fit takes it.
 
     The loss is flat far from what is seen, so that a form that starts there is not drawn towards it.
     """
     start = form_at(form, form.start, COARSE, seen)
     if start is None:
-        return None
+        return []
     wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, start, TUNING.wide_outline_sd_px / seen.outline_sd_px)
-    starts = [start] if wide is None else [start, wide.at]
-    fits = [fit_form(form, seen, COARSE, TUNING.first_rounds, each) for each in starts]
+    return sorted([start] if wide is None else [start, wide.at], key=lambda at: at.cost())
+
+
+def _best_coarse_fit(starts: Sequence[FormAt], seen: Seen) -> FormFit | None:
+    fits = (fit_form(at.form, seen, COARSE, TUNING.first_rounds, at) for at in starts)
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 

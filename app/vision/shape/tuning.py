@@ -27,7 +27,9 @@ class FormTuning:
     min_outline: int = 8  # points of an outline below which it takes no part
     damping: tuple[float, float, float] = (0.1, 1e-4, 1e4)  # Levenberg's damping: start, least, most
     tries: int = 5  # steps tried in a round
-    patience: int = 3  # rounds whose highest cost a step may not exceed; rounds without progress that end a fit
+    remembered: int = 3  # rounds whose highest cost a step may not exceed
+    patience_coarse: int = 1  # rounds without progress that end a coarse fit
+    patience_fine: int = 2  # the same of a fine fit
     converged_coarse: float = 1e-2  # relative fall of the cost that ends a coarse fit, which only ranks families
     converged_fine: float = 2e-3  # the same of a fine fit
     coverage_weight: float = 0.5  # of a point of the food's outline against one of the form's
@@ -37,9 +39,10 @@ class FormTuning:
     rounds: int = 10  # rounds of a fine fit
     top_quantile: float = 0.98  # of the points' heights: strays lie above it
     margin_px: int = 25  # around a food's mask
+    kept_coarse: int = 5  # families nearest after the wide fit, which are fitted coarsely
     kept: int = 4  # families that are fitted finely
     kept_ratio: float = 2.0  # of the best family's cost: one that fits so much worse coarsely is not fitted finely
-    least_weight: float = 1e-9  # of a family in the average: below it, a family is fitted no further
+    least_weight: float = 1e-4  # of a family in the average: below it, a family is fitted no further
     max_passes: int = 3  # fine fits along the best form, at most
     settled: float = 0.03  # relative change of the best volume in a pass below which no further one is needed
     snap_px: float = 4.0  # across an outline, how far its edge is sought in the first view
