@@ -29,7 +29,7 @@ class FormTuning:
     tries: int = 5  # steps tried in a round
     remembered: int = 3  # rounds whose highest cost a step may not exceed
     patience_coarse: int = 1  # rounds without progress that end a coarse fit
-    patience_fine: int = 2  # the same of a fine fit
+    patience_fine: int = 3  # the same of a fine fit
     converged_coarse: float = 1e-2  # relative fall of the cost that ends a coarse fit, which only ranks families
     converged_fine: float = 2e-3  # the same of a fine fit
     coverage_weight: float = 0.5  # of a point of the food's outline against one of the form's

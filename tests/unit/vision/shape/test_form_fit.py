@@ -194,8 +194,8 @@ def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_toler
 
 def test_less_evidence_leaves_more_doubt():
     seen = seen_of()
-    both = fit_form(ball(has_displacement=False), seen, COARSE, ROUNDS)
-    one = fit_form(ball(has_displacement=False), replace(seen, outlines=(seen.outlines[0], None)), COARSE, ROUNDS)
+    both = fit_form(ball(has_displacement=False), seen, FINE, ROUNDS)
+    one = fit_form(ball(has_displacement=False), replace(seen, outlines=(seen.outlines[0], None)), FINE, ROUNDS)
     assert one.volume_sd_ml > both.volume_sd_ml
     assert one.observations < both.observations
 
