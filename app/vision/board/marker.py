@@ -234,7 +234,7 @@ def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
 
 
 def _explain_no_tags(photo: Photo, spec: MarkerSpec, where: str) -> Failure:
-    """What is seen instead of a board of tags where there are no tags."""
+    """Return the failure of a photograph without tags: another kind of board lies there, or none."""
     contrast = contrast_image(photo.pixels_bgr, "colour")
     for grid in find_grids(contrast):
         if has_white_margin(contrast, grid):

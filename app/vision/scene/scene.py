@@ -6,8 +6,6 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
-Window = tuple[slice, slice]  # rows, columns
-WHOLE: Window = (slice(None), slice(None))
 FINE_REACH_PX = 2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
 IS_TABLE = 0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
 
@@ -33,8 +31,8 @@ class Scene:
     texture: Float32Array
     table_correlation: Float32Array
 
-    def xy_at(self, height_mm: float, window: Window = WHOLE) -> Float32Array:
-        """(h, w, 2) where each pixel's ray meets the plane of this height; in a window of rows and columns only."""
+    def xy_at(self, height_mm: float, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
+        """Return where each pixel's ray meets the plane of this height, (h, w, 2) mm. window: rows, columns."""
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
         foot = self.camera_mm[:2].astype(np.float32)
         return foot + np.float32(share) * (self.plane_xy_mm[window] - foot)

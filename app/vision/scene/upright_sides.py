@@ -168,7 +168,7 @@ class _Footprint:
     def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
         """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""
         out = np.zeros(scene.is_ignored.shape, np.bool_)
-        near = self._pass_near(scene, level_mm, floor_mm)
+        near = self._rays_near(scene, level_mm, floor_mm)
         if not near.any():
             return out
         window = window_around(near, 0)
@@ -176,11 +176,11 @@ class _Footprint:
             out[window] |= self.outside_mm(scene.xy_at(float(height), window)) < CELL_MM / 2
         return out
 
-    def _pass_near(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
-        """(h, w) pixels whose rays may come over the footprint's grid between two heights: the others' never do."""
+    def _rays_near(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
+        """Return the pixels (h, w) whose rays may cross the footprint's grid between two heights."""
         at_floor, at_level = scene.xy_at(floor_mm), scene.xy_at(level_mm)
-        reaches = (np.minimum(at_floor, at_level) <= self._high) & (np.maximum(at_floor, at_level) >= self._low)
-        return np.asarray(reaches.all(axis=-1), np.bool_)
+        may_cross = (np.minimum(at_floor, at_level) <= self._high) & (np.maximum(at_floor, at_level) >= self._low)
+        return np.asarray(may_cross.all(axis=-1), np.bool_)
 
     def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
         """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""

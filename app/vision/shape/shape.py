@@ -253,12 +253,12 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
-    known = prior.families if prior is not None else ()
-    ranked = _coarse_fits(food, [replace(form, has_displacement=False) for form in forms], known)
+    hinted_families = prior.families if prior is not None else ()
+    ranked = _coarse_fits(food, [replace(form, has_displacement=False) for form in forms], hinted_families)
     kept, margin = (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
     usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
     rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
-    of_form = [fit for fit in rest if fit.form.name in known]
+    of_form = [fit for fit in rest if fit.form.name in hinted_families]
     if food.is_single:
         return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
@@ -271,20 +271,22 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     return fits
 
 
-def _coarse_fits(food: _Food, forms: Sequence[Form], known: Collection[str]) -> list[FormFit]:
-    """Coarse fits, the best first: of the families that begin nearest, from there, and of those that are known.
+def _coarse_fits(food: _Food, forms: Sequence[Form], hinted_families: Collection[str]) -> list[FormFit]:
+    """Return the coarse fits, best first: families with the nearest starts, and those that a hint names.
 
-    In a single view all families are fitted, from both starts: its outline tells few of them apart.
+    In a single view all families are fitted from both starts, since one outline hardly tells them apart.
     """
-    begun = [starts for starts in mapped(lambda form: begin_fit(form, food.seen), forms, food.cores) if starts]
-    begun.sort(key=lambda starts: starts[0].cost())
+    starts_by_family = [
+        starts for starts in mapped(lambda form: begin_fit(form, food.seen), forms, food.cores) if starts
+    ]
+    starts_by_family.sort(key=lambda starts: starts[0].cost())
     if not food.is_single:
-        begun = [
+        starts_by_family = [
             starts[:1]
-            for number, starts in enumerate(begun)
-            if number < TUNING.kept_coarse or starts[0].form.name in known
+            for number, starts in enumerate(starts_by_family)
+            if number < TUNING.kept_coarse or starts[0].form.name in hinted_families
         ]
-    fitted = mapped(lambda starts: _best_coarse_fit(starts, food.seen), begun, food.cores)
+    fitted = mapped(lambda starts: _best_coarse_fit(starts, food.seen), starts_by_family, food.cores)
     return sorted((fit for fit in fitted if fit is not None), key=lambda fit: fit.cost)
 
 

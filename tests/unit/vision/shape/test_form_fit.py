@@ -195,9 +195,10 @@ def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_toler
 def test_less_evidence_leaves_more_doubt():
     seen = seen_of()
     both = fit_form(ball(has_displacement=False), seen, FINE, ROUNDS)
-    one = fit_form(ball(has_displacement=False), replace(seen, outlines=(seen.outlines[0], None)), FINE, ROUNDS)
-    assert one.volume_sd_ml > both.volume_sd_ml
-    assert one.observations < both.observations
+    first_outline = replace(seen, outlines=(seen.outlines[0], None))
+    first_only = fit_form(ball(has_displacement=False), first_outline, FINE, ROUNDS)
+    assert first_only.volume_sd_ml > both.volume_sd_ml
+    assert first_only.observations < both.observations
 
 
 def test_outline_from_another_side_takes_doubt_away():
