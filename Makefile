@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 TWO_WORKERS := OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 unexport PYTHONDONTWRITEBYTECODE  # else every process compiles the app, and pytest rewrites every test, anew
 
-.PHONY: venv lock audit demo browse test test-slow bench check format serve clean
+.PHONY: venv lock audit demo browse test test-slow test-all bench check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
@@ -41,6 +41,9 @@ test: venv  ## all tests but the slow ones
 
 test-slow: venv  ## the slow tests: processes that are killed, whole releases, schemas, rendered scenes
 	$(TWO_WORKERS) -m slow
+
+test-all: venv  ## both in one run, which collects and prepares once
+	$(TWO_WORKERS)
 
 bench: venv  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench

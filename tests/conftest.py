@@ -72,8 +72,8 @@ def pytest_collection_modifyitems(items):
     """Files that take long first, so that xdist's workers, which take a file at a time, end together.
 
     Calls, pages and services are tested on SQLite among the others, on PostgreSQL among the slow ones: it halves what
-    `make test` spends on them. Database, jobs and storage are tested on both. What does not depend on the database
-    (`same_on_both`) is tested on SQLite alone.
+    `make test` spends on them. Database, jobs and storage are tested on both. What does not depend on the database,
+    or whose statements others run on PostgreSQL (`same_on_both`), is tested on SQLite alone.
     """
     items[:] = [
         item for item in items if not (item.get_closest_marker("same_on_both") and _kind_of(item) == "postgres")

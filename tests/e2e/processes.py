@@ -85,12 +85,14 @@ class Program:
 class Server(Program):
     """`tada serve` on a port that stays the same over restarts."""
 
+    program = "app.cli"
+
     def __init__(self, folder, *arguments, **variables):
         self.port = free_port()
         self.address = f"http://127.0.0.1:{self.port}"
         self.data_dir = folder / "data"
         self.environment = environment_of(self.data_dir, TADA_PORT=str(self.port), **variables)
-        command = [sys.executable, "-m", "app.cli", "serve", *arguments]
+        command = [sys.executable, "-m", self.program, "serve", *arguments]
         super().__init__(command, self.environment, folder / "server.log")
 
     @property
@@ -131,6 +133,15 @@ class Server(Program):
         )
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
+
+
+class RecallingServer(Server):
+    """A server whose worker computes the same photographs once (recalling.py)."""
+
+    program = "tests.e2e.recalling"
+
+    def __init__(self, folder, *arguments, **variables):
+        super().__init__(folder, *arguments, TMPDIR=str(folder), **variables)
 
 
 def enrolment_code(server, participant="P001", study="pilot", **protocol):

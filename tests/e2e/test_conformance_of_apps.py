@@ -31,8 +31,8 @@ class ConformanceServer(Program):
     def __init__(self, folder):
         port = free_port()
         self.address = f"http://127.0.0.1:{port}"
-        command = [sys.executable, "-m", "app.cli", "conformance", "serve", "--port", str(port)]
-        environment = environment_of(folder / "data", PYTHONUNBUFFERED="1")
+        command = [sys.executable, "-m", "tests.e2e.recalling", "conformance", "serve", "--port", str(port)]
+        environment = environment_of(folder / "data", PYTHONUNBUFFERED="1", TMPDIR=str(folder))
         super().__init__(command, environment, folder / "server.log")
         self.start()
         self.wait_for("listens on")

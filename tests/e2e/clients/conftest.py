@@ -6,7 +6,7 @@ import pytest
 from tada_client import Staff
 
 from tests.e2e.clients.lossy_line import lossy_line
-from tests.e2e.processes import Server
+from tests.e2e.processes import RecallingServer
 
 LINES = {
     "clean": {"share": 0},
@@ -33,7 +33,7 @@ CHANGES = Counter(
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("server"), TADA_PUSH_CONTACT="mailto:study@example.org")
+    server = RecallingServer(tmp_path_factory.mktemp("server"), TADA_PUSH_CONTACT="mailto:study@example.org")
     server.place_prepared_database()
     server.start()
     try:

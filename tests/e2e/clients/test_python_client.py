@@ -61,7 +61,8 @@ def test_phone_uses_everything_that_a_participant_can_do(server, line, changes_o
         assert phone.send_event(meal, event)["version"] == confirmed["version"]
         with pytest.raises(Problem, match="precondition_failed"):
             phone.send_event(meal, event | {"id": str(uuid.uuid4())})
-        after = {f"after_{side}": path for side, path in pair.items()}
+        # a pair that the server has no estimate of yet: there must be one to cancel
+        after = {f"after_{side}": path.read_bytes() + b"after" for side, path in pair.items()}
         phone.send_after(meal_id, {"captured_at": "2026-11-20T12:50:00Z"}, after)
         assert phone.get_meal(meal_id)["after"]["missing"] == []
         phone.cancel_estimate(meal_id)

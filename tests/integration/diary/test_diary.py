@@ -193,6 +193,7 @@ def test_range_that_cannot_be_listed_is_refused(phone, params, code):
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
+@pytest.mark.same_on_both
 @pytest.mark.parametrize("params", [{}, {"from": "0001-01-01"}, {"to": "0001-01-01"}, {"from": "9999-12-31"}])
 def test_open_ends_of_a_range_are_filled_in(phone, params):
     assert phone.get("/v1/me/days", **params).status_code == 200

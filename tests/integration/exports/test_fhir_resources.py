@@ -46,6 +46,7 @@ def diary(phone, state, client, admin):
     return phone
 
 
+@pytest.mark.same_on_both
 def test_figures_of_intakes_are_those_of_the_records(diary):
     records, intakes = records_of(diary), intakes_of(diary)
     assert set(intakes) == set(records)
@@ -69,6 +70,7 @@ def test_figures_of_intakes_are_those_of_the_records(diary):
         assert status["valueCode"] == record["status"]
 
 
+@pytest.mark.same_on_both
 def test_every_component_that_the_meal_tells_is_a_label_with_its_unit(diary):
     ucum, compared = {"IU": "[iU]"}, 0
     records, intakes = records_of(diary), intakes_of(diary)
@@ -85,6 +87,7 @@ def test_every_component_that_the_meal_tells_is_a_label_with_its_unit(diary):
     assert compared > 100
 
 
+@pytest.mark.same_on_both
 def test_an_amount_that_is_not_known_says_so_and_has_no_nutrients(diary):
     unknown = [intakes for key, intakes in intakes_of(diary).items() if records_of(diary)[key]["consumed_g"] is None]
     assert len(unknown) == 2
@@ -111,6 +114,7 @@ def test_negative_amounts_stay_negative_and_are_explained(phone, state):
     assert "bias" in intake["note"][0]["text"]
 
 
+@pytest.mark.same_on_both
 def test_who_when_and_by_whom(diary):
     records, intakes = records_of(diary), intakes_of(diary)
     for key, intake in intakes.items():
@@ -200,6 +204,7 @@ def test_a_change_of_a_record_is_a_new_version(phone, state, client, admin):
     assert int(after["meta"]["versionId"]) > int(before["meta"]["versionId"])
 
 
+@pytest.mark.same_on_both
 def test_patient_is_a_code_in_a_study_and_nothing_else(diary, state):
     (subject,) = {intake["subject"]["reference"] for intake in intakes_of(diary).values()}
     assert valid(diary.get(f"/fhir/{subject}")) == {
@@ -236,6 +241,7 @@ def test_what_the_server_says_of_itself_is_valid_and_needs_no_token(client):
     assert {each["name"] for each in told["NutritionIntake"]["searchParam"]} >= {"subject", "patient", "date", "status"}
 
 
+@pytest.mark.same_on_both
 def test_the_definition_of_every_extension_of_ours_can_be_read(diary, client):
     urls = set()
 
@@ -256,6 +262,7 @@ def test_the_definition_of_every_extension_of_ours_can_be_read(diary, client):
     assert error_of(client.get("/fhir/StructureDefinition/none")) == (404, "not_found")
 
 
+@pytest.mark.same_on_both
 def test_an_anonymised_participant_is_another_patient(diary, client, admin, state):
     key = next(iter(intakes_of(diary)))
     client.patch("/v1/studies/pilot", headers=admin | {"If-Match": "*"}, json={"withdrawal_policy": "anonymise"})

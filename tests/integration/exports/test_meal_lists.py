@@ -40,6 +40,7 @@ def ids(rows):
     return [row["id"] for row in rows]
 
 
+@pytest.mark.same_on_both
 def test_row_says_what_the_meal_says(client, admin, phone, meal_of):
     meal_id = meal_of(phone, found_item(150.0), found_item(80.0), found_item(60.0), unmeasured_item())
     speaker = Speaker(client, phone.headers, meal_id)
@@ -65,6 +66,7 @@ def test_row_says_what_the_meal_says(client, admin, phone, meal_of):
     assert client.get(row["links"]["photograph_left"], headers=admin).status_code == 200
 
 
+@pytest.mark.same_on_both
 def test_meal_of_which_nothing_is_known_has_no_figures_and_one_confirmed_without_foods_has_zero(client, phone, meal_of):
     unknown, empty = meal_of(phone), meal_of(phone, found_item())
     speaker = Speaker(client, phone.headers, empty)
@@ -165,6 +167,7 @@ def test_what_no_list_of_meals_can_be_asked_is_refused(client, phone, query, cod
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
+@pytest.mark.same_on_both
 def test_counts_tell_that_there_are_more_than_they_counted(client, admin, enrol, meal_of, monkeypatch):
     monkeypatch.setattr(list_meals, "MOST_COUNTED", 2)
     for phone in (enrol("P001"), enrol("P002"), enrol("P001"), enrol("P001", study="other")):

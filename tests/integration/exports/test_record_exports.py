@@ -158,6 +158,7 @@ def plain_csv(rows):
     return buffer.getvalue().encode()
 
 
+@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize("batch", [3, 2000])
 def test_files_are_byte_for_byte_those_of_a_plain_writer(client, admin, monkeypatch, batch):

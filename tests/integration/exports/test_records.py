@@ -173,6 +173,7 @@ def test_pages_lead_through_all_records_in_the_order_of_capture(phone, state, cl
     assert seen == sorted(days)
 
 
+@pytest.mark.same_on_both
 def test_cursor_of_other_filters_and_broken_cursors_are_refused(phone, state, client):
     for seed in range(3):
         eaten(phone, state, seed=seed)
@@ -246,6 +247,7 @@ def test_participant_sees_own_records_only(enrol, state):
     assert other.get("/v1/records", participant="P001").json()["items"] == []
 
 
+@pytest.mark.same_on_both
 def test_change_numbers_count_up_in_a_study(phone, state):
     for seed in range(3):
         eaten(phone, state, seed=seed)

@@ -150,6 +150,7 @@ def test_secrets_stay_secret(session, log, state, settings):
             assert found_in(path.read_bytes(), secrets) == [], path
 
 
+@pytest.mark.same_on_both
 def test_secrets_are_shown_once_and_nowhere_else(session):
     call, secrets = session
     told = [secret for answer in call.answers for secret in found_in(answer.content, secrets)]

@@ -61,6 +61,7 @@ def test_unknown_wrong_and_disabled_give_the_same_answer(client, admin, olga):
     assert answers[0].json()["code"] == "sign_in_failed"
 
 
+@pytest.mark.same_on_both
 @pytest.mark.usefixtures("full_password_cost")
 def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatch):
     checked = []
@@ -176,6 +177,7 @@ def test_unicode_forms_of_a_password_are_equal(client, admin):
     assert sign_in(client, "rene", "cre\u0300me bru\u0302le\u0301e au four").status_code == 201
 
 
+@pytest.mark.same_on_both
 @pytest.mark.usefixtures("full_password_cost")
 def test_hash_of_older_cost_is_renewed_at_the_next_sign_in(client, admin, olga, state):
     from pwdlib.hashers.argon2 import Argon2Hasher
@@ -248,6 +250,7 @@ def test_wrong_tries_from_elsewhere_do_not_lock_a_name_out(crowd):
     assert sign_in(herself, "olga").status_code == 201
 
 
+@pytest.mark.same_on_both
 def test_crowd_is_slowed_by_name_but_not_where_the_person_signed_in_before(crowd):
     herself = crowd("198.51.100.7")
     assert sign_in(herself, "olga").status_code == 201
@@ -269,6 +272,7 @@ def test_wrong_current_passwords_are_limited(strict_client, settings):
     assert statuses == [401, 401, 429, 429]
 
 
+@pytest.mark.same_on_both
 def test_tries_are_counted_for_the_alert(strict_client):
     before = {outcome: tries(outcome) for outcome in ("failed", "limited")}
     for _ in range(4):

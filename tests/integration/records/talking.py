@@ -2,12 +2,15 @@
 
 import random
 import uuid
+from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
 from app.people.models import Study
 from tests.estimates import unmeasured_item
+from tests.filled_databases import fill_once
 from tests.integration.diary.eaten_days import set_profile
 from tests.integration.records.after_pairs import Table, apple, banana, left_of_apple, left_of_banana
 from tests.integration.records.reviewing import Speaker, new_event
@@ -54,8 +57,39 @@ class Chatter:
 
 @pytest.fixture
 def talked_over(phone, client, admin, state, request):
-    """Three days of meals, some with what was left, about which people have said this and that."""
-    rng = random.Random(request.param)
+    """Three days of meals, some with what was left, about which people have said this and that.
+
+    Said once per seed and copied (SQLite), with the photographs and with the tokens of the phone and the admin.
+    """
+    tokens, files = fill_once(state.database, _Talk(request.param, phone, client, admin, state))
+    for headers, kept in zip((phone.headers, admin), tokens, strict=True):
+        headers.update(kept)
+    for path, content in files.items():
+        place = client.app.state.settings.data_dir / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
+    return phone
+
+
+@dataclass(frozen=True)
+class _Talk:
+    """Fills a database; equal to any other of its seed."""
+
+    seed: int
+    phone: Any = field(compare=False)
+    client: Any = field(compare=False)
+    admin: Any = field(compare=False)
+    state: Any = field(compare=False)
+
+    def __call__(self, database):
+        """Return the headers of the phone and of the admin, and the files by their path in the data folder."""
+        _talk(random.Random(self.seed), self.phone, self.client, self.admin, self.state)
+        folder = self.client.app.state.settings.data_dir
+        files = {path.relative_to(folder): path.read_bytes() for path in folder.glob("blobs/**/*") if path.is_file()}
+        return (self.phone.headers, self.admin), files
+
+
+def _talk(rng, phone, client, admin, state):
     with state.database.write() as session:
         session.execute(sa.update(Study).values(gives_feedback=True))
     set_profile(state, **WOMAN)
@@ -79,4 +113,3 @@ def talked_over(phone, client, admin, state, request):
     for day in (17, 18, 19):
         phone.put(f"/v1/me/days/2026-11-{day}", json={"status": "closed"}, headers={"If-Match": "*"})
     phone.put("/v1/me/days/2026-11-16", json={"status": "closed", "ate_nothing": True}, headers={"If-Match": "*"})
-    return phone

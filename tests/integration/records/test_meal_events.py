@@ -222,6 +222,7 @@ def test_density_of_the_time_of_the_word_is_kept_with_it(table):
     assert rows[1].event_id == table.rows(MealEvent)[0].id
 
 
+@pytest.mark.same_on_both
 def test_failed_remeasure_job_leaves_the_meals_own_answer_and_a_flag(table):
     table.lay()
     item = table.items()[0].id

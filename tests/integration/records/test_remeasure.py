@@ -79,6 +79,7 @@ def test_pipeline_is_asked_for_the_new_region_and_told_of_the_neighbours(partici
     assert participant.meal()["status"] == "estimated"
 
 
+@pytest.mark.same_on_both
 def test_parts_of_a_split_get_their_own_volumes(participant, work, children):
     apple, _ = participant.items()
     other = [[90.0, 5.0], [120.0, 5.0], [120.0, 40.0]]
@@ -90,6 +91,7 @@ def test_parts_of_a_split_get_their_own_volumes(participant, work, children):
     assert [hint["food"] for hint in children.asked[0]] == ["apple", "pear", "banana"]
 
 
+@pytest.mark.same_on_both
 def test_added_point_is_measured(participant, work, children):
     participant.say("add", food="pear", region={"point": [300, 200]})
     assert participant.items()[-1]["flags"] == ["remeasuring"]

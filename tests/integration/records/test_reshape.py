@@ -79,6 +79,7 @@ def test_history_has_the_form_and_its_volume_and_undo_brings_the_estimate_back(r
     assert {**item, "etag": None} == {**before, "etag": None}
 
 
+@pytest.mark.same_on_both
 @pytest.mark.usefixtures("measured")
 def test_each_section_has_its_volume_whatever_its_lean(reviewer):
     for section, share in (("slab", 1.0), ("prism", math.pi / 4), ("ellipsoid", math.pi / 6)):

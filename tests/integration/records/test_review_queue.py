@@ -38,6 +38,7 @@ def doubtful(relative_sd, **changes):
     return found_item(relative_sd={"pair": 0.0, "item": relative_sd}, **changes)
 
 
+@pytest.mark.same_on_both
 def test_most_doubtful_item_comes_first_with_all_that_a_decision_needs(queue, phone, meal_of, client, admin):
     meal_of(phone, doubtful(0.05))
     wide = meal_of(phone, doubtful(0.4))
@@ -52,6 +53,7 @@ def test_most_doubtful_item_comes_first_with_all_that_a_decision_needs(queue, ph
     assert client.get(row["photograph_href"], headers=admin).status_code == 200
 
 
+@pytest.mark.same_on_both
 def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, client, admin):
     for word, headers in (("confirm", admin), ("reject", phone.headers)):
         speaker = Speaker(client, headers, meal_of(phone, found_item()))
@@ -61,6 +63,7 @@ def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, clie
     assert [row["meal"] for row in queue()["items"]] == [kept.meal_id]
 
 
+@pytest.mark.same_on_both
 def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
     meals = {meal_of(phone, doubtful(sd)) for sd in (0.1, 0.1, 0.2, 0.3, 0.1)}
     page = queue(limit=2)
@@ -72,6 +75,7 @@ def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
     assert [row["doubt"] for row in rows] == sorted((row["doubt"] for row in rows), reverse=True)
 
 
+@pytest.mark.same_on_both
 def test_filters_leave_out_what_they_name(queue, enrol, meal_of):
     first, second = enrol("P001"), enrol("P002")
     meal_of(first, doubtful(0.1))

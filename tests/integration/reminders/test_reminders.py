@@ -346,6 +346,7 @@ def test_phone_is_reminded_once_of_what_is_left_before_the_window_ends(enrol, br
     assert json.loads(browser.read(service.requests[0].content)) == {"kind": "after_meal"}
 
 
+@pytest.mark.same_on_both
 @pytest.mark.parametrize("why", ["pair", "quiet", "unwanted"])
 def test_nothing_is_said_of_what_is_left_where_it_is_here_or_not_wanted(enrol, browser, state, remind, why):
     phone = enrol(expects_after_pair=True, after_window_minutes=120)

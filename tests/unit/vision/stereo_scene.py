@@ -90,20 +90,22 @@ def _colours(pose, ball, seed, camera, pixel_rows: range):
     rotation, translation = pose
     centre = -rotation.T @ translation
     k = OVERSAMPLING
-    columns, rows = np.meshgrid(np.arange(camera.width * k), np.arange(pixel_rows.start * k, pixel_rows.stop * k))
+    columns, rows = np.arange(camera.width * k), np.arange(pixel_rows.start * k, pixel_rows.stop * k)[:, None]
     x = ((columns + 0.5) / k - 0.5 - camera.cx) / camera.fx
     y = ((rows + 0.5) / k - 0.5 - camera.cy) / camera.fy
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ rotation
-    reach = -centre[2] / np.minimum(rays[..., 2], -1e-6)
-    colour = _table_colour(centre[:2] + reach[..., None] * rays[..., :2], seed)
+    ray = [rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] for axis in range(3)]
+    reach = -centre[2] / np.minimum(ray[2], -1e-6)
+    colour = _table_colour(centre[0] + reach * ray[0], centre[1] + reach * ray[1], seed)
     if ball is not None:
-        middle = np.array([*ball.centre_mm, ball.radius_mm])
-        a, b = (rays**2).sum(-1), rays @ (centre - middle)
-        root = b * b - a * ((centre - middle) @ (centre - middle) - ball.radius_mm**2)
-        hit = root > 0
-        near = (-b[hit] - np.sqrt(root[hit])) / a[hit]
-        colour[hit] = _ball_colour(centre + near[:, None] * rays[hit] - middle, ball.radius_mm, seed)
-    return colour
+        from_middle = centre - [*ball.centre_mm, ball.radius_mm]
+        a = ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2
+        b = ray[0] * from_middle[0] + ray[1] * from_middle[1] + ray[2] * from_middle[2]
+        root = b * b - a * (from_middle @ from_middle - ball.radius_mm**2)
+        hit = np.flatnonzero(root > 0)
+        near = (-b.take(hit) - np.sqrt(root.take(hit))) / a.take(hit)
+        offsets = np.stack([from_middle[axis] + near * ray[axis].take(hit) for axis in range(3)], -1)
+        colour[hit] = _ball_colour(offsets, ball.radius_mm, seed)
+    return colour.reshape(*reach.shape, 3)
 
 
 def _noise(rng, cells, shape):
@@ -119,16 +121,19 @@ def _table_texture(seed):
     return np.stack([grey * 0.8, grey, grey * 1.1], -1)
 
 
-def _table_colour(xy, seed):
-    place = np.floor(xy * 1.6).astype(int) % 1024
-    colour = _table_texture(seed)[place[..., 1], place[..., 0]]
+def _table_colour(x, y, seed):
+    """Return the grey levels, (n, 3), of the points of a grid; x, y: mm, of n values each."""
+    texture = _table_texture(seed)
+    size = len(texture)
+    texel = np.floor(y * 1.6).astype(int) % size * size + np.floor(x * 1.6).astype(int) % size
+    colour = texture.reshape(-1, 3).take(texel.ravel(), axis=0)
     side = SPEC.square_mm
-    column = np.floor(xy[..., 0] / side + SPEC.columns / 2)
-    row = np.floor(SPEC.rows / 2 - xy[..., 1] / side)
+    column = np.floor(x / side + SPEC.columns / 2)
+    row = np.floor(SPEC.rows / 2 - y / side)
     sheet = (column >= -1) & (column <= SPEC.columns) & (row >= -1) & (row <= SPEC.rows)
     on_board = (column >= 0) & (column < SPEC.columns) & (row >= 0) & (row < SPEC.rows)
-    colour[sheet] = 235.0
-    colour[on_board & ((row + column) % 2 == 0)] = 25.0
+    colour[np.flatnonzero(sheet)] = 235.0
+    colour[np.flatnonzero(on_board & ((row + column) % 2 == 0))] = 25.0
     return colour
 
 

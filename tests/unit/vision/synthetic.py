@@ -98,9 +98,9 @@ def render_board(
         fine = _light(spec, camera, pose, box, OVERSAMPLING, shadow, table)
         light[box[0, 1] : box[1, 1], box[0, 0] : box[1, 0]] = fine
     light = cv2.GaussianBlur(light, (0, 0), blur_px)  # lenses blur light, before the tone curve
-    grey = 255.0 * np.clip(light * exposure, 0.0, 1.0) ** (1 / 2.2)
-    grey = grey + np.random.default_rng(seed).normal(0.0, noise, grey.shape)
-    return Photo(np.clip(grey + 0.5, 0, 255).astype(np.uint8))
+    grey = np.random.default_rng(seed).normal(0.5, noise, light.shape)
+    grey += 255.0 * cv2.pow(np.minimum(light * np.float32(exposure), 1.0), 1 / 2.2)
+    return Photo(np.clip(grey, 0, 255, out=grey).astype(np.uint8))
 
 
 def noise_texture(seed: int, size: int = 200) -> Float64Array:
