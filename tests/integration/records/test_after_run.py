@@ -121,6 +121,7 @@ def again(slot):
     return buffer.getvalue()
 
 
+@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
     """The bundled pair before and after: matched by what is seen alone, and nothing eaten within the interval."""

@@ -95,6 +95,7 @@ def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
         return choose_camera(session, meal_camera=given, device_id=device.id, study=study, sizes=list(sizes))
 
 
+@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, admin, boards):
     made = calibrate(phone, [jpeg(board) for board in boards])

@@ -40,6 +40,7 @@ def test_photograph_of_thousands_of_scans_is_refused_at_upload(phone):
     assert (answer.status_code, answer.json()["code"]) == (422, "image_unreadable")
 
 
+@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_costly_photograph_of_one_phone_takes_no_picture_of_another_study_away(enrol, monkeypatch):
     """Four requests of one at once left six of seven pictures of another study with 503.

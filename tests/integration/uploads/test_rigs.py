@@ -283,6 +283,7 @@ def test_release_holds_a_run_without_a_marker(no_marker, state, client, admin):
     assert [row["marker"] for row in csv.DictReader(io.StringIO(table))] == [""]
 
 
+@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_rendered_meal_by_a_rig_has_its_volume_over_http(no_marker, state, settings):
     views = rendered_views(BALL)
