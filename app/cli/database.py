@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-import app.tables  # noqa: F401  # defines every table
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 
@@ -37,6 +36,7 @@ def opened_database() -> Iterator["Database"]:
 @contextmanager
 def unmigrated_database() -> Iterator["Database"]:
     """Open the configured database for one command without migrating it. Raises the same."""
+    import app.tables  # noqa: F401  # defines every table
     from app.db.session import open_database
     from app.operations.explain_errors import explained_errors
 

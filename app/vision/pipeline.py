@@ -26,6 +26,7 @@ from app.vision.stereo.features import too_few_matches
 from app.vision.stereo.other_views import place_other_views, stereo_partners
 from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.printed_stereo import reconstruct_as_printed
+from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.single_view import SingleView
 from app.vision.stereo.stillness import judge_table
@@ -161,7 +162,7 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
         if pair.others and isinstance(views, RefinedViews):
             with trace.stage("match"):
                 trace.others = place_other_views(pair.others, views, options)
-        moved = judge_table(placed.marker.spec, scene.plane_mm, scene.points_table)
+        moved = judge_table(placed.marker.spec, plane_points(scene.rectified), scene.points_table)
         if moved is not None:
             return moved
     if options.method == "shape":

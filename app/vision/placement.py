@@ -24,6 +24,7 @@ from app.vision.stereo.epipolar import compare_fundamentals
 from app.vision.stereo.features import match_features
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
 from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import is_swapped
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE, POSES_TURN_SD_RAD, refine_rig, views_of_rig
@@ -91,7 +92,7 @@ def doubt_volumes(
     is_food: (H, W). Failure "focal_unknown".
     """
     if isinstance(placed.views, SingleView):
-        middle_mm = np.nanmedian(scene.plane_mm[is_food], axis=0)[:2].astype(np.float64)
+        middle_mm = np.nanmedian(plane_points(scene.rectified)[is_food], axis=0)[:2].astype(np.float64)
         sd = single_volume_sd(placed.views, middle_mm)
         return too_unsure() if sd > MOST_SD else (sd, SCALE_FLAGS[placed.scale])
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.model import MaskArray, View
+from app.vision.model import MarkerObservation, MaskArray, View
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.aligned_depth import depth_in_view
 from app.vision.stereo.depth_fusion import agree_with_table, fuse_depths
@@ -86,10 +86,7 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
         else:
             rectified = rectify_alone(views.first)
     with stage("disparity"):
-        plane = plane_points(rectified)
-        sheet = np.zeros(rectified.shape, np.bool_)
-        if marker is not None:
-            sheet = shows_sheet(marker, plane, rectified.first_centre_mm)
+        sheet = _sheet(rectified, marker)
         flags: tuple[str, ...] = ()
         if rectified.second_bgr is None:
             disparity, flags = _parallax_alone(rectified, views.first, sheet)
@@ -102,7 +99,14 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
             depth = ideal_depth(rectified)
         depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
         points = back_project(rectified, depth_mm)
-    return Reconstruction(rectified, disparity, depth, points, plane, sheet | ~rectified.is_seen, flags=flags)
+    return Reconstruction(rectified, disparity, depth, points, sheet | ~rectified.is_seen, flags=flags)
+
+
+def _sheet(pair: RectifiedPair, marker: MarkerObservation | None) -> MaskArray:
+    """(H, W) what of the marker's sheet is seen; nothing without a marker."""
+    if marker is None:
+        return np.zeros(pair.shape, np.bool_)
+    return shows_sheet(marker, plane_points(pair), pair.first_centre_mm)
 
 
 def _parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[DisparityMap, tuple[str, ...]]:

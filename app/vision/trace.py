@@ -26,15 +26,14 @@ Scale = Literal["marker", "rig", "poses", "depth"]  # what gives a scene its sca
 class Reconstruction:
     """The rectified pair with its points, (H, W, 3) mm in the views' table frame.
 
-    plane_mm: (H, W, 3) where lines of sight meet z = 0. is_ignored: (H, W) the marker, and what one view misses.
-    depths: the photographs' depth maps on the pair's grid, in its scale. flags: of every item.
+    is_ignored: (H, W) the marker, and what one view misses. depths: the photographs' depth maps on the pair's grid, in
+    its scale. flags: of every item.
     """
 
     rectified: RectifiedPair
     disparity: DisparityMap
     depth: DepthModel
     points_table: Float32Array
-    plane_mm: Float32Array
     is_ignored: MaskArray
     depths: tuple[DisparityMap, ...] = ()
     flags: tuple[str, ...] = ()

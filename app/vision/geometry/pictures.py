@@ -1,5 +1,7 @@
 """Small operations on pictures that several steps need: grey, CIELAB, blur, and values between the pixels."""
 
+import mmap
+
 import cv2
 import numpy as np
 
@@ -21,7 +23,9 @@ class LabPicture:
 
     def __init__(self, image_bgr: ImageArray) -> None:
         self._image_bgr = image_bgr
-        self._lab = np.zeros(image_bgr.shape, np.float32)  # takes no memory where nothing is written
+        # Memory of its own from the system takes no room where nothing is written; zeros may be memory used before.
+        lab = np.frombuffer(mmap.mmap(-1, 4 * image_bgr.size), np.float32)
+        self._lab = lab.reshape(image_bgr.shape)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -68,7 +68,7 @@ class TableTrend:
     def height_mm(self, xy_mm: Float64Array | Float32Array) -> Float64Array:
         """(...,) mm at (..., 2) mm; NaN kept."""
         unit = np.clip(np.asarray(xy_mm, np.float64) / TREND_UNIT_MM, -TREND_LIMIT, TREND_LIMIT)
-        return np.asarray(np.moveaxis(_terms(unit[..., 0], unit[..., 1]), 0, -1) @ self.coefficients, np.float64)
+        return np.asarray(np.tensordot(self.coefficients, _terms(unit[..., 0], unit[..., 1]), axes=1), np.float64)
 
 
 def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_mm: float = CELL_MM) -> TopView | None:

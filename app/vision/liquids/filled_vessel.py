@@ -14,14 +14,14 @@ import scipy
 from app.core.units import ml_from_mm3
 from app.vision.geometry.masks import eroded
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.pictures import LabPicture, blurred, grey_of
+from app.vision.geometry.pictures import LabPicture
 from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.slices import Slice, disc
 from app.vision.geometry.solids import turned
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.glass_level import find_level_in_glass
 from app.vision.liquids.liquid_level import Level, find_level, visible
-from app.vision.liquids.rims import Circle, find_circles
+from app.vision.liquids.rims import Circle, find_circles, smoothed_pair
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -163,7 +163,7 @@ def find_vessels(
         return Vessels([], [])
     first_bgr, second_bgr = pair.both_bgr
     pictures = LabPicture(first_bgr), LabPicture(second_bgr)
-    grey = [blurred(grey_of(image).astype(np.float32), 1.0) for image in (first_bgr, second_bgr)]
+    grey = smoothed_pair(pair, 1.0)
     vessels: list[FilledVessel] = []
     unread: list[StandingVessel] = []
     rims: list[Circle] = []  # of vessels filled or seen to be open

@@ -59,20 +59,10 @@ class Circle:
 
 def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
     """Circles parallel to the table, best seen first. is_usable: (H, W) pixels of the first view that may show one."""
-    grey = [grey_of(image).astype(np.float32) for image in pair.both_bgr]
-    spread = max(0.4 * CELL_MM / pair.pixel_mm, 0.5)
-    smooth = [blurred(image, spread) for image in grey]
-    usable = is_usable.astype(np.uint8)
-    middle = _middle_mm(sight, is_usable)
-    candidates: list[tuple[float, Float64Array]] = []
-    for height_mm in np.arange(*HEIGHTS_MM, HEIGHT_STEP_MM).tolist():
-        if height_mm < MAX_SHARE_OF_CAMERA_HEIGHT * pair.first_centre_mm[2]:
-            candidates += _vote(sight, smooth, usable, height_mm, middle)
-    candidates.sort(key=lambda each: -each[0])
-    fine = [blurred(image, 1.0) for image in grey]
+    starts = [start for _, start in _candidates(pair, sight, is_usable)]
+    fine = smoothed_pair(pair, 1.0)
     circles: list[Circle] = []
     tried: list[tuple[Float64Array, tuple[float, ...]]] = []
-    starts = [start for _, start in candidates]
     ahead: dict[int, Circle | None] = {}  # by place among the starts
     for place, start in enumerate(starts):
         if len(tried) >= KEPT_CIRCLES:
@@ -87,6 +77,22 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
         if circle is not None and not any(_is_same(circle, other) for other in circles):
             circles.append(circle)
     return sorted(circles, key=lambda circle: -circle.cover)
+
+
+def smoothed_pair(pair: RectifiedPair, sd_px: float) -> list[Float32Array]:
+    """(H, W) grey levels of both views under a Gaussian."""
+    return [blurred(grey_of(image).astype(np.float32), sd_px) for image in pair.both_bgr]
+
+
+def _candidates(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[tuple[float, Float64Array]]:
+    """(share of the circle, (x, y, radius, height)) at all heights, the best first."""
+    smooth = smoothed_pair(pair, max(0.4 * CELL_MM / pair.pixel_mm, 0.5))
+    usable, middle = is_usable.astype(np.uint8), _middle_mm(sight, is_usable)
+    candidates: list[tuple[float, Float64Array]] = []
+    for height_mm in np.arange(*HEIGHTS_MM, HEIGHT_STEP_MM).tolist():
+        if height_mm < MAX_SHARE_OF_CAMERA_HEIGHT * pair.first_centre_mm[2]:
+            candidates += _vote(sight, smooth, usable, height_mm, middle)
+    return sorted(candidates, key=lambda each: -each[0])
 
 
 def _next_apart(

@@ -68,13 +68,13 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
     foods: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
     labels, stats, _ = labelled(_opened(food, size))
-    lab, distance_mm = lab_bytes(scene.image_bgr), scene.distance_mm()
     for label in range(1, len(stats)):
         x, y, width, height, area = (int(value) for value in stats[label])
         if area * scene.pixel_mm**2 < MIN_PART_MM2:
             continue
         window = (slice(max(0, y - 4), y + height + 4), slice(max(0, x - 4), x + width + 4))
-        piece = _Piece(lab[window], scene.height_mm[window], distance_mm[window], scene.pixel_mm)
+        lab = lab_bytes(scene.image_bgr[window])
+        piece = _Piece(lab, scene.height_mm[window], scene.distance_mm(window), scene.pixel_mm)
         waiting = [labels[window] == label]
         while waiting and len(foods) + len(waiting) <= MAX_FOODS:
             mask = waiting.pop()

@@ -37,9 +37,9 @@ class Scene:
         foot = self.camera_mm[:2].astype(np.float32)
         return foot + np.float32(share) * (self.plane_xy_mm[window] - foot)
 
-    def distance_mm(self) -> Float32Array:
-        """(h, w) from the camera to what a pixel shows; NaN where unmeasured."""
-        return np.asarray(np.linalg.norm(self.points_table - self.camera_mm, axis=-1), np.float32)
+    def distance_mm(self, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
+        """(h, w) from the camera to what a pixel shows; NaN where unmeasured. window: rows, columns."""
+        return np.asarray(np.linalg.norm(self.points_table[window] - self.camera_mm, axis=-1), np.float32)
 
 
 def commonest(heights_mm: Float32Array, span_mm: float) -> float:

@@ -171,19 +171,17 @@ def _correlate(
     share = np.maximum(_sum(on_food), np.float32(1e-3))
     mean = _sum(first * on_food) / share
     variance = _sum(first * first * on_food) / share - mean * mean
-    scores = []
-    for shift in range(-REACH_PX, REACH_PX + 1):
+    scores = np.empty((2 * REACH_PX + 1, height, width), np.float32)
+    for score, shift in zip(scores, range(-REACH_PX, REACH_PX + 1), strict=True):
         moved = cv2.remap(second, columns - np.float32(shift), rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         mean_moved = _sum(moved * on_food) / share
         variance_moved = _sum(moved * moved * on_food) / share - mean_moved * mean_moved
         covariance = _sum(first * moved * on_food) / share - mean * mean_moved
-        scores.append(
-            covariance / np.sqrt(np.maximum(variance, MIN_VARIANCE) * np.maximum(variance_moved, MIN_VARIANCE))
-        )
-    stack = np.stack(scores)
-    best = stack.argmax(axis=0)
+        spread = np.sqrt(np.maximum(variance, MIN_VARIANCE) * np.maximum(variance_moved, MIN_VARIANCE))
+        np.divide(covariance, spread, out=score)
+    best = scores.argmax(axis=0)
     peak = np.clip(best, 1, 2 * REACH_PX - 1)
-    less, here, more = (np.take_along_axis(stack, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1))
+    less, here, more = (np.take_along_axis(scores, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1))
     curvature = np.minimum(less - 2 * here + more, -1e-6)
     offset = peak - REACH_PX + np.clip(0.5 * (less - more) / curvature, -1, 1)
     # How sharp the peak is tells of the gradients that both views share; those of noise alone make no peak.
