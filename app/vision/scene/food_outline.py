@@ -18,6 +18,7 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
+from app.vision.scene.gaps import with_holes
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
@@ -29,10 +30,6 @@ PLACE_MM = 4.0  # of distance from the former outline that count for one nat
 PLACE_NATS = (-2.0, 1.0)
 ALIEN_NATS = -0.5  # a pixel inside whose colour speaks so much for the surroundings does not teach the food's colours
 MAX_ALIEN_SHARE = 0.25  # of the pixels inside; where more are, food and surroundings look alike
-MIN_HOLE_MM2 = 60.0
-MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
-HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
-MIN_HOLE_POINTS = 8
 RAISED_MM = 5.0
 RAISED_NATS = 1.5
 FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
@@ -113,40 +110,20 @@ def _recut(
         if not food.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
-    out[window] = _with_true_holes(largest_part(food), scene.height_mm[window], scene.pixel_mm)
+    out[window] = with_holes(largest_part(food), scene.height_mm[window], scene.pixel_mm)
     return out
 
 
 def _lost(mask: MaskArray, corrected: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
-    """(h, w) what a correction takes away by colour alone, where no height says that it is the support."""
+    """(h, w) what a correction takes away by colour alone, where no height says that it is the support, nor a hole."""
     is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
-    return np.asarray(mask & ~corrected & ~is_support, np.bool_)
+    return np.asarray(mask & ~filled(corrected) & ~is_support, np.bool_)
 
 
 def _is_tidied(mask: MaskArray, corrected: MaskArray, lost: MaskArray) -> bool:
     """Whether small pieces go, without which the outline is more convex: checks of a cloth that hung on all around."""
     is_in_pieces = np.count_nonzero(largest_part(lost)) <= MAX_LOST * np.count_nonzero(mask)
     return bool(is_in_pieces and solidity(corrected) > solidity(mask) + MORE_SOLID)
-
-
-def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
-    """The mask with only those holes through which something much lower is seen: a ring's, not gloss."""
-    whole = filled(mask)
-    own = height_mm[mask]
-    own = own[np.isfinite(own)]
-    out = whole
-    for hole in components(whole & ~mask):
-        low = height_mm[hole]
-        low = low[np.isfinite(low)]
-        area_mm2 = np.count_nonzero(hole) * pixel_mm**2
-        if len(own) == 0 and area_mm2 > MIN_SEEN_HOLE_MM2:
-            out = out & ~hole  # a single view knows it by its colour alone
-            continue
-        if area_mm2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
-            continue
-        if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
-            out = out & ~hole
-    return out
 
 
 def _signed_depth_px(mask: MaskArray) -> Float32Array:

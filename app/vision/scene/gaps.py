@@ -7,7 +7,7 @@ in a gap counts whatever its window.
 
 import numpy as np
 
-from app.vision.geometry.masks import dilated, distance_px, filled, inward_px, labelled, opened
+from app.vision.geometry.masks import components, dilated, distance_px, filled, inward_px, labelled, opened
 from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
@@ -18,6 +18,9 @@ MAX_FOOD_NATS = 1.0  # of colour for the food, above which a gap is food in shad
 MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the rest is for the image's edges to tell
 AROUND_PX = 4
 MIN_POINTS = 5
+MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
+HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+MIN_HOLE_POINTS = 8
 COLOUR_NATS = 4.0
 UNSEEN = 3e-5  # probability of a colour that a model has not seen
 LEAST_DEPTH_PX = 6.0  # of a food in which a hole is sought by colour
@@ -53,6 +56,26 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
             depth = inward_px(part, 3)
             gaps[window] |= depth > MIDDLE_SHARE * float(depth.max())
     return gaps
+
+
+def with_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
+    """(H, W) the mask with only those holes through which something much lower is seen: a ring's, not gloss."""
+    whole = filled(mask)
+    own = height_mm[mask]
+    own = own[np.isfinite(own)]
+    out = whole
+    for hole in components(whole & ~mask):
+        low = height_mm[hole]
+        low = low[np.isfinite(low)]
+        area_mm2 = np.count_nonzero(hole) * pixel_mm**2
+        if len(own) == 0 and area_mm2 > MIN_SEEN_HOLE_MM2:
+            out = out & ~hole  # a single view knows it by its colour alone
+            continue
+        if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+            continue
+        if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
+            out = out & ~hole
+    return out
 
 
 def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) -> MaskArray:

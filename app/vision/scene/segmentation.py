@@ -269,7 +269,7 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     whole = tidy_outlines(food.is_food, beside, place.floor_mm) | (food.is_food & food.is_gap)
     masks = tell_apart(whole, scene, place.floor_mm)
     if place.is_measured:
-        masks = with_sides(masks, beside, place.floor_mm)
+        masks = with_sides(masks, beside, place.floor_mm, food.is_gap)
     are_foods = [is_food(mask, food.is_core, scene, is_unseen) for mask in masks]
     if not is_hinted:
         masks, are_foods = list(compress(masks, are_foods)), [True] * sum(are_foods)

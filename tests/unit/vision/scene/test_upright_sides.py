@@ -12,6 +12,7 @@ SHAPE = (240, 320)
 CAMERA_MM = np.array([0.0, -400.0, 400.0])
 HALF_MM, TOP_MM = np.array([45.0, 30.0]), 40.0  # of a block about the origin
 FOCAL_PX = 500.0
+NO_GAP = np.zeros(SHAPE, bool)
 
 
 def rays():
@@ -58,7 +59,7 @@ def scene_of(height_mm):
 def test_unmeasured_side_of_a_block_is_found_below_its_top():
     top, side = block()
     scene = scene_of(np.where(top, TOP_MM, np.where(side, np.nan, 0.0)))
-    (mask,) = with_sides([top], scene, 0.0)
+    (mask,) = with_sides([top], scene, 0.0, NO_GAP)
     assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)  # the top is taken two pixels too small
     assert np.count_nonzero(mask & ~top & ~side) < 0.03 * np.count_nonzero(mask)  # a pixel all round
 
@@ -66,7 +67,7 @@ def test_unmeasured_side_of_a_block_is_found_below_its_top():
 def test_side_that_was_taken_for_another_food_is_merged():
     top, side = block()
     scene = scene_of(np.where(top, TOP_MM, np.where(side, np.nan, 0.0)))
-    masks = with_sides([side, top], scene, 0.0)
+    masks = with_sides([side, top], scene, 0.0, NO_GAP)
     assert len(masks) == 1
 
 
@@ -78,7 +79,7 @@ def test_dome_has_no_flat_top():
 
 def test_table_that_shows_below_a_top_is_no_side():
     top, side = block()
-    (mask,) = with_sides([top], scene_of(np.where(top, TOP_MM, 0.0)), 0.0)
+    (mask,) = with_sides([top], scene_of(np.where(top, TOP_MM, 0.0)), 0.0, NO_GAP)
     assert np.array_equal(mask, top)
     assert np.count_nonzero(side) > 1000  # or the test would say nothing
 
@@ -97,9 +98,21 @@ def test_plain_top_that_is_measured_along_its_edge_alone_has_its_side():
     top, side = block()
     plain = distance_px(~top) > 5
     scene = scene_of(np.where(plain | side, np.nan, np.where(top, TOP_MM, 0.0)))
-    (mask,) = with_sides([top], scene, 0.0)
+    (mask,) = with_sides([top], scene, 0.0, NO_GAP)
     assert np.count_nonzero(plain) > 0.3 * np.count_nonzero(top)
     assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)
+
+
+@pytest.mark.parametrize("is_opened", [True, False])
+def test_ring_has_no_upright_side_however_level_its_top(is_opened):
+    """A doughnut whose hole was cut out of its mask, or is still to be opened."""
+    top, side = block()
+    hole = np.linalg.norm(meets(TOP_MM), axis=-1) < 12.0
+    scene = scene_of(np.where(hole, 2.0, np.where(top, TOP_MM, np.where(side, np.nan, 0.0))))
+    assert np.count_nonzero(with_sides([top], scene, 0.0, NO_GAP)[0] & side) > 0.8 * np.count_nonzero(side)
+    mask, gap = (top & ~hole, NO_GAP) if is_opened else (top, hole)
+    (own,) = with_sides([mask], scene, 0.0, gap)
+    assert np.array_equal(own, mask)
 
 
 def two_coloured(height_left_mm, height_right_mm):
