@@ -343,11 +343,12 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
 
 def _is_print(rim: Circle, points_table: Float32Array) -> bool:
     """Return whether the surface outside is as high as the rim: a circle printed on a pack, the hole of a cake."""
-    apart = points_table[..., :2] - rim.centre_mm
+    points = _points_near(rim, points_table, BESIDE_MM[1])
+    apart = points[:, :2] - rim.centre_mm
     beyond = np.linalg.norm(apart, axis=-1) - rim.radius_mm
     around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
     sector = sector_of(apart[around, 0], apart[around, 1], SECTORS)
-    is_as_high = points_table[..., 2][around] > rim.height_mm - BESIDE_LEVEL_MM
+    is_as_high = points[around, 2] > rim.height_mm - BESIDE_LEVEL_MM
     measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
     return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
 
@@ -368,8 +369,16 @@ def _is_open(rim: Circle, points_table: Float32Array) -> bool:
 
 def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
     """Return the heights (n,), mm, of what is measured within the rim, clear of its wall."""
-    apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)
-    return np.asarray(points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM], np.float32)
+    points = _points_near(rim, points_table)
+    apart = np.linalg.norm(points[:, :2] - rim.centre_mm, axis=-1)
+    return points[apart < rim.radius_mm - OPEN_INSET_MM, 2]
+
+
+def _points_near(rim: Circle, points_table: Float32Array, beyond_mm: float = 0.0) -> Float32Array:
+    """Return the points (n, 3) within a square about the rim that reaches so far beyond it."""
+    low, high = (rim.centre_mm + side * (rim.radius_mm + beyond_mm + 1.0) for side in (-1, 1))
+    x, y = points_table[..., 0], points_table[..., 1]
+    return points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])]
 
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
