@@ -371,14 +371,14 @@ def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
     """Return the heights (n,), mm, of what is measured within the rim, clear of its wall."""
     points = _points_near(rim, points_table)
     apart = np.linalg.norm(points[:, :2] - rim.centre_mm, axis=-1)
-    return points[apart < rim.radius_mm - OPEN_INSET_MM, 2]
+    return np.asarray(points[apart < rim.radius_mm - OPEN_INSET_MM, 2], np.float32)
 
 
 def _points_near(rim: Circle, points_table: Float32Array, beyond_mm: float = 0.0) -> Float32Array:
     """Return the points (n, 3) within a square about the rim that reaches so far beyond it."""
     low, high = (rim.centre_mm + side * (rim.radius_mm + beyond_mm + 1.0) for side in (-1, 1))
     x, y = points_table[..., 0], points_table[..., 1]
-    return points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])]
+    return np.asarray(points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])], np.float32)
 
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
