@@ -21,7 +21,7 @@ from app.vision.geometry.solids import turned
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.glass_level import find_level_in_glass
 from app.vision.liquids.liquid_level import Level, find_level, visible
-from app.vision.liquids.rims import Circle, find_circles, smoothed_pair
+from app.vision.liquids.rims import FINE_SD_PX, Circle, find_circles, smoothed_pair
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -163,7 +163,7 @@ def find_vessels(
         return Vessels([], [])
     first_bgr, second_bgr = pair.both_bgr
     pictures = LabPicture(first_bgr), LabPicture(second_bgr)
-    grey = smoothed_pair(pair, 1.0)
+    grey = smoothed_pair(pair, FINE_SD_PX)
     vessels: list[FilledVessel] = []
     unread: list[StandingVessel] = []
     rims: list[Circle] = []  # of vessels filled or seen to be open

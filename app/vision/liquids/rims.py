@@ -34,6 +34,7 @@ NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)  # to one that led to none; less than a s
 SAMPLES = 120  # directions of a circle
 SEARCH_PX = 5  # across the circle, at most, for its edge
 ROUNDS = 6
+FINE_SD_PX = 1.0  # of the blur under which edges are measured
 RESTARTS_MM = (-6.0, -3.0, 3.0, 6.0)  # of the height
 ON_EDGE_PX = 1.2
 LEAST_SEEN = 0.3  # of a circle's directions with any edge beside it, in each view: fewer on the way lead to no circle
@@ -60,7 +61,7 @@ class Circle:
 def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
     """Circles parallel to the table, best seen first. is_usable: (H, W) pixels of the first view that may show one."""
     starts = [start for _, start in _candidates(pair, sight, is_usable)]
-    fine = smoothed_pair(pair, 1.0)
+    fine = smoothed_pair(pair, FINE_SD_PX)
     circles: list[Circle] = []
     tried: list[tuple[Float64Array, tuple[float, ...]]] = []
     ahead: dict[int, Circle | None] = {}  # by place among the starts

@@ -18,7 +18,7 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.gaps import with_holes
+from app.vision.scene.gaps import open_holes
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
@@ -110,7 +110,8 @@ def _recut(
         if not food.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
-    out[window] = with_holes(largest_part(food), scene.height_mm[window], scene.pixel_mm)
+    own = largest_part(food)
+    out[window] = filled(own) & ~open_holes(own, scene.height_mm[window], scene.pixel_mm)
     return out
 
 

@@ -1,8 +1,8 @@
 """Gaps in what is raised, through which the support shows: the hole of a ring, a space that foods enclose.
 
-Raised parts with heights and colour's evidence -> the middle of each gap; of one photograph, a mask and its picture ->
-the hole in its middle. A window of the disparity that is wider than a gap can only fill it, never dig one: a low height
-in a gap counts whatever its window.
+Raised parts with heights and colour's evidence -> the middle of each gap; a mask with heights -> its holes; of one
+photograph, a mask and its picture -> the hole in its middle. A window of the disparity that is wider than a gap can
+only fill it, never dig one: a low height in a gap counts whatever its window.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the r
 AROUND_PX = 4
 MIN_POINTS = 5
 MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
-HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+HOLE_HEIGHT_SHARE = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
 MIN_HOLE_POINTS = 8
 COLOUR_NATS = 4.0
 UNSEEN = 3e-5  # probability of a colour that a model has not seen
@@ -58,24 +58,23 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
     return gaps
 
 
-def with_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
-    """(H, W) the mask with only those holes through which something much lower is seen: a ring's, not gloss."""
-    whole = filled(mask)
+def open_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
+    """(H, W) those holes of a mask through which something much lower is seen: a ring's, not gloss."""
     own = height_mm[mask]
     own = own[np.isfinite(own)]
-    out = whole
-    for hole in components(whole & ~mask):
+    holes = np.zeros(mask.shape, np.bool_)
+    for hole in components(filled(mask) & ~mask):
         low = height_mm[hole]
         low = low[np.isfinite(low)]
         area_mm2 = np.count_nonzero(hole) * pixel_mm**2
         if len(own) == 0 and area_mm2 > MIN_SEEN_HOLE_MM2:
-            out = out & ~hole  # a single view knows it by its colour alone
+            holes |= hole  # a single view knows it by its colour alone
             continue
         if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
             continue
-        if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
-            out = out & ~hole
-    return out
+        if float(np.quantile(low, 0.25)) < HOLE_HEIGHT_SHARE * float(np.median(own)):
+            holes |= hole
+    return holes
 
 
 def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) -> MaskArray:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, eroded, filled, inward_px, largest_part, opened, window_around
+from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened, window_around
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.gaps import with_holes
+from app.vision.scene.gaps import open_holes
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
@@ -55,7 +55,8 @@ def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap
 
     is_gap: (h, w) gaps in the masks, which stay in them. A ring is round, however level its top looks.
     """
-    tops = [None if _is_ring(mask & ~is_gap, scene) else flat_top(mask, scene, floor_mm) for mask in masks]
+    holes = [open_holes(mask & ~is_gap, scene.height_mm, scene.pixel_mm) for mask in masks]
+    tops = [None if hole.any() else flat_top(mask, scene, floor_mm) for mask, hole in zip(masks, holes, strict=True)]
     levels = [0.0 if top is None else top.level_mm for top in tops]
     order = sorted(range(len(masks)), key=lambda each: -levels[each])
     taken = np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0)
@@ -81,10 +82,6 @@ def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap
         taken |= own
         out.append(own)
     return out
-
-
-def _is_ring(mask: MaskArray, scene: Scene) -> bool:
-    return bool((filled(mask) & ~with_holes(mask, scene.height_mm, scene.pixel_mm)).any())
 
 
 def _is_side_of(mask: MaskArray, top: FlatTop, scene: Scene) -> bool:
