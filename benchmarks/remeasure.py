@@ -108,7 +108,7 @@ def remeasure(
 
 
 def start_worker(place: Place, processes: contextlib.ExitStack, options: argparse.Namespace) -> subprocess.Popen[bytes]:
-    command = ["benchmarks.recalling_worker"] if options.recall else ["app.cli", "worker"]
+    command = ["tests.e2e.recalling", "worker"] if options.recall else ["app.cli", "worker"]
     variables = environment(place.settings) | {"TMPDIR": str(place.settings.data_dir)}
     worker = subprocess.Popen([sys.executable, "-m", *command], env=variables, cwd=ROOT)
     processes.callback(end, worker)

@@ -1,7 +1,7 @@
 """The real program with a worker that computes the estimate of the same photographs once.
 
-`python -m tests.e2e.recalling COMMAND...` is `tada COMMAND...`, for tests of apps and clients, which send the bundled
-pairs again and again. Answers are kept in TMPDIR, which children inherit: a folder of the test module.
+`python -m tests.e2e.recalling COMMAND...` is `tada COMMAND...`, for tests of apps and clients and for benchmarks, which
+send the bundled pairs again and again. Answers are kept in TMPDIR, which children inherit: a folder of the caller's.
 """
 
 import contextlib
