@@ -67,14 +67,19 @@ export async function thumbnail(blob, width_px = 320) {
   }
 }
 
-/** One frame of the preview, at most `side_px` on its long side, as ImageData; null while there is none. */
-export function grabFrame(video, canvas, side_px) {
+/**
+ * One frame of the preview, or a part of it, at most `side_px` on its long side, as ImageData; null while there is none.
+ * part: size, a share of the frame's width and height; x, y: 0 at the left and the top edge, 1 at the others.
+ */
+export function grabFrame(video, canvas, side_px, part = { size: 1, x: 0, y: 0 }) {
   if (!video.videoWidth) return null;
-  const scale = Math.min(1, side_px / Math.max(video.videoWidth, video.videoHeight));
-  canvas.width = Math.round(video.videoWidth * scale);
-  canvas.height = Math.round(video.videoHeight * scale);
+  const [width, height] = [video.videoWidth * part.size, video.videoHeight * part.size];
+  const [left, top] = [(video.videoWidth - width) * part.x, (video.videoHeight - height) * part.y];
+  const scale = Math.min(1, side_px / Math.max(width, height));
+  canvas.width = Math.round(width * scale);
+  canvas.height = Math.round(height * scale);
   const context = canvas.getContext("2d", { willReadFrequently: true });
-  context.drawImage(video, 0, 0, canvas.width, canvas.height);
+  context.drawImage(video, left, top, width, height, 0, 0, canvas.width, canvas.height);
   return context.getImageData(0, 0, canvas.width, canvas.height);
 }
 

@@ -7,9 +7,6 @@ import { clientOf } from "../sender.js";
 import * as store from "../store.js";
 import { sentenceOf } from "../texts.js";
 
-const SCAN_SIDES_PX = [1280, 960, 640]; // in turn: a code that is not read at one size often is at another
-const SCAN_EVERY_MS = 250;
-
 export async function showEnrol(main, { t, phone, go }, code) {
   const begun = code ? null : await store.joining();
   const status = h("p", { role: "alert" });
@@ -106,31 +103,16 @@ export async function refreshPhone(client, { token }) {
   await store.changePhone(token, (phone) => ({ ...phone, ...protocol }));
 }
 
+async function scannedCode(video, isOpen) {
+  const { scan } = await import("../qr_scan.js"); // the decoder is large, and most phones come by the link
+  return scan(video, codeIn, isOpen);
+}
+
 /** The enrolment code in a QR code's text, a link with #code=... or the app's JSON; "" in another QR code's. */
 export function codeIn(text) {
   try {
     return JSON.parse(text).code ?? "";
   } catch {
     return new URLSearchParams(text.split("#")[1]).get("code") ?? "";
-  }
-}
-
-async function scannedCode(video, isOpen) {
-  const [{ decodeQR }, { grabFrame }] = await Promise.all([import("../vendor/qr/decode.js"), import("../camera.js")]);
-  const canvas = document.createElement("canvas");
-  for (let number = 0; isOpen(); number++) {
-    const frame = grabFrame(video, canvas, SCAN_SIDES_PX[number % SCAN_SIDES_PX.length]);
-    const code = frame && codeIn(decoded(decodeQR, frame));
-    if (code) return code;
-    await new Promise((resolve) => setTimeout(resolve, SCAN_EVERY_MS));
-  }
-  return null;
-}
-
-function decoded(decodeQR, frame) {
-  try {
-    return decodeQR(frame);
-  } catch {
-    return ""; // no code in this frame
   }
 }
