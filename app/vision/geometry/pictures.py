@@ -1,5 +1,6 @@
 """Small operations on pictures that several steps need: grey, CIELAB, blur, and values between the pixels."""
 
+import math
 import mmap
 
 import cv2
@@ -23,9 +24,7 @@ class LabPicture:
 
     def __init__(self, image_bgr: ImageArray) -> None:
         self._image_bgr = image_bgr
-        # Memory of its own from the system takes no room where nothing is written; zeros may be memory used before.
-        lab = np.frombuffer(mmap.mmap(-1, 4 * image_bgr.size), np.float32)
-        self._lab = lab.reshape(image_bgr.shape)
+        self._lab = _sparse_zeros(image_bgr.shape)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -36,6 +35,16 @@ class LabPicture:
         """(H, W, 3) L*a*b*, valid within the window, (rows, columns)."""
         self._lab[window] = lab_of(self._image_bgr[window])
         return self._lab
+
+
+def _sparse_zeros(shape: tuple[int, ...]) -> Float32Array:
+    """Return zeros that take memory only in pages that are written to; NumPy's own come in huge pages where allowed."""
+    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
+    try:
+        memory = mmap.mmap(-1, 4 * math.prod(shape), flags=flags)
+    except OSError as error:
+        raise MemoryError(f"There is no memory for a picture of {shape} numbers.") from error
+    return np.frombuffer(memory, np.float32).reshape(shape)
 
 
 def lab_bytes(image_bgr: ImageArray) -> Float32Array:
