@@ -103,7 +103,7 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
 
 
 def _sheet(pair: RectifiedPair, marker: MarkerObservation | None) -> MaskArray:
-    """(H, W) what of the marker's sheet is seen; nothing without a marker."""
+    """Return the pixels (H, W) that show the marker's sheet; none without a marker."""
     if marker is None:
         return np.zeros(pair.shape, np.bool_)
     return shows_sheet(marker, plane_points(pair), pair.first_centre_mm)

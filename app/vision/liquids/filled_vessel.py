@@ -375,7 +375,7 @@ def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
 
 
 def _points_near(rim: Circle, points_table: Float32Array, beyond_mm: float = 0.0) -> Float32Array:
-    """Return the points (n, 3) within a square about the rim that reaches so far beyond it."""
+    """Return the points (n, 3) within a square about the rim that extends beyond_mm past it."""
     low, high = (rim.centre_mm + side * (rim.radius_mm + beyond_mm + 1.0) for side in (-1, 1))
     x, y = points_table[..., 0], points_table[..., 1]
     return np.asarray(points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])], np.float32)

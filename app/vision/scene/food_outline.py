@@ -116,9 +116,13 @@ def _recut(
 
 
 def _lost(mask: MaskArray, corrected: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
-    """(h, w) what a correction takes away by colour alone, where no height says that it is the support, nor a hole."""
+    """(h, w) what a correction takes away by colour alone, where no height says that it is the support, nor a hole.
+
+    Without heights a hole is known by its colour alone, as all else is.
+    """
     is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
-    return np.asarray(mask & ~filled(corrected) & ~is_support, np.bool_)
+    kept = filled(corrected) if np.isfinite(scene.height_mm[corrected]).any() else corrected
+    return np.asarray(mask & ~kept & ~is_support, np.bool_)
 
 
 def _is_tidied(mask: MaskArray, corrected: MaskArray, lost: MaskArray) -> bool:

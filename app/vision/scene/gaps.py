@@ -6,10 +6,11 @@ only fill it, never dig one: a low height in a gap counts whatever its window.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.vision.geometry.masks import components, dilated, distance_px, filled, inward_px, labelled, opened
 from app.vision.geometry.pictures import blurred
-from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
@@ -59,7 +60,10 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
 
 
 def open_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
-    """(H, W) those holes of a mask through which something much lower is seen: a ring's, not gloss."""
+    """(H, W) the holes of a mask whose heights lie well below the food around them: a ring's, not gloss.
+
+    In a food of which no height is measured all but small holes count: its colour alone shows them.
+    """
     own = height_mm[mask]
     own = own[np.isfinite(own)]
     holes = np.zeros(mask.shape, np.bool_)
@@ -97,9 +101,23 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[bins]
     nats = blurred(np.asarray(nats, np.float32), 1.5)
     labels, stats, middles = labelled(opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3))
+    return np.asarray(_are_of_ring(stats, middles, whole)[labels], np.bool_)
+
+
+def is_ring(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> bool:
+    """Return True if heights confirm a hole of the mask (H, W) that is as large and as central as a ring's.
+
+    The dip of a pack's window or of a bubble in bread is neither.
+    """
+    _, stats, middles = labelled(open_holes(mask, height_mm, pixel_mm))
+    return bool(_are_of_ring(stats, middles, filled(mask)).any())
+
+
+def _are_of_ring(stats: NDArray[np.int32], middles: Float64Array, whole: MaskArray) -> MaskArray:
+    """Return (n,) which parts, numbered from 1 as by labelled(), may be the hole of a ring that covers whole (H, W)."""
     area = float(np.count_nonzero(whole))
     middle = np.argwhere(whole).mean(axis=0)[::-1]
     off_middle = np.linalg.norm(middles - middle, axis=1) / np.sqrt(area / np.pi)
-    is_hole = (stats[:, 4] > HOLE_SHARE * area) & (off_middle < OFF_MIDDLE)
-    is_hole[0] = False
-    return np.asarray(is_hole[labels], np.bool_)
+    of_ring = (stats[:, 4] > HOLE_SHARE * area) & (off_middle < OFF_MIDDLE)
+    of_ring[0] = False
+    return np.asarray(of_ring, np.bool_)

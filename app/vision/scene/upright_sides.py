@@ -13,7 +13,7 @@ import numpy as np
 from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened, window_around
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.gaps import open_holes
+from app.vision.scene.gaps import is_ring
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
@@ -55,8 +55,10 @@ def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap
 
     is_gap: (h, w) gaps in the masks, which stay in them. A ring is round, however level its top looks.
     """
-    holes = [open_holes(mask & ~is_gap, scene.height_mm, scene.pixel_mm) for mask in masks]
-    tops = [None if hole.any() else flat_top(mask, scene, floor_mm) for mask, hole in zip(masks, holes, strict=True)]
+    tops = [
+        None if is_ring(mask & ~is_gap, scene.height_mm, scene.pixel_mm) else flat_top(mask, scene, floor_mm)
+        for mask in masks
+    ]
     levels = [0.0 if top is None else top.level_mm for top in tops]
     order = sorted(range(len(masks)), key=lambda each: -levels[each])
     taken = np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0)

@@ -115,6 +115,15 @@ def test_ring_has_no_upright_side_however_level_its_top(is_opened):
     assert np.array_equal(own, mask)
 
 
+def test_block_with_a_low_spot_beside_its_middle_has_its_side():
+    """Where parallax is wrong in the window of a pack, or a bubble opens in bread."""
+    top, side = block()
+    hole = np.linalg.norm(meets(TOP_MM) - (25.0, 12.0), axis=-1) < 8.0
+    scene = scene_of(np.where(hole, 2.0, np.where(top, TOP_MM, np.where(side, np.nan, 0.0))))
+    (mask,) = with_sides([top & ~hole], scene, 0.0, NO_GAP)
+    assert np.count_nonzero(mask & side) > 0.8 * np.count_nonzero(side)
+
+
 def two_coloured(height_left_mm, height_right_mm):
     """A block's top of two colours, whose outline is dented where they meet, and its scene."""
     top, side = block()
