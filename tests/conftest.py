@@ -73,7 +73,7 @@ def pytest_collection_modifyitems(items):
 
     Calls, pages and services are tested on SQLite among the others, on PostgreSQL among the slow ones: it halves what
     `make test` spends on them. Database, jobs and storage are tested on both. What does not depend on the database,
-    or whose statements others run on PostgreSQL (`same_on_both`), is tested on SQLite alone.
+    and tests whose statements others run on PostgreSQL (`same_on_both`), run on SQLite alone.
     """
     items[:] = [
         item for item in items if not (item.get_closest_marker("same_on_both") and _kind_of(item) == "postgres")

@@ -2,29 +2,32 @@
 
 import copy
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 from app.db.session import Database
 
-_filled: dict[Callable[[Database], Any], tuple[sqlite3.Connection, Any]] = {}
+_filled: dict[Hashable, tuple[sqlite3.Connection, Any]] = {}
 
 
-def fill_once(database: Database, fill: Callable[[Database], Any]) -> Any:
+def fill_once(database: Database, fill: Callable[[Database], Any], key: Hashable = None) -> Any:
     """Fill an empty, migrated database as `fill` does. Returns what it returned, a copy for each test.
+
+    key: the same for all that fill alike; None: `fill` itself.
 
     PostgreSQL, which has no copy into an open database, is filled anew.
     """
     path = database.write_engine.url.database
     if not database.is_sqlite or path is None:
         return fill(database)
-    if fill not in _filled:
+    key = key or fill
+    if key not in _filled:
         returned = fill(database)
         kept = sqlite3.connect(":memory:")
         _copy(path, lambda file: file.backup(kept))
-        _filled[fill] = (kept, returned)
+        _filled[key] = (kept, returned)
     else:
-        kept, returned = _filled[fill]
+        kept, returned = _filled[key]
         _copy(path, kept.backup)
     return copy.deepcopy(returned)
 

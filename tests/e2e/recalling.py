@@ -16,6 +16,7 @@ import tempfile
 from app.estimates.child_tasks import TASKS as REAL_TASKS
 
 ANSWER = "answer.json"  # beside the pictures
+WITHOUT_EFFECT = ("output_dir", "cores")  # on an estimate
 
 
 def estimate(request, on_stage):
@@ -39,12 +40,12 @@ def estimate(request, on_stage):
 
 
 def key_of(request):
-    """The digest of all that an estimate depends on: the files' bytes instead of their paths."""
+    """Return the digest of all that an estimate depends on: the files' bytes instead of their paths."""
 
     def by_content(value):
         if isinstance(value, dict):
-            return {name: by_content(each) for name, each in value.items() if name != "output_dir"}
-        if isinstance(value, str) and value.startswith("/"):
+            return {name: by_content(each) for name, each in value.items() if name not in WITHOUT_EFFECT}
+        if isinstance(value, str) and pathlib.Path(value).is_absolute() and pathlib.Path(value).is_file():
             return hashlib.sha256(pathlib.Path(value).read_bytes()).hexdigest()
         return value
 
@@ -63,7 +64,7 @@ def main():
     serving.WorkerProcess = functools.partial(
         serving.WorkerProcess, command=[sys.executable, "-m", "tests.e2e.recalling"]
     )
-    if sys.argv[1] == "--parent":  # what a server adds to its worker's command
+    if sys.argv[1:2] == ["--parent"]:  # what a server adds to its worker's command
         worker.main()
     else:
         tada()

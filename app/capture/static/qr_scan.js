@@ -19,7 +19,7 @@ const PARTS = [
   { size: 2 / 3, x: 1, y: 0.5 },
 ];
 
-/** What valueOf makes of the first QR code's text in a playing <video> for which it is not ""; null once isOpen() is false. */
+/** Return valueOf(text) of the first QR code in a playing <video> for which it is not empty; null once isOpen() is false. */
 export async function scan(video, valueOf, isOpen) {
   const canvas = document.createElement("canvas");
   for (let number = 0; isOpen(); number++) {

@@ -122,7 +122,6 @@ def test_upload_delay_is_the_meals_median(phone, state, client, admin, minutes, 
     assert found == pytest.approx(60 * median, abs=0.01)
 
 
-@pytest.mark.same_on_both
 def test_pages_lead_through_all_days_of_all_participants(enrol, state, client, admin):
     for code in ("P001", "P002", "P003"):
         enrol(code)

@@ -52,7 +52,6 @@ def test_every_list_of_the_issue_leaves_as_a_table_whose_columns_differ(app):
         assert len(set(names)) == len(names), path
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("output", ["csv", "ndjson"])
 def test_file_has_the_whole_list_however_long_its_pages(client, admin, enrol, output):
     codes = [f"P{number:03}" for number in range(7)]

@@ -2,8 +2,6 @@
 
 import random
 import uuid
-from dataclasses import dataclass, field
-from typing import Any
 
 import pytest
 import sqlalchemy as sa
@@ -57,36 +55,26 @@ class Chatter:
 
 @pytest.fixture
 def talked_over(phone, client, admin, state, request):
-    """Three days of meals, some with what was left, about which people have said this and that.
+    """Three days of meals, some with leftovers, which the participant and a reviewer edit and confirm.
 
-    Said once per seed and copied (SQLite), with the photographs and with the tokens of the phone and the admin.
+    They are made once per seed and copied (SQLite), with the photographs and the tokens of the phone and the admin.
     """
-    tokens, files = fill_once(state.database, _Talk(request.param, phone, client, admin, state))
+    folder = client.app.state.settings.data_dir
+
+    def fill(_database):
+        """Return the headers of the phone and of the admin, and the files by their path in the data folder."""
+        _talk(random.Random(request.param), phone, client, admin, state)
+        files = {path.relative_to(folder): path.read_bytes() for path in folder.glob("blobs/**/*") if path.is_file()}
+        return (dict(phone.headers), dict(admin)), files
+
+    tokens, files = fill_once(state.database, fill, key=("talked over", request.param))
     for headers, kept in zip((phone.headers, admin), tokens, strict=True):
         headers.update(kept)
     for path, content in files.items():
-        place = client.app.state.settings.data_dir / path
+        place = folder / path
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
     return phone
-
-
-@dataclass(frozen=True)
-class _Talk:
-    """Fills a database; equal to any other of its seed."""
-
-    seed: int
-    phone: Any = field(compare=False)
-    client: Any = field(compare=False)
-    admin: Any = field(compare=False)
-    state: Any = field(compare=False)
-
-    def __call__(self, database):
-        """Return the headers of the phone and of the admin, and the files by their path in the data folder."""
-        _talk(random.Random(self.seed), self.phone, self.client, self.admin, self.state)
-        folder = self.client.app.state.settings.data_dir
-        files = {path.relative_to(folder): path.read_bytes() for path in folder.glob("blobs/**/*") if path.is_file()}
-        return (self.phone.headers, self.admin), files
 
 
 def _talk(rng, phone, client, admin, state):

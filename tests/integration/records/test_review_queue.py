@@ -63,7 +63,6 @@ def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, clie
     assert [row["meal"] for row in queue()["items"]] == [kept.meal_id]
 
 
-@pytest.mark.same_on_both
 def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
     meals = {meal_of(phone, doubtful(sd)) for sd in (0.1, 0.1, 0.2, 0.3, 0.1)}
     page = queue(limit=2)
