@@ -2,7 +2,8 @@
 
 The page works offline: its service worker keeps all files of one version. Which files those are is not written down
 anywhere; the server lists them, and prepends the list to the worker's script, so that the script changes with any file
-and browsers notice the new version.
+and browsers notice the new version. Before the script are also the texts of notifications, which are shown without a
+network.
 """
 
 import hashlib
@@ -22,6 +23,7 @@ from app.http.public_files import PublicFiles
 PATH = "/capture"
 STATIC = Path(__file__).parent / "static"
 SERVICE_WORKER = "service-worker.js"
+OF_NOTIFICATIONS = re.compile("title|remind_.*")  # keys of texts
 MODULE_NAME = re.compile(r"\w+\.js")
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; media-src 'self' blob:; "
@@ -71,7 +73,7 @@ def client_folder() -> Path:
 
 @cache
 def service_worker() -> bytes:
-    """Return the service worker's script, with the files that it keeps and their common version as `SHELL`."""
+    """Return the service worker's script, with its files, their common version and its texts as `SHELL`."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*")}
     files |= {f"client/{path.relative_to(client_folder()).as_posix()}": path for path in client_folder().rglob("*.js")}
     kept = {
@@ -84,5 +86,14 @@ def service_worker() -> bytes:
     for name, path in kept.items():
         version.update(name.encode() + b"\0" + path.read_bytes())
     names = ["" if name == "index.html" else name for name in kept]
-    shell = json.dumps({"version": version.hexdigest()[:16], "files": names})
+    shell = json.dumps({"version": version.hexdigest()[:16], "files": names, "texts": _notification_texts()})
     return f"const SHELL = {shell};\n".encode() + script
+
+
+def _notification_texts() -> dict[str, dict[str, str]]:
+    """Return the texts of notifications by language and key."""
+    texts = {path.stem: json.loads(path.read_bytes()) for path in sorted((STATIC / "texts").glob("*.json"))}
+    return {
+        language: {key: text for key, text in by_key.items() if OF_NOTIFICATIONS.fullmatch(key)}
+        for language, by_key in texts.items()
+    }

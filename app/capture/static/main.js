@@ -30,7 +30,7 @@ store.onChange(send);
 if ("serviceWorker" in navigator) {
   await navigator.serviceWorker.register("service-worker.js", { type: "module" }).catch(() => {}); // an old browser: no offline start
 }
-await show();
+await show().catch(showError);
 renew();
 await send();
 
@@ -86,9 +86,10 @@ async function renew() {
   await renewReminders(registration).catch(() => {});
 }
 
+// Without texts, or a store, the error is shown as it is: a rejection here would be the next one to show.
 async function showError(error) {
   const alert = document.querySelector("#error");
-  const t = await textsOf(await store.phone());
-  alert.textContent = sentenceOf(error, t);
+  const t = await store.phone().then(textsOf).catch(() => null);
+  alert.textContent = t ? sentenceOf(error, t) : error.message;
   alert.hidden = false;
 }

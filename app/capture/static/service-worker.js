@@ -1,11 +1,11 @@
 // Keeps the page's files, so that it opens offline, sends what waits when the network is back and no tab is open, shows
 // reminders, and renews their subscription.
-// The server puts `const SHELL = {version, files}` before this script (app/capture/files.py).
+// The server puts `const SHELL = {version, files, texts}` before this script (app/capture/files.py).
 
 import { renewReminders } from "./reminders.js";
 import { sendWaiting } from "./sender.js";
 import * as store from "./store.js";
-import { bestLanguage, loadTexts } from "./texts.js";
+import { bestLanguage } from "./texts.js";
 
 const CACHE = `tada-capture-${SHELL.version}`;
 const SCOPE = new URL(self.registration.scope);
@@ -28,9 +28,12 @@ self.addEventListener("notificationclick", (event) => {
   event.waitUntil(openPage(event.notification.data.address));
 });
 
-// A message says only of what kind it is; the words are this page's.
+// A message says only of what kind it is; the texts are this page's. They are a part of this script, and the store may
+// fail: a browser ends the subscription of a page that shows nothing.
 async function remind({ kind }) {
-  const t = await loadTexts(bestLanguage([(await store.phone())?.locale, ...navigator.languages]));
+  const phone = await store.phone().catch(() => null);
+  const texts = SHELL.texts[bestLanguage([phone?.locale, ...navigator.languages])];
+  const t = (key) => texts[key];
   const isAfter = kind === "after_meal";
   await self.registration.showNotification(t("title"), {
     body: t(isAfter ? "remind_after_meal" : "remind_meal"),

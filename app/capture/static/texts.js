@@ -11,13 +11,22 @@ export function bestLanguage(wishes) {
 
 /** Load a language. Returns t(key, {name: value}), which replaces {name} in the text. */
 export async function loadTexts(language) {
-  if (!loaded.has(language)) loaded.set(language, fetch(new URL(`texts/${language}.json`, import.meta.url)).then((response) => response.json()));
-  const texts = await loaded.get(language);
-  if (globalThis.document) document.documentElement.lang = language; // not in the service worker
+  if (!loaded.has(language)) loaded.set(language, readTexts(language));
+  const texts = await loaded.get(language).catch((error) => {
+    loaded.delete(language); // the next call asks the server again
+    throw error;
+  });
+  document.documentElement.lang = language;
   return (key, values = {}) => {
     if (!(key in texts)) throw new Error(`There is no text ${key} in ${language}.`);
     return texts[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
   };
+}
+
+async function readTexts(language) {
+  const response = await fetch(new URL(`texts/${language}.json`, import.meta.url));
+  if (!response.ok) throw new Error(`The server does not give the texts in ${language} (${response.status}).`);
+  return response.json();
 }
 
 /**

@@ -76,3 +76,15 @@ def test_form_that_is_sent_without_its_button_joins_too(open_phone):
     tab.page.evaluate('document.querySelector("form").requestSubmit()')
     tab.page.get_by_text("This code is not valid").wait_for()
     expect(tab.page.get_by_role("button", name="Join", exact=True)).to_be_enabled()
+
+
+def test_texts_that_the_server_could_not_give_are_asked_for_again(open_phone):
+    tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
+    tab.expect("status of 503|Service Worker registration blocked")
+    busy = {"status": 503, "json": {"code": "busy", "detail": "Busy."}, "content_type": "application/problem+json"}
+    tab.page.route("**/texts/en.json", lambda route: route.fulfill(**busy), times=2)  # of the page, and of its error
+    tab.goto("/capture/")
+    tab.page.get_by_text("The server does not give the texts in en (503).").wait_for()
+    tab.page.evaluate('location.hash = "another"')
+    tab.page.get_by_role("button", name="Scan the card").wait_for()
+    expect(tab.page.locator("#error")).to_be_hidden()

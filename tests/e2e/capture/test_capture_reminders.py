@@ -131,10 +131,12 @@ def test_reminders_are_turned_on_set_shown_and_turned_off(served, open_phone):
     while not registrations:
         page.wait_for_timeout(50)
     message = {"origin": served.address, "registrationId": registrations[0]["registrationId"]}
+    served.server.kill()  # the message comes from the push service, also while the server is away
     worker.send("ServiceWorker.deliverPushMessage", message | {"data": '{"kind": "after_meal"}'})
-    while not (shown := page.evaluate(NOTIFICATIONS)):
-        page.wait_for_timeout(50)
-    (notification,) = shown
+    wait_until(lambda: page.evaluate(NOTIFICATIONS), "a notification")
+    served.server.start()
+    served.server.wait_until_ready()
+    (notification,) = page.evaluate(NOTIFICATIONS)
     assert notification["body"].startswith("Please photograph what is left")
     assert (notification["tag"], notification["address"]) == ("after_meal", "#meals")
 

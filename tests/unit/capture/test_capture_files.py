@@ -1,5 +1,6 @@
 """The capture page's files over HTTP: headers, the client's modules, the service worker, and nothing besides."""
 
+import json
 import re
 
 import pytest
@@ -57,6 +58,13 @@ def test_service_worker_keeps_every_file_that_the_page_can_ask_for(client):
     assert {"", "main.js", "client/index.js", "texts/zh.json", "live/frame_worker.js"} <= set(names)
     for name in names:
         assert client.get(f"{PATH}/{name}").status_code == 200, name
+
+
+@pytest.mark.parametrize("path", sorted((STATIC / "texts").glob("*.json")), ids=lambda path: path.stem)
+def test_service_worker_holds_the_texts_of_notifications_in_every_language(path):
+    shell = json.loads(service_worker().decode().partition(" = ")[2].partition(";\n")[0])
+    texts = json.loads(path.read_text(encoding="utf-8"))
+    assert shell["texts"][path.stem] == {key: texts[key] for key in ("title", "remind_meal", "remind_after_meal")}
 
 
 def test_changed_file_gives_another_version_of_the_service_worker(tmp_path, monkeypatch):
