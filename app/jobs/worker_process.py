@@ -27,6 +27,7 @@ from app.jobs.times import WorkerTimes
 
 log = structlog.get_logger()
 
+CHORES_SECONDS = 5.0  # for what chores do at the end
 END_SECONDS = 10.0  # the process exits so long after a signal, even if something hangs
 
 MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases[ResultT]]
@@ -80,6 +81,7 @@ def run_jobs(
     chores.stop(0.0)  # a chore in progress may end while jobs do
     worker.drain()
     pool.close()
+    chores.stop(CHORES_SECONDS)
     if not worker.stop():
         _end_now(0)
     database.dispose()

@@ -57,13 +57,9 @@ def worker_chores(
     files = FileProcess(database, settings)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
-    reminders = (
-        [Chore("send_reminders", 20.0, SendReminders(database, box, post, settings.push_contact).run)]
-        if settings.push_contact is not None
-        else []
-    )
+    reminders = [] if settings.push_contact is None else [SendReminders(database, box, post, settings.push_contact)]
     return [
-        *reminders,
+        *(Chore("send_reminders", 20.0, each.run, at_end=each.stop) for each in reminders),
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),

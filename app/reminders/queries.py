@@ -61,6 +61,24 @@ def remove_subscription(session: Session, device_id: uuid.UUID, endpoint: str | 
     return session.execute(query.returning(PushSubscription.device_id)).first() is not None
 
 
+def move_back(session: Session, moved: PushSubscription, column: str, before: datetime | None) -> None:
+    """Give a column of a subscription its former value, if it still has the one that it was moved on to."""
+    is_unchanged = getattr(PushSubscription, column).is_not_distinct_from(getattr(moved, column))
+    of_phone = PushSubscription.device_id == moved.device_id
+    session.execute(sa.update(PushSubscription).where(of_phone, is_unchanged).values({column: before}))
+
+
+def lock_device(session: Session, device_id: uuid.UUID) -> None:
+    """Lock a phone until commit: of two first subscriptions at once the second waits, and then changes the first."""
+    session.execute(sa.select(Device.id).where(Device.id == device_id).with_for_update(key_share=True))
+
+
+def remove_same_browser(session: Session, device_id: uuid.UUID, endpoint: str, auth: str) -> None:
+    """Remove other devices' subscriptions of a browser: the former person's, whose sign-out may not have arrived."""
+    of_browser = sa.and_(PushSubscription.endpoint == endpoint, PushSubscription.auth == auth)  # its secrets
+    session.execute(sa.delete(PushSubscription).where(of_browser, PushSubscription.device_id != device_id))
+
+
 def _of_phones() -> sa.Select[PushSubscription, list[str] | None]:
     return (
         sa.select(PushSubscription, Study.reminder_times)

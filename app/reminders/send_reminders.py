@@ -1,12 +1,14 @@
 """Send what is due, once: a reminder that the push service does not take is not repeated, since it would come late.
 
 A worker's chore moves each subscription on before it sends, in one transaction, so that of two workers one reminds.
-Sending has a thread of its own, so that a slow push service delays no other chore.
+Sending has a thread of its own, so that a slow push service delays no other chore. A worker that ends moves back what
+it has not begun to send, for another one.
 """
 
 import asyncio
 import json
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -33,13 +35,18 @@ LATE = timedelta(minutes=30)  # a reminder that is later, since no worker ran, i
 BEFORE_END = timedelta(minutes=30)  # of an after-meal window
 LOOK_AGAIN = timedelta(days=1)  # at a phone whose time zone is not known here
 KEPT_SECONDS = 30 * 60  # by the push service, for a phone that is off
+END_SECONDS = 4.0  # for messages under way when the worker ends
 GONE = frozenset({404, 410})  # RFC 8030, section 7.3: the browser has unsubscribed
+COLUMNS: dict[Kind, str] = {"meal": "next_at", "after_meal": "after_reminded_at"}
 
 
 @dataclass(frozen=True, slots=True)
 class _Message:
+    """subscription: moved on. before: the value of the column that says when it is due, before it was moved on."""
+
     subscription: PushSubscription
     kind: Kind
+    before: datetime | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +72,15 @@ class SendReminders:
         self._database, self._post, self._contact, self._now = database, post, contact, now
         self._key = VapidKey(box)
         self._sending: threading.Thread | None = None
+        self._waiting: deque[_Message] = deque()  # moved on, not yet begun
+        self._is_ending = False
 
     def run(self) -> int:
         """Start to send what is due, batch after batch. Returns the number of messages of the first batch.
 
         While an earlier run is sending, nothing is started: 0.
         """
-        if self._sending is not None and self._sending.is_alive():
+        if self._is_ending or (self._sending is not None and self._sending.is_alive()):
             return 0
         batch = self._take_due()
         if batch.messages or batch.is_full:
@@ -84,6 +93,12 @@ class SendReminders:
         if self._sending is not None:
             self._sending.join(seconds)
 
+    def stop(self) -> None:
+        """Begin no further message, move back what waits, and wait a little for messages under way."""
+        self._is_ending = True
+        self._move_back_waiting()
+        self.wait_until_idle(END_SECONDS)
+
     def _take_due(self) -> _Batch:
         now = self._now()
         messages: list[_Message] = []
@@ -91,20 +106,22 @@ class SendReminders:
         with self._database.write() as session:
             due = queries.due(session, now, BATCH)
             for row, study_times in due:
-                is_late = row.next_at is not None and row.next_at < now - LATE
+                before = row.next_at
+                is_late = before is not None and before < now - LATE
                 late += is_late
                 if _schedule(row, study_times, now) and not is_late:
-                    messages.append(_Message(row, "meal"))
+                    messages.append(_Message(row, "meal", before))
             unscheduled = queries.unscheduled(session, BATCH)
             for row, study_times in unscheduled:
                 _schedule(row, study_times, now)
             ending = queries.windows_ending(session, now, now + BEFORE_END, BATCH)
             for row, ends_at in ending:
-                is_first = row.after_reminded_at is None or row.after_reminded_at < ends_at  # of several meals
-                row.after_reminded_at = max(row.after_reminded_at or ends_at, ends_at)
+                before = row.after_reminded_at
+                is_first = before is None or before < ends_at  # of several meals
+                row.after_reminded_at = max(before or ends_at, ends_at)
                 zone = _zone(row)
                 if is_first and zone is not None and not is_quiet_for(row, now.astimezone(zone).time()):
-                    messages.append(_Message(row, "after_meal"))
+                    messages.append(_Message(row, "after_meal", before))
             session.flush()
             session.expunge_all()
         if late:
@@ -132,17 +149,24 @@ class SendReminders:
         async with self._post.kept_connections() as send:
             try:
                 for _ in range(MAX_BATCHES):
-                    for message in batch.messages:
+                    self._waiting.extend(batch.messages)
+                    while self._waiting and not self._is_ending:
                         await free.acquire()
+                        message = self._next_waiting()
+                        if message is None:  # stop() has moved them back
+                            break
                         task = asyncio.create_task(self._send(message, send, authorizations))
                         under_way.add(task)
                         task.add_done_callback(end)
-                    if not batch.is_full:
+                    if not batch.is_full or self._is_ending:
                         break
                     batch = await asyncio.to_thread(self._take_due)
             finally:  # whatever fails, these rows have been moved on
-                if under_way:
-                    await asyncio.wait(under_way)
+                try:
+                    await asyncio.to_thread(self._move_back_waiting)
+                finally:
+                    if under_way:
+                        await asyncio.wait(under_way)
 
     async def _send(self, message: _Message, send: AsyncSend, authorizations: dict[str, str]) -> None:
         row = message.subscription
@@ -162,6 +186,23 @@ class SendReminders:
             await asyncio.to_thread(self._remove, row)
         if not answer.is_success:
             log.warning("reminder_not_sent", kind=message.kind, status=answer.status, error=answer.error)
+
+    def _next_waiting(self) -> _Message | None:
+        """Return a message that nobody else will: the sending thread and stop() both take them."""
+        try:
+            return self._waiting.popleft()
+        except IndexError:
+            return None
+
+    def _move_back_waiting(self) -> None:
+        """Make due again what waits to be sent, where the phone has not changed its subscription meanwhile."""
+        messages = list(iter(self._next_waiting, None))
+        if not messages:
+            return
+        with self._database.write() as session:
+            for message in messages:
+                queries.move_back(session, message.subscription, COLUMNS[message.kind], message.before)
+        log.info("reminders_moved_back", count=len(messages))
 
     def _remove(self, row: PushSubscription) -> None:
         with self._database.write() as session:

@@ -54,6 +54,8 @@ def subscribe(database: Database, caller: DeviceCaller, wanted: ReminderSettings
     with database.write() as session:
         require_in_study(session, caller.participant_id)
         study = session.get_one(Study, caller.study_id)
+        queries.lock_device(session, caller.device_id)
+        queries.remove_same_browser(session, caller.device_id, wanted.endpoint, wanted.auth)
         row = session.get(PushSubscription, caller.device_id)
         if row is None:
             row = PushSubscription(device_id=caller.device_id, created_at=now)

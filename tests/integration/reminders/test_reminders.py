@@ -1,9 +1,11 @@
 """Reminders: a phone subscribes, a worker reminds it at its times, and the push service's answers are heeded."""
 
 import asyncio
+import contextlib
 import itertools
 import json
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from urllib.parse import urlsplit
 
@@ -16,13 +18,13 @@ from app.core.settings import Settings
 from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox
 from app.people.models import PushSubscription
-from app.reminders import queries, send_reminders
+from app.reminders import queries, send_reminders, subscriptions
 from app.reminders.send_reminders import LATE, LOOK_AGAIN, SendReminders
 from app.reminders.web_push import VapidKey, text_of
 from app.webhooks.webhook_post import WebhookPost
 from tests.photographs import pair
 from tests.push_services import Browser, claims_of
-from tests.waiting import PATIENCE_SECONDS
+from tests.waiting import PATIENCE_SECONDS, wait_until
 
 CONTACT = "mailto:study@example.org"
 PATH = "/v1/me/reminders"
@@ -72,10 +74,16 @@ def clock():
 
 
 @pytest.fixture
-def remind(state, service, clock):
-    """Run the worker's chore at the clock's time, until all is sent."""
+def make_sender(state, service, clock):
+    """Return a worker's chore that sends to the push service at the clock's time."""
     post = WebhookPost(allow_loopback=False, resolve=lambda *_: ["93.184.215.14"], transport=service)
-    sender = SendReminders(state.database, state.part(SecretBox), post, CONTACT, now=lambda: clock[0])
+    return lambda: SendReminders(state.database, state.part(SecretBox), post, CONTACT, now=lambda: clock[0])
+
+
+@pytest.fixture
+def remind(make_sender, clock):
+    """Run the worker's chore at the clock's time, until all is sent."""
+    sender = make_sender()
 
     def remind(at=None):
         clock[0] = at or clock[0]
@@ -86,10 +94,11 @@ def remind(state, service, clock):
     return remind
 
 
-def wanted(browser, **changes):
+def wanted(browser, number=0, **changes):
+    """Settings of a phone. number: of the endpoint, where several phones have a browser with the same keys."""
     keys = {"p256dh": text_of(browser.receiver.public_key), "auth": text_of(browser.receiver.auth)}
     return {
-        "subscription": {"endpoint": ENDPOINT, "keys": keys},
+        "subscription": {"endpoint": f"{ENDPOINT}{number or ''}", "keys": keys},
         "times": ["12:30", "18:00"],
         "time_zone": "Europe/Berlin",
     } | changes
@@ -232,8 +241,8 @@ def test_subscription_that_was_made_before_the_study_had_times_gets_them(phone, 
 
 def test_earlier_time_of_the_study_holds_at_once_and_own_times_stay(enrol, client, admin, browser, state, remind):
     follower, other = (enrol(participant, reminder_times=["18:00"]) for participant in ("P01", "P02"))
-    follower.put(PATH, json=wanted(browser, times=None))
-    other.put(PATH, json=wanted(browser, times=["18:00"]))
+    follower.put(PATH, json=wanted(browser, 1, times=None))
+    other.put(PATH, json=wanted(browser, 2, times=["18:00"]))
     planned = [row.next_at for row in subscriptions_of(state)]
     set_times(client, admin, "12:30")
     remind(MORNING)
@@ -248,7 +257,7 @@ def test_phones_whose_quiet_hours_cover_all_times_hold_no_other_up(
     monkeypatch.setattr(send_reminders, "BATCH", 1)
     for number in range(3):
         quiet = {"quiet_from": "12:00", "quiet_until": "13:00"} if number < 2 else {}
-        enrol(f"P{number}").put(PATH, json=wanted(browser, times=None, **quiet))
+        enrol(f"P{number}").put(PATH, json=wanted(browser, number, times=None, **quiet))
     set_times(client, admin, "12:30")
     for _ in range(3):
         assert remind(MORNING) == 0
@@ -259,7 +268,7 @@ def test_phones_whose_quiet_hours_cover_all_times_hold_no_other_up(
 def test_one_run_reminds_all_that_are_due_however_many(enrol, browser, state, service, remind, monkeypatch):
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(5):
-        enrol(f"P{number}").put(PATH, json=wanted(browser))
+        enrol(f"P{number}").put(PATH, json=wanted(browser, number))
     with state.database.write() as session:
         for row in session.query(PushSubscription):
             row.next_at = MORNING
@@ -274,7 +283,7 @@ def test_messages_under_way_are_sent_though_the_next_rows_cannot_be_read(
 ):
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(3):
-        enrol(f"P{number}").put(PATH, json=wanted(browser))
+        enrol(f"P{number}").put(PATH, json=wanted(browser, number))
     with state.database.write() as session:
         for row in session.query(PushSubscription):
             row.next_at = MORNING
@@ -296,10 +305,60 @@ def test_messages_under_way_are_sent_though_the_next_rows_cannot_be_read(
     assert service.answers == 3
 
 
+def test_worker_that_ends_leaves_what_it_has_not_begun_to_another(
+    enrol, browser, state, service, make_sender, clock, monkeypatch
+):
+    monkeypatch.setattr(send_reminders, "AT_ONCE", 2)
+    noon = clock[0] = MORNING.replace(hour=12)
+    phones = [enrol(f"P{number}", expects_after_pair=True, after_window_minutes=30) for number in range(5)]
+    for number, phone in enumerate(phones):
+        phone.put(PATH, json=wanted(browser, number))
+    phones[0].post(pair(), captured_at="2026-11-27T11:45:00Z", time_zone="Europe/London")
+    with state.database.write() as session:
+        for row in session.query(PushSubscription):
+            row.next_at = noon
+    service.may_answer.clear()
+    ending = make_sender()
+    ending.run()
+    wait_until(lambda: len(service.requests) == 2, "two messages under way")
+    threading.Timer(0.1, service.may_answer.set).start()
+    ending.stop()
+    assert service.answers == len(service.requests) == 2
+    assert ending.run() == 0
+    assert [row.next_at for row in subscriptions_of(state)].count(noon) == 3
+    other = make_sender()
+    assert other.run() == 4
+    other.wait_until_idle(PATIENCE_SECONDS)
+    kinds = [json.loads(browser.read(request.content))["kind"] for request in service.requests]
+    assert (kinds.count("meal"), kinds.count("after_meal")) == (5, 1)
+    assert make_sender().run() == 0
+
+
+def test_what_a_phone_changed_meanwhile_is_not_moved_back(enrol, browser, state, service, make_sender, monkeypatch):
+    monkeypatch.setattr(send_reminders, "AT_ONCE", 1)
+    phones = [enrol(f"P{number}") for number in range(2)]
+    for number, phone in enumerate(phones):
+        phone.put(PATH, json=wanted(browser, number))
+    with state.database.write() as session:
+        for row in session.query(PushSubscription):
+            row.next_at = MORNING
+    service.may_answer.clear()
+    ending = make_sender()
+    ending.run()
+    wait_until(lambda: len(service.requests) == 1, "a message under way")
+    for number, phone in enumerate(phones):
+        phone.put(PATH, json=wanted(browser, number, times=["20:15"]))
+    expected = [row.next_at for row in subscriptions_of(state)]
+    threading.Timer(0.1, service.may_answer.set).start()
+    ending.stop()
+    assert [row.next_at for row in subscriptions_of(state)] == expected
+    assert MORNING not in expected
+
+
 def test_late_reminders_are_counted_and_do_not_end_the_run(enrol, browser, state, service, remind, monkeypatch):
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(3):
-        enrol(f"P{number}").put(PATH, json=wanted(browser))
+        enrol(f"P{number}").put(PATH, json=wanted(browser, number))
     with state.database.write() as session:
         for number, row in enumerate(session.query(PushSubscription)):
             row.next_at = MORNING if number == 2 else MORNING - LATE - timedelta(minutes=1)
@@ -311,9 +370,9 @@ def test_late_reminders_are_counted_and_do_not_end_the_run(enrol, browser, state
 
 def test_unknown_time_zone_stops_nobody_elses_reminders(enrol, browser, state, remind):
     at = MORNING + timedelta(minutes=31)  # within the last half hour of both meals' windows
-    for participant in ("P01", "P02"):
-        phone = enrol(participant, expects_after_pair=True, after_window_minutes=120)
-        phone.put(PATH, json=wanted(browser))
+    for number in range(2):
+        phone = enrol(f"P{number}", expects_after_pair=True, after_window_minutes=120)
+        phone.put(PATH, json=wanted(browser, number))
         phone.post(pair(), captured_at="2026-11-27T07:00:00Z", time_zone="Europe/London")
     with state.database.write() as session:
         lost, _ = rows = session.query(PushSubscription).all()
@@ -365,6 +424,33 @@ def test_signed_out_phone_is_reminded_no_more(phone, browser, state, client, rem
     client.delete("/v1/me/device", headers=phone.headers)
     assert subscription_of(state) is None
     assert remind(MORNING.replace(hour=11, minute=30)) == 0
+
+
+def test_browser_that_joins_for_somebody_else_is_reminded_of_the_new_person_alone(enrol, browser, state, remind):
+    """The former person's sign-out may not have arrived."""
+    former, new, elsewhere = (enrol(f"P{number}") for number in range(3))
+    former.put(PATH, json=wanted(browser))
+    elsewhere.put(PATH, json=wanted(Browser()))  # the same endpoint without that browser's secret
+    new.put(PATH, json=wanted(browser))
+    assert len(subscriptions_of(state)) == 2
+    assert not former.get(PATH).json()["subscribed"]
+    assert elsewhere.get(PATH).json()["subscribed"]
+
+
+def test_first_subscriptions_of_a_phone_at_once_make_one(phone, browser, state, monkeypatch):
+    both = threading.Barrier(2)
+
+    def next_at_when_both_are_there(*arguments):
+        with contextlib.suppress(threading.BrokenBarrierError):  # the second one waits for the first one's commit
+            both.wait(0.5)
+        return next_at(*arguments)
+
+    next_at = subscriptions.next_at
+    monkeypatch.setattr(subscriptions, "next_at", next_at_when_both_are_there)
+    with ThreadPoolExecutor(2) as pool:
+        answers = list(pool.map(lambda _: phone.put(PATH, json=wanted(browser)).status_code, range(2)))
+    assert answers == [200, 200]
+    assert len(subscriptions_of(state)) == 1
 
 
 @pytest.mark.parametrize("policy", ["keep", "anonymise", "erase"])
