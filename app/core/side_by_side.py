@@ -2,7 +2,8 @@
 
 A forked process does the work and sends its result through a pipe. Results never depend on the number of cores: what
 the forked process does not answer, because it raised, died or could not be started, is done here instead. It dies with
-this process. Only on Linux, and only while this process has no other thread, which might hold a lock at the fork.
+this process. Only on Linux, only while this process has no other thread, which might hold a lock at the fork, and not
+where SIGCHLD is ignored, since the kernel then gives a process's number away before it is waited for.
 """
 
 import contextlib
@@ -58,7 +59,10 @@ def mapped(function: Callable[[ItemT], ResultT], items: Sequence[ItemT], cores: 
     if cores < 2 or len(items) < 2 or not may_fork():
         return [function(item) for item in items]
     with contextlib.ExitStack() as stack:
-        queue = stack.enter_context(_queue_of(len(items)))
+        try:
+            queue = stack.enter_context(_queue_of(len(items)))
+        except OSError:  # no descriptor is free
+            return [function(item) for item in items]
 
         def work() -> dict[int, ResultT]:
             return {place[0]: function(items[place[0]]) for place in iter(lambda: os.read(queue, 1), b"")}
@@ -72,8 +76,9 @@ def mapped(function: Callable[[ItemT], ResultT], items: Sequence[ItemT], cores: 
 
 
 def may_fork() -> bool:
-    """Return whether this process can be forked safely."""
-    return sys.platform == "linux" and threading.active_count() == 1
+    """Return whether this process can be forked safely, and waits for its children itself."""
+    is_reaping = sys.platform == "linux" and signal.getsignal(signal.SIGCHLD) is not signal.SIG_IGN
+    return is_reaping and threading.active_count() == 1
 
 
 @contextlib.contextmanager
@@ -91,7 +96,10 @@ def _queue_of(count: int) -> Iterator[int]:
 def _fork(work: Callable[[], object]) -> tuple[int, int] | None:
     """The id of a process that does the work, and the pipe in which it answers; None if there is no room for it."""
     here, seconds_used = os.getpid(), time.process_time()
-    reading, writing = os.pipe()
+    try:
+        reading, writing = os.pipe()
+    except OSError:
+        return None
     try:
         process = os.fork()
     except OSError:

@@ -122,6 +122,27 @@ def test_process_with_another_thread_is_not_forked():
     """) == [True] * 4  # fmt: skip
 
 
+def test_process_whose_children_the_kernel_reaps_is_not_forked():
+    """As of a program that was started where SIGCHLD is ignored: it could not wait for them."""
+    results = result_of("""
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+        with beside(os.getpid, 2) as other:
+            beside_here = other() == HERE
+        print(json.dumps([beside_here, [made == HERE for made in mapped(lambda _: os.getpid(), range(4), 2)]]))
+    """)
+    assert results == [True, [True] * 4]
+
+
+@pytest.mark.parametrize("free", [0, 1, 2, 3])
+def test_work_is_done_here_where_descriptors_are_short(free):
+    results = result_of(f"""
+        used = len(os.listdir("/proc/self/fd")) - 1  # less the listing's own
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used + {free}, used + {free}))
+        print(json.dumps(mapped(lambda item: 2 * item, range(4), 2)))
+    """)
+    assert results == [0, 2, 4, 6]
+
+
 def test_forked_process_dies_with_its_parent():
     program = """
         with beside(lambda: time.sleep(3600), 2):
