@@ -130,6 +130,7 @@ def _fallbacks(
 def _run(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> _Run:
     outcome = _run_steps(pair, options, trace)
     is_doubtful = _may_be_measured_alone(pair, options) or not _is_confirmed(outcome)
+    is_doubtful |= options.method == "paper-strict"  # whose F the marker's plane alone leaves open
     if trace.matches is not None and trace.is_by_marker_alone and is_doubtful:
         outcome = too_few_matches(trace.matches.beside_board)
         trace.items, trace.printed = [], None

@@ -3,7 +3,7 @@
 Fits of one food -> volume, 90 % interval, the likeliest form's closed shape and slices.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -65,12 +65,13 @@ def average_forms(
     return log_normal_volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
 
 
-def likely_fits(fits: Sequence[FormFit]) -> list[FormFit]:
-    """Return the fits whose weight is not negligible, the best first."""
+def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) -> list[FormFit]:
+    """Return the fits whose weight is not negligible or whose family a hint names, the best first."""
     if not fits:
         return []
     log_evidence, _ = _log_evidence(fits, TUNING.temper)
-    return [fit for fit, value in zip(fits, log_evidence.tolist(), strict=True) if value > np.log(TUNING.least_weight)]
+    is_likely = log_evidence > np.log(TUNING.least_weight)
+    return [fit for fit, likely in zip(fits, is_likely, strict=True) if likely or fit.form.name in hinted_families]
 
 
 def _log_evidence(fits: Sequence[FormFit], temper: float) -> tuple[Float64Array, float]:

@@ -262,7 +262,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     if food.is_single:
         return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None)))
+    fits = _settled(food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None), hinted_families))
     for runner_up in fits[1:2]:
         # What is measured along a form favours it: one that does better along itself is the better one.
         own = _pass(food, [runner_up], None)
@@ -276,18 +276,25 @@ def _coarse_fits(food: _Food, forms: Sequence[Form], hinted_families: Collection
 
     In a single view all families are fitted from both starts, since one outline hardly tells them apart.
     """
-    starts_by_family = [
+    starts_by_family: list[Sequence[FormAt]] = [
         starts for starts in mapped(lambda form: begin_fit(form, food.seen), forms, food.cores) if starts
     ]
-    starts_by_family.sort(key=lambda starts: starts[0].cost())
     if not food.is_single:
-        starts_by_family = [
-            starts[:1]
-            for number, starts in enumerate(starts_by_family)
-            if number < TUNING.kept_coarse or starts[0].form.name in hinted_families
-        ]
+        starts_by_family = nearest_starts(starts_by_family, hinted_families)
     fitted = mapped(lambda starts: _best_coarse_fit(starts, food.seen), starts_by_family, food.cores)
     return sorted((fit for fit in fitted if fit is not None), key=lambda fit: fit.cost)
+
+
+def nearest_starts(
+    starts_by_family: Sequence[Sequence[FormAt]], hinted_families: Collection[str]
+) -> list[Sequence[FormAt]]:
+    """Return the best start of each of the nearest forms, and of those whose family a hint names, nearest first."""
+    ranked = sorted(starts_by_family, key=lambda starts: starts[0].cost())
+    return [
+        starts[:1]
+        for number, starts in enumerate(ranked)
+        if number < TUNING.kept_coarse or starts[0].form.name in hinted_families
+    ]
 
 
 def begin_fit(form: Form, seen: Seen) -> list[FormAt]:

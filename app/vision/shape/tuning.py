@@ -39,7 +39,7 @@ class FormTuning:
     rounds: int = 10  # rounds of a fine fit
     top_quantile: float = 0.98  # of the points' heights: strays lie above it
     margin_px: int = 25  # around a food's mask
-    kept_coarse: int = 5  # families nearest after the wide fit, which are fitted coarsely
+    kept_coarse: int = 5  # forms nearest after the wide fit, which are fitted coarsely; a family may begin twice
     kept: int = 4  # families that are fitted finely
     kept_ratio: float = 2.0  # of the best family's cost: one that fits so much worse coarsely is not fitted finely
     least_weight: float = 1e-4  # of a family in the average: below it, a family is fitted no further

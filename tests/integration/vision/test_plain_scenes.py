@@ -32,6 +32,13 @@ def test_plain_meal_is_measured_by_its_marker_alone(shared_data, name):
     assert estimate.parameters["pose_matches"] == 0
 
 
+def test_method_that_needs_matches_measures_nothing_by_the_marker_alone(shared_data):
+    scene = load_scene(shared_data, "apple-1")
+    estimate = estimate_meal(scene.pair, EstimateOptions(scene.spec, scene.camera, method="paper-strict"))
+    assert estimate.failure.code == "too_few_matches"
+    assert estimate.items == ()
+
+
 @pytest.mark.parametrize("names", [("meal-04", "hard-02-pale"), ("apple-1", "pear-1")])
 def test_photographs_of_two_plain_meals_are_not_measured(shared_data, names):
     left, right = (load_scene(shared_data, name) for name in names)

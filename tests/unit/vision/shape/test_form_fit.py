@@ -30,7 +30,7 @@ from app.vision.shape.forms import (
     X,
     Y,
 )
-from app.vision.shape.shape import begin_fit
+from app.vision.shape.shape import begin_fit, nearest_starts
 from app.vision.shape.surface_match import SurfaceParallax, draw_mask, draw_parallax
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
@@ -230,11 +230,23 @@ def test_fit_from_a_form_that_was_looked_at_is_that_from_its_unknowns():
         assert shared.cost == alone.cost < at.cost(tolerance)
 
 
+def test_nearest_forms_and_those_of_a_hint_are_fitted_coarsely():
+    seen = seen_of((40.0, 30.0, 13.0))
+    sizes = [(40.0 - 3 * step, 30.0 - 2 * step, 13.0) for step in range(TUNING.kept_coarse + 2)]
+    forms = [flat_ring(), *(ball(size, has_displacement=False) for size in sizes[::-1])]
+    starts = [[at, at] for form in forms if (at := form_at(form, form.start, COARSE, seen))]
+    nearest = sorted((at for _, at in starts), key=lambda at: at.cost())
+    assert nearest[-1].form.name == "ring"
+    assert nearest_starts(starts, ()) == [[at] for at in nearest[: TUNING.kept_coarse]]
+    assert nearest_starts(starts, ["ring"]) == [[at] for at in (*nearest[: TUNING.kept_coarse], nearest[-1])]
+
+
 def test_family_of_no_weight_is_fitted_no_further():
     seen = seen_of((40.0, 30.0, 13.0))
     forms = ball((38.0, 28.0, 12.0), off_mm=(2.0, 1.0), has_displacement=False), flat_ring()
     near, far = (fit_form(form, seen, COARSE, ROUNDS) for form in forms)
     assert likely_fits([near, far]) == [near]
+    assert likely_fits([near, far], ["ring"]) == [near, far]
     assert likely_fits([near, near]) == [near, near]
     assert likely_fits([]) == []
 
