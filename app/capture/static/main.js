@@ -2,7 +2,7 @@
 
 import { h } from "./dom.js";
 import { renewReminders } from "./reminders.js";
-import { clientOf, sendWaiting } from "./sender.js";
+import { clientOf, nextTryMs, sendWaiting } from "./sender.js";
 import * as store from "./store.js";
 import { bestLanguage, loadTexts, sentenceOf } from "./texts.js";
 import { showDays } from "./pages/days.js";
@@ -70,14 +70,23 @@ function link(address, text) {
   return h("a", { href: `#${address}`, "aria-current": location.hash === `#${address}` ? "page" : null }, text);
 }
 
-// Sends what can be sent now, and comes back when the next try is due.
+// Sends what can be sent now, and comes back when the next try is due, or later if the phone's store has failed.
 async function send() {
-  clearTimeout(timer);
-  const next = await sendWaiting();
-  if (next === null) return;
-  timer = setTimeout(send, Math.min(Math.max(next - Date.now(), 1000), LONGEST_TIMER_MS));
-  const registration = await navigator.serviceWorker?.getRegistration();
-  await registration?.sync?.register(SYNC).catch(() => {}); // not allowed in private windows
+  let next = Date.now() + LONGEST_TIMER_MS;
+  try {
+    registerSync().catch(() => {}); // not allowed in private windows
+    next = await sendWaiting();
+  } finally {
+    clearTimeout(timer);
+    if (next !== null) timer = setTimeout(send, Math.min(Math.max(next - Date.now(), 1000), LONGEST_TIMER_MS));
+  }
+}
+
+// Before anything is sent: the tab may be closed while a try still runs.
+async function registerSync() {
+  if ((await nextTryMs()) === null) return;
+  const { sync } = (await navigator.serviceWorker?.getRegistration()) ?? {};
+  if (sync && !(await sync.getTags()).includes(SYNC)) await sync.register(SYNC);
 }
 
 // Offline it is done another time, when the page is opened again.

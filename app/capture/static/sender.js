@@ -30,6 +30,11 @@ export async function sendWaiting({ now = Date.now, random = Math.random } = {})
   const { locks } = navigator; // lacking on pages over plain HTTP: there two tabs may send the same twice, harmlessly
   if (locks) await locks.request(LOCK, { ifAvailable: true }, run);
   else await (running ??= run().finally(() => (running = null)));
+  return nextTryMs();
+}
+
+/** The time (ms) of the next try, or null if nothing waits. */
+export async function nextTryMs() {
   const phone = await store.phone();
   const times = phone?.token ? (await waitingOf(phone)).map((record) => record.next_try_ms) : [];
   return times.length ? Math.min(...times) : null;
@@ -76,7 +81,7 @@ async function sendAll(now, random) {
     try {
       await (record.part === "after" ? sendAfter(client, record) : sendMeal(client, record));
     } catch (error) {
-      if ((await noteEnd(error, phone)) || !(await noteFailure(record.id, error, now(), random))) return;
+      if ((await noteEnd(error, phone)) || !(await noteFailure(record, error, now(), random))) return;
     }
   }
 }
@@ -166,9 +171,9 @@ const isRefusal = (error) =>
   error instanceof Problem && error.code !== OF_PROXIES && !error.retryable && error.code !== "precondition_failed";
 
 // Returns whether the next record may be tried: not if the network or the server's patience is at an end.
-async function noteFailure(id, error, now_ms, random) {
+async function noteFailure({ id, meal }, error, now_ms, random) {
   if (error.code === "meal_deleted") {
-    await store.deleteMeal(id);
+    await store.eraseMeal(meal);
     return true;
   }
   const isRefused = isRefusal(error);

@@ -69,16 +69,17 @@ export const keptBlob = async (blob) => blob && { bytes: await blob.arrayBuffer(
 /**
  * Write a draft, and photographs {slot: Blob} with it, in one transaction: after a crash there are both or neither.
  * The bytes of slots that it no longer has are deleted.
- * Returns false, and writes nothing, if another tab has sent the draft meanwhile.
+ * Returns false, and writes nothing, if the stored record is in none of the states `replaced`: another tab has sent the
+ * draft meanwhile.
  */
-export async function saveDraft(draft, photographs = {}) {
+export async function saveDraft(draft, photographs = {}, replaced = ["draft"]) {
   const kept = await Promise.all(
     Object.entries(photographs).map(async ([slot, blob]) => ({ meal: draft.id, slot, ...(await keptBlob(blob)) })),
   );
   let isSaved = false;
   await write(["meals", "photographs"], (stores) => {
     stores.meals.get(draft.id).onsuccess = ({ target }) => {
-      if (target.result && target.result.state !== "draft") return;
+      if (target.result && !replaced.includes(target.result.state)) return;
       isSaved = true;
       for (const slot of target.result?.slots ?? []) if (!draft.slots.includes(slot)) stores.photographs.delete([draft.id, slot]);
       stores.meals.put(draft);
@@ -132,6 +133,12 @@ export const deleteMeal = (id, state) =>
       if (state && target.result?.state !== state) return;
       remove(stores, id);
     };
+  });
+
+/** Delete here a meal that the server has erased: also its after-meal pair, and the photographs of both. */
+export const eraseMeal = (meal) =>
+  write(["meals", "photographs"], (stores) => {
+    for (const id of [meal, `${meal}/after`]) remove(stores, id);
   });
 
 /** Delete the enrolment and all that this owner took: the person has left or signed out. */

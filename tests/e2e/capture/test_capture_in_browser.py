@@ -64,6 +64,54 @@ NOTE_BYTES = """async () => {
   const [meal] = await store.meals();
   return (await store.photograph(meal.id, "voice_note"))?.bytes.byteLength ?? null;
 }"""
+REFUSED = """async (id) => {
+  const store = await import("/capture/store.js");
+  await store.changeMeal(id, (record) => { record.state = "refused"; });
+}"""
+ANNOUNCED_AFTER = """async (meal) => {
+  const { clientOf } = await import("/capture/sender.js");
+  const store = await import("/capture/store.js");
+  const client = clientOf(await store.phone());
+  await client.request("PUT", `/v1/meals/${meal}/after`, { json: { captured_at: new Date().toISOString() } });
+}"""
+SENT_AFTER = """async (meal) => {
+  const store = await import("/capture/store.js");
+  const { newDraft } = await import("/capture/pages/take.js");
+  const draft = newDraft(await store.phone(), meal);
+  Object.assign(draft, { state: "waiting", captured_at: new Date().toISOString(), slots: ["after_left"] });
+  await store.saveDraft(draft, { after_left: new Blob(["a photograph"]) });
+}"""
+KEPT = """async (meal) => {
+  const store = await import("/capture/store.js");
+  const photograph = await store.photograph(`${meal}/after`, "after_left");
+  return [(await store.meals()).map(({ id, state }) => [id, state]), photograph !== undefined];
+}"""
+# As the browser does when the disk is full: the transaction aborts.
+FULL = """() => {
+  window.put ??= IDBObjectStore.prototype.put;
+  window.error ??= Object.getOwnPropertyDescriptor(IDBTransaction.prototype, "error");
+  IDBObjectStore.prototype.put = function () { this.transaction.abort(); };
+  const full = { get: () => new DOMException("full", "QuotaExceededError"), configurable: true };
+  Object.defineProperty(IDBTransaction.prototype, "error", full);
+}"""
+WITH_ROOM = """() => {
+  IDBObjectStore.prototype.put = window.put;
+  Object.defineProperty(IDBTransaction.prototype, "error", window.error);
+}"""
+FULL_WHILE_SENDING = f"""() => {{
+  const wait = window.setTimeout;
+  window.setTimeout = (callback, ms) => wait(callback, Math.min(ms, 1000)); // the queue's waits are minutes
+  const send = window.fetch;
+  window.tries = 0;
+  window.fetch = async (address, options) => {{
+    if (window.hasRoom || options?.method !== "PUT") return send(address, options);
+    window.tries += 1;
+    ({FULL})();
+    throw new TypeError("Failed to fetch");
+  }};
+}}"""
+STALLED_SERVER = "() => { window.fetch = () => new Promise(() => {}); }"
+SYNC_TAGS = "navigator.serviceWorker.ready.then((registration) => registration.sync.getTags())"
 PLAYED = """async () => {
   const audio = document.querySelector("#voice-note audio");
   audio.muted = true;
@@ -278,31 +326,84 @@ def test_all_eaten_takes_the_place_of_a_pair_that_was_begun(served, open_phone):
     assert served.meal(meal)["after"]["images"] == {}
 
 
+def test_refused_pair_gives_way_to_another_answer_once_the_person_agrees(served, open_phone):
+    tab = open_phone()
+    page, meal = tab.page, sent_meal(served, tab)
+    after = f"{meal}/after"
+    open_estimated(served, page, meal)
+    page.get_by_role("button", name="Photograph what is left").click()
+    first_photograph(page)
+    page.evaluate(REFUSED, after)
+    page.goto(f"{served.address}/capture/#meal/{meal}")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    with page.expect_event("dialog"):
+        page.get_by_role("button", name="I ate all of it").click()
+    assert page.evaluate(KEPT, meal) == [[[after, "refused"], [meal, "sent"]], True]
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="Photograph what is left").click()
+    page.get_by_role("heading", name="First photograph").wait_for()
+    assert page.evaluate(KEPT, meal) == [[[meal, "sent"]], False]
+
+    first_photograph(page)
+    page.evaluate(REFUSED, after)
+    page.evaluate(ANNOUNCED_AFTER, meal)  # its metadata had arrived: those of another pair would be refused
+    page.goto(f"{served.address}/capture/#meal/{meal}")
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="I ate all of it").click()
+    page.get_by_role("button", name="I ate all of it").wait_for(state="detached")
+    page.get_by_role("button", name="Erase this meal").wait_for()  # shown again once it was sent
+    expect(page.get_by_role("button", name="Photograph what is left")).to_have_count(0)
+    assert served.meal(meal)["after"]["status"] == "nothing_left"
+    assert page.evaluate(KEPT, meal) == [[[meal, "sent"]], False]
+
+
+def test_meal_that_was_erased_elsewhere_leaves_nothing_on_the_phone(served, open_phone):
+    tab = open_phone()
+    tab.expect("status of 410")
+    page, meal = tab.page, sent_meal(served, tab)
+    require(served.admin.delete(f"/v1/meals/{meal}"))
+    page.evaluate(SENT_AFTER, meal)
+    wait_until(lambda: page.evaluate(KEPT, meal) == [[], False], "the erased meal to be gone")
+
+
 def test_full_phone_says_so_and_keeps_what_it_has(served, open_phone):
     tab = open_phone()
     page = enrolled(served, tab)
     page.get_by_role("button", name="Photograph a meal").click()
     first_photograph(page)
-    page.evaluate(  # as the browser does when the disk is full: the transaction aborts
-        """() => {
-      window.put = IDBObjectStore.prototype.put;
-      window.error = Object.getOwnPropertyDescriptor(IDBTransaction.prototype, "error");
-      IDBObjectStore.prototype.put = function () { this.transaction.abort(); };
-      const full = { get: () => new DOMException("full", "QuotaExceededError"), configurable: true };
-      Object.defineProperty(IDBTransaction.prototype, "error", full);
-    }"""
-    )
+    page.evaluate(FULL)
     page.get_by_role("button", name="Take the photograph").click()
     page.get_by_text("This phone has no room for the photograph").wait_for()
-    page.evaluate(
-        """() => {
-      IDBObjectStore.prototype.put = window.put;
-      Object.defineProperty(IDBTransaction.prototype, "error", window.error);
-    }"""
-    )
+    page.evaluate(WITH_ROOM)
     page.get_by_role("button", name="Take the photograph").click()
     page.get_by_role("heading", name="Are both good?").wait_for()
     tab.thrown.clear()  # the error itself
+
+
+def test_phone_that_was_full_while_it_sent_a_meal_sends_it_once_there_is_room(served, open_phone):
+    tab = open_phone(service_workers="block")  # it would send the meal itself
+    tab.expect("Service Worker registration blocked")
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate(FULL_WHILE_SENDING)
+    page.get_by_role("button", name="Send").click()
+    page.get_by_text("This phone has no room for the photograph").wait_for()
+    wait_until(lambda: page.evaluate("tries") >= 8, "further tries")
+    page.evaluate(f"() => {{ window.hasRoom = true; ({WITH_ROOM})(); }}")
+    page.wait_for_selector("li[data-state=sent]")
+    tab.thrown.clear()  # the error itself
+
+
+def test_browser_is_asked_to_send_without_the_tab_before_the_tab_has_ended_its_first_try(served, open_phone):
+    tab = open_phone(permissions=["camera", "background-sync"])
+    page = enrolled(served, tab)
+    photograph(page)
+    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.evaluate(STALLED_SERVER)
+    page.get_by_role("button", name="Send").click()
+    page.wait_for_selector("li[data-state=waiting]")
+    wait_until(lambda: page.evaluate(SYNC_TAGS) == ["send-meals"], "the browser to be asked")
+    expect(page.locator("li[data-state=waiting]")).to_have_count(1)
 
 
 @pytest.mark.parametrize(("ending", "left"), [("revocation", 1), ("withdrawal", 0)])
@@ -507,7 +608,9 @@ def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_p
     page, meal = tab.page, sent_meal(served, tab)
     estimates.save(served, meal, identified_item({"apple": 0.9}))
     page.click(f"li[data-meal='{meal}'] a")
-
+    page.get_by_role("button", name="Photograph what is left").click()
+    first_photograph(page)
+    page.goto(f"{served.address}/capture/#meal/{meal}")
     lost = []
 
     def lose_the_first_answer(route):
@@ -523,6 +626,7 @@ def test_meal_whose_erasure_was_not_answered_is_gone_all_the_same(served, open_p
     expect(page.locator(f"li[data-meal='{meal}']")).to_have_count(0)
     assert served.admin.get(f"/v1/meals/{meal}").status_code == 404
     assert lost == [200]
+    assert page.evaluate(KEPT, meal) == [[], False]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

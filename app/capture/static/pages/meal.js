@@ -13,7 +13,8 @@ const TYPING_MS = 250;
 const TRY_AGAIN_MS = 5000;
 const LARGEST_PORTION = 3; // of the slider: times the measured grams
 const OPEN = new Set(["proposed", "needs_review", "confirmed", "corrected"]); // an item that is part of the meal
-const AFTER_OPEN = new Set([null, "failed"]);
+const AFTER_OPEN = new Set([null, "failed"]); // the after-meal pair can be photographed
+const EATEN_OPEN = new Set([...AFTER_OPEN, "receiving"]); // the person can say that nothing was left
 
 export async function showMeal(main, { t, phone, client, go }, id) {
   const stop = new AbortController();
@@ -24,7 +25,8 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const items = h("ol", { class: "items" });
   const actions = h("div", { class: "actions" });
   let meal = null;
-  let isAfterWaiting = (await store.meal(`${id}/after`))?.state === "waiting";
+  const afterId = `${id}/after`;
+  let isAfterWaiting = (await store.meal(afterId))?.state === "waiting";
   main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, actions);
   store.onChange(noteAfter, stop.signal);
   follow().catch(showProblem);
@@ -145,11 +147,13 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   function mealActions(parts) {
     const isOpen = parts.some((item) => item.status === "proposed" || item.status === "needs_review");
     const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
-    const expectsAfter = !isAfterWaiting && phone.expects_after_pair && AFTER_OPEN.has(meal.after?.status ?? null) && meal.images.left;
+    const after = meal.after?.status ?? null;
+    const expectsAfter = !isAfterWaiting && phone.expects_after_pair && meal.images.left;
     return [
       canConfirmAll ? button(t("confirm_all"), () => say({ kind: "confirm_meal" }), { kind: "main large" }) : null,
       h("details", {}, h("summary", {}, t("something_missing")), addFood()),
-      ...(expectsAfter ? [button(t("after_pair"), () => go(`take/${id}/after`)), button(t("all_eaten"), allEaten)] : []),
+      expectsAfter && AFTER_OPEN.has(after) ? button(t("after_pair"), photographLeft) : null,
+      expectsAfter && EATEN_OPEN.has(after) ? button(t("all_eaten"), allEaten) : null,
       button(t("erase_meal"), erase, { kind: "danger" }),
     ].filter(Boolean);
   }
@@ -161,17 +165,28 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     return h("div", {}, h("label", { for: name }, t("grams_eaten")), grams, foodSearch(add));
   }
 
-  // Goes by the queue, so it works offline. It takes the place of photographs that were begun.
+  async function photographLeft() {
+    if (!(await mayReplaceRefused())) return;
+    await store.deleteMeal(afterId, "refused");
+    go(`take/${afterId}`);
+  }
+
+  // Goes by the queue, so it works offline. It takes the place of photographs that were begun, or refused.
   async function allEaten() {
+    if (!(await mayReplaceRefused())) return;
     const record = { ...newDraft(phone, id), state: "waiting", captured_at: localInstant(new Date()), all_eaten: { id: newId() } };
-    await store.deleteMeal(record.id, "draft");
-    await store.saveDraft(record);
-    actions.replaceChildren(h("p", {}, t("state_waiting")));
+    if (await store.saveDraft(record, {}, ["draft", "refused"])) actions.replaceChildren(h("p", {}, t("state_waiting")));
+    else await reread(); // another tab has sent an answer meanwhile
+  }
+
+  async function mayReplaceRefused() {
+    const record = await store.meal(afterId);
+    return record?.state !== "refused" || !record.slots.length || confirm(t("delete_here_confirm"));
   }
 
   // What was left has been sent, or waits now: show the meal as it is then.
   async function noteAfter() {
-    const isWaiting = (await store.meal(`${id}/after`))?.state === "waiting";
+    const isWaiting = (await store.meal(afterId))?.state === "waiting";
     if (isWaiting === isAfterWaiting) return;
     isAfterWaiting = isWaiting;
     if (!isWaiting) await reread().catch(showProblem);
@@ -182,7 +197,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     await client.deleteMeal(id).catch((error) => {
       if (error.code !== "meal_deleted") throw error; // the answer to an earlier try was lost
     });
-    await store.deleteMeal(id);
+    await store.eraseMeal(id);
     go("meals");
   }
 
