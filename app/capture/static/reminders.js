@@ -45,6 +45,12 @@ async function putReminders(client, wishes, subscription) {
   return reminders;
 }
 
+/** End the browser's subscription: the person whose reminders it brings has signed out, or somebody else has joined. */
+export async function endSubscription() {
+  const registration = await navigator.serviceWorker?.getRegistration();
+  if (registration?.pushManager) await alone(() => unsubscribe(registration.pushManager));
+}
+
 /** Show the reminders of this phone in `section`; nothing where the server sends none. */
 export async function showReminders(section, t, client) {
   const reminders = await client.getReminders();
@@ -96,7 +102,7 @@ export async function showReminders(section, t, client) {
       await alone(async () => {
         await store.changePhone(client.token, ({ reminders, ...phone }) => phone); // first: else the page, if it ends here, subscribes again
         await client.deleteReminders();
-        await (await registration.pushManager.getSubscription())?.unsubscribe();
+        await unsubscribe(registration.pushManager);
       });
       render({ ...reminders, subscribed: false });
     });
@@ -117,9 +123,11 @@ async function subscribe(pushManager, key) {
   const options = { userVisibleOnly: true, applicationServerKey: key };
   const subscription = await pushManager.subscribe(options).catch(async (error) => {
     if (error.name !== "InvalidStateError") throw error;
-    await (await pushManager.getSubscription())?.unsubscribe();
+    await unsubscribe(pushManager);
     return pushManager.subscribe(options);
   });
   const { endpoint, keys } = subscription.toJSON();
   return { endpoint, keys };
 }
+
+const unsubscribe = async (pushManager) => (await pushManager.getSubscription())?.unsubscribe();

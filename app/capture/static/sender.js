@@ -57,8 +57,7 @@ export const retryNow = (id) =>
 export async function noteEnd(error, phone) {
   if (!OF_THE_PHONE.has(error.code)) return false;
   if (error.code === "withdrawn") {
-    await store.deleteOwner(store.ownerOf(phone));
-    if (!(await store.phone())) await store.savePhone({ locale: phone.locale, ended_by: error.code, receipt: error.document.receipt });
+    await store.deleteOwner(phone, { locale: phone.locale, ended_by: error.code, receipt: error.document.receipt });
   } else {
     await store.changePhone(phone.token, (stored) => ({ ...stored, token: null, ended_by: error.code }));
   }

@@ -141,14 +141,21 @@ export const eraseMeal = (meal) =>
     for (const id of [meal, `${meal}/after`]) remove(stores, id);
   });
 
-/** Delete the enrolment and all that this owner took: the person has left or signed out. */
-export const deleteOwner = (owner) =>
+/**
+ * Delete an enrolment and all that its owner took: the person has left, which `ended` says, or signed out. Nothing is
+ * deleted if the same person has joined with another token meanwhile.
+ */
+export const deleteOwner = (phone, ended = null) =>
   write(["phone", "meals", "photographs"], (stores) => {
-    stores.meals.getAll().onsuccess = ({ target }) => {
-      for (const meal of target.result) if (meal.owner === owner) remove(stores, meal.id);
-    };
+    const owner = ownerOf(phone);
     stores.phone.get(KEY).onsuccess = ({ target }) => {
-      if (ownerOf(target.result) === owner) stores.phone.delete(KEY);
+      const isOwners = ownerOf(target.result) === owner;
+      if (isOwners && target.result.token && target.result.token !== phone.token) return;
+      if (isOwners) stores.phone.delete(KEY);
+      if (ended && (isOwners || !target.result)) stores.phone.put(ended, KEY);
+      stores.meals.getAll().onsuccess = ({ target }) => {
+        for (const meal of target.result) if (meal.owner === owner) remove(stores, meal.id);
+      };
     };
   });
 

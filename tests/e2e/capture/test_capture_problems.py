@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from app.capture.files import STATIC
 from tests import estimates
 from tests.e2e.browser import WatchedPage
-from tests.e2e.capture.capture_page import sent_meal
+from tests.e2e.capture.capture_page import enrolled, sent_meal
 from tests.e2e.static_modules import open_modules
 from tests.estimates import identified_item
 
@@ -17,6 +17,13 @@ pytestmark = pytest.mark.slow
 OF_THE_PHONE = "An error occurred on this phone (x is null). Please try again later."
 BUSY = "The study's server cannot answer now. Please try again later."
 REFUSAL = {"code": "invalid_input", "detail": "No such food.", "retryable": False}
+END_OF_A_FORMER_TOKEN = """async () => {
+  const { noteEnd } = await import("/capture/sender.js");
+  const store = await import("/capture/store.js");
+  const phone = await store.phone();
+  await noteEnd({ code: "withdrawn", document: {} }, { ...phone, token: "former" });
+  return (await store.phone())?.token === phone.token;
+}"""
 SENTENCES = """async (errors) => {
   const { loadTexts, sentenceOf } = await import("/texts.js");
   const t = await loadTexts("en");
@@ -88,3 +95,7 @@ def test_texts_that_the_server_could_not_give_are_asked_for_again(open_phone):
     tab.page.evaluate('location.hash = "another"')
     tab.page.get_by_role("button", name="Scan the card").wait_for()
     expect(tab.page.locator("#error")).to_be_hidden()
+
+
+def test_end_of_a_former_token_is_not_the_end_of_the_one_that_the_person_has_joined_with_since(served, open_phone):
+    assert enrolled(served, open_phone()).evaluate(END_OF_A_FORMER_TOKEN)

@@ -7,7 +7,7 @@ import pytest
 
 from app.people.models import PushSubscription
 from app.reminders.web_push import text_of
-from tests.e2e.capture.capture_page import enrolled, require_accessible
+from tests.e2e.capture.capture_page import capture_link, enrolled, require_accessible
 from tests.e2e.dashboard_server import require
 from tests.push_services import Browser
 from tests.waiting import PATIENCE_SECONDS, wait_until
@@ -62,6 +62,8 @@ DELETE_UNANSWERED = """() => {
     return options?.method === "DELETE" ? new Promise(() => {}) : answer;
   };
 }"""
+IS_SUBSCRIBED = """() => navigator.serviceWorker.ready
+  .then(({ pushManager }) => pushManager.getSubscription()).then((subscription) => subscription !== null)"""
 OPENED_AGAIN = 'document.dispatchEvent(new Event("visibilitychange"))'
 
 
@@ -230,3 +232,20 @@ def test_person_who_left_is_not_subscribed_again_though_the_page_ended_before_th
     page.get_by_role("button", name="Remind me", exact=True).wait_for()
     page.evaluate(RENEWED, 1)
     assert only_subscription(served) is None
+
+
+def test_subscription_ends_when_somebody_else_joins_and_when_the_person_signs_out(served, open_phone):
+    require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P050"}))
+    page = reminded_phone(served, open_phone)
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.goto(capture_link(served, "P050"))
+    page.get_by_text("Participant P050").wait_for()
+    assert not page.evaluate(IS_SUBSCRIBED)
+
+    page.get_by_role("link", name="This phone").click()
+    page.get_by_role("button", name="Remind me", exact=True).click()
+    page.get_by_text("Saved.").wait_for()
+    assert page.evaluate(IS_SUBSCRIBED)
+    page.get_by_role("button", name="Sign this phone out").click()
+    page.get_by_role("heading", name="Join the study").wait_for()
+    assert not page.evaluate(IS_SUBSCRIBED)

@@ -3,6 +3,7 @@
 import { openCamera } from "../camera.js";
 import { TadaClient, newId } from "../client/index.js";
 import { button, h } from "../dom.js";
+import { endSubscription } from "../reminders.js";
 import { clientOf } from "../sender.js";
 import * as store from "../store.js";
 import { sentenceOf } from "../texts.js";
@@ -28,6 +29,7 @@ export async function showEnrol(main, { t, phone, go }, code) {
     }
     // Only now, so that a wrong code does not end the enrolment that works. Where it fails, the study's list keeps the old one.
     await clientOf(phone, { retries: { attempts: 1 } })?.signOut().catch(() => {});
+    if (store.ownerOf(phone) !== store.ownerOf(await store.phone())) await endSubscription().catch(() => {});
     go("meals");
   }
 

@@ -1,7 +1,7 @@
 // This phone: whose it is, signing out, leaving the study.
 
 import { button, h } from "../dom.js";
-import { showReminders } from "../reminders.js";
+import { endSubscription, showReminders } from "../reminders.js";
 import * as store from "../store.js";
 import { sentenceOf } from "../texts.js";
 
@@ -38,7 +38,8 @@ export async function showPhone(main, { t, phone, client, go }) {
     if (!confirm(unsent ? t("sign_out_loses", { count: unsent }) : t("sign_out_confirm"))) return;
     await attempt(async () => {
       await client.signOut();
-      await store.deleteOwner(owner);
+      await store.deleteOwner(phone);
+      await endSubscription().catch(() => {});
       go("enrol");
     });
   }
@@ -47,8 +48,8 @@ export async function showPhone(main, { t, phone, client, go }) {
     if (!confirm(t("withdraw_confirm"))) return;
     await attempt(async () => {
       const receipt = await client.withdraw().catch(passCode("withdrawn"));
-      await store.deleteOwner(owner);
-      await store.savePhone({ locale: phone.locale, ended_by: "withdrawn", receipt: receipt?.id });
+      await store.deleteOwner(phone, { locale: phone.locale, ended_by: "withdrawn", receipt: receipt?.id });
+      await endSubscription().catch(() => {});
       main.replaceChildren(h("h1", {}, t("withdrawn_title")), ...(receipt ? [h("p", {}, t("withdrawn_explain", { receipt: receipt.id }))] : []));
     });
   }
