@@ -20,6 +20,7 @@ from app.children.child_pool import ChildRequest
 from app.children.faults import BrokenOff, JobFailure
 from app.core.process_life import die_with_parent
 from app.core.settings import Settings
+from app.jobs.chores import Chore
 from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs
 from app.meals.job_models import Job
@@ -30,6 +31,7 @@ from tests.waiting import wait_until
 TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, wait_for_room=0.1, drain=1.0)
 LONG_LEASE = 60.0  # where nobody dies: a worker that a loaded machine holds up keeps its jobs
 LONG_DRAIN = 8.0  # a worker ends after ten seconds in any case
+LEAVE_SECONDS = 0.3  # longer than a worker without jobs takes to end
 FAKE_TASKS = "tests.unit.children.fake_tasks:TASKS"
 
 
@@ -133,8 +135,18 @@ def main():
     def make_use_cases(database, pool):
         return FakeUseCases(database, pool, arguments.folder)
 
+    def make_chores(_database):
+        return [Chore("take leave", 3600.0, lambda: None, at_end=take_leave)]
+
+    def take_leave():
+        time.sleep(LEAVE_SECONDS)
+        (arguments.folder / f"left-{os.getpid()}").touch()
+
     times = replace(TIMES, lease=arguments.lease, drain=arguments.drain)
-    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=times, protocol=arguments.protocol))
+    settings, protocol = Settings(), arguments.protocol
+    raise SystemExit(
+        run_jobs(settings, make_use_cases, tasks=FAKE_TASKS, make_chores=make_chores, times=times, protocol=protocol)
+    )
 
 
 def new_job(session, queue, fake="quick", device_id=None):

@@ -54,6 +54,13 @@ def test_worker_asked_to_end_hands_its_job_back(jobs):
     assert second.poll() is None
 
 
+def test_worker_asked_to_end_waits_for_what_its_chores_do_last(jobs):
+    worker = jobs.start_worker()
+    worker.terminate()
+    assert worker.wait(timeout=PATIENCE_SECONDS) == 0
+    assert (jobs.folder / f"left-{worker.pid}").exists()
+
+
 def test_worker_asked_to_end_finishes_a_short_job(jobs):
     job_id = jobs.add("hold")
     worker = jobs.start_worker(drain=LONG_DRAIN)
