@@ -39,9 +39,8 @@ class LabPicture:
 
 def _sparse_zeros(shape: tuple[int, ...]) -> Float32Array:
     """Return zeros that take memory only in pages that are written to; NumPy's own come in huge pages where allowed."""
-    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
     try:
-        memory = mmap.mmap(-1, 4 * math.prod(shape), flags=flags)
+        memory = mmap.mmap(-1, 4 * math.prod(shape), access=mmap.ACCESS_COPY)
     except OSError as error:
         raise MemoryError(f"There is no memory for a picture of {shape} numbers.") from error
     return np.frombuffer(memory, np.float32).reshape(shape)
