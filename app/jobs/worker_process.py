@@ -81,8 +81,9 @@ def run_jobs(
     chores.stop(0.0)  # a chore in progress may end while jobs do
     worker.drain()
     pool.close()
-    chores.stop(CHORES_SECONDS)
-    if not worker.stop():
+    is_idle = worker.stop()
+    chores.stop(CHORES_SECONDS)  # last: they began to end with the signal, and jobs matter more
+    if not is_idle:
         _end_now(0)
     database.dispose()
     watchdog.cancel()
