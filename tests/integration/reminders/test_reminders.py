@@ -111,6 +111,11 @@ def scheduled_from(state, now, times=("11:30", "17:00")):
         session.query(PushSubscription).one().next_at = min(instant for instant in instants if instant > now)
 
 
+def make_all_due(state, at):
+    with state.database.write() as session:
+        session.execute(sa.update(PushSubscription).values(next_at=at))
+
+
 def subscription_of(state):
     with state.database.read() as session:
         return session.query(PushSubscription).one_or_none()
@@ -269,9 +274,7 @@ def test_one_run_reminds_all_that_are_due_however_many(enrol, browser, state, se
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(5):
         enrol(f"P{number}").put(PATH, json=wanted(browser, number))
-    with state.database.write() as session:
-        for row in session.query(PushSubscription):
-            row.next_at = MORNING
+    make_all_due(state, MORNING)
     remind(MORNING)
     assert len(service.requests) == 5
     remind(MORNING)
@@ -284,9 +287,7 @@ def test_messages_under_way_are_sent_though_the_next_rows_cannot_be_read(
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(3):
         enrol(f"P{number}").put(PATH, json=wanted(browser, number))
-    with state.database.write() as session:
-        for row in session.query(PushSubscription):
-            row.next_at = MORNING
+    make_all_due(state, MORNING)
     due, calls = queries.due, itertools.count(1)
 
     def fail_at_the_second_call(session, now, limit):
@@ -314,9 +315,7 @@ def test_worker_that_ends_leaves_what_it_has_not_begun_to_another(
     for number, phone in enumerate(phones):
         phone.put(PATH, json=wanted(browser, number))
     phones[0].post(pair(), captured_at="2026-11-27T11:45:00Z", time_zone="Europe/London")
-    with state.database.write() as session:
-        for row in session.query(PushSubscription):
-            row.next_at = noon
+    make_all_due(state, noon)
     service.may_answer.clear()
     ending = make_sender()
     ending.run()
@@ -339,9 +338,7 @@ def test_what_a_phone_changed_meanwhile_is_not_moved_back(enrol, browser, state,
     phones = [enrol(f"P{number}") for number in range(2)]
     for number, phone in enumerate(phones):
         phone.put(PATH, json=wanted(browser, number))
-    with state.database.write() as session:
-        for row in session.query(PushSubscription):
-            row.next_at = MORNING
+    make_all_due(state, MORNING)
     service.may_answer.clear()
     ending = make_sender()
     ending.run()
