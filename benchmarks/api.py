@@ -52,7 +52,7 @@ from app.storage.opening import open_blob_store
 from benchmarks.api_load import Outcome, percentiles
 from benchmarks.databases import database_url
 from benchmarks.processes import children_of, end, processor_seconds
-from tests.s3_server import S3Server
+from tests.support.s3_server import S3Server
 
 ROOT = Path(__file__).resolve().parents[1]
 MEGABYTE = 1_000_000

@@ -19,8 +19,8 @@ from starlette.testclient import TestClient
 from app.core.settings import Settings
 from app.main import create_app
 from app.people.access.staff import create_admin
-from tests.estimates import found_item, save
-from tests.photographs import pair
+from tests.support.estimates import found_item, save
+from tests.support.photographs import pair
 
 APP = str(Path(__file__).parents[1] / "app") + "/"
 BARS = {  # files, functions: of issue 22

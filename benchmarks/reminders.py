@@ -32,8 +32,8 @@ from app.reminders.send_reminders import SendReminders
 from app.reminders.web_push import text_of
 from app.webhooks.webhook_post import WebhookPost
 from benchmarks.databases import database_url
-from tests.push_services import Browser
-from tests.tls_front import Authority
+from tests.support.push_services import Browser
+from tests.support.tls_front import Authority
 
 DUE = datetime(2026, 11, 27, 12, 30, tzinfo=UTC)
 RECEIVERS = 50  # different browsers; each message has its own key all the same

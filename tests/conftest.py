@@ -22,10 +22,10 @@ from app.db.session import Database, normalise_url
 from app.foods.importers.imported import ImportedTable
 from app.foods.importers.sr28 import read_sr28
 from app.operations.prepare import prepare
-from tests.reused_database import ReusedDatabases
-from tests.s3_places import s3_settings
-from tests.s3_server import S3Server
-from tests.shared_statements import share_statements
+from tests.support.reused_database import ReusedDatabases
+from tests.support.s3_places import s3_settings
+from tests.support.s3_server import S3Server
+from tests.support.shared_statements import share_statements
 
 MEMORY = pathlib.Path("/dev/shm")
 MEMORY_BYTES = 2**33  # more than a whole session and its processes take: a passed test's files are deleted at once
@@ -68,34 +68,21 @@ def pytest_runtest_makereport(item, call):
     return report
 
 
-def pytest_collection_modifyitems(items):
-    """Files that take long first, so that xdist's workers, which take a file at a time, end together.
+def pytest_generate_tests(metafunc):
+    """Run a test on SQLite and files, and one marked `both_stores` also on PostgreSQL and S3."""
+    if metafunc.definition.get_closest_marker("both_stores"):
+        metafunc.parametrize("kind", ["sqlite", "postgres"], indirect=True)
 
-    Calls, pages and services are tested on SQLite among the others, on PostgreSQL among the slow ones: it halves what
-    `make test` spends on them. Database, jobs and storage are tested on both. What does not depend on the database,
-    and tests whose statements others run on PostgreSQL (`same_on_both`), run on SQLite alone.
-    """
-    items[:] = [
-        item for item in items if not (item.get_closest_marker("same_on_both") and _kind_of(item) == "postgres")
-    ]
+
+def pytest_collection_modifyitems(items):
+    """Sort files that take long first, so that xdist's workers, which take a file at a time, end together."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    for item in items:
-        if (
-            "integration" in item.path.parts
-            and item.path.parent.name not in ("db", "jobs", "storage")
-            and _kind_of(item) == "postgres"
-        ):
-            item.add_marker(pytest.mark.slow)
 
     def place(item):
         parts = item.path.parts
         return "e2e" not in parts, item.path not in slow, "vision" not in parts
 
     items.sort(key=place)  # stable: else as they were
-
-
-def _kind_of(item):
-    return item.callspec.params.get("kind") if hasattr(item, "callspec") else None
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -171,10 +158,10 @@ def forget_durability(server_url):
     admin.dispose()
 
 
-@pytest.fixture(params=["sqlite", "postgres"])
+@pytest.fixture
 def kind(request) -> str:
-    """Every test that touches data runs on both kinds of database."""
-    return request.param
+    """The kind of database: "sqlite" unless the test is marked `both_stores`."""
+    return getattr(request, "param", "sqlite")
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ import httpx2
 
 from app.db.session import Database
 from app.storage.local import LocalBlobStore
-from tests import estimates
+from tests.support import estimates
 from tests.e2e.processes import Server
-from tests.photographs import pair
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.photographs import pair
+from tests.support.waiting import PATIENCE_SECONDS
 
 PASSWORD = "correct horse battery"
 
@@ -56,7 +56,7 @@ class DashboardServer:
         )
 
     def send_meal(self, phone, *items, photos=None, **metadata):
-        """A meal with these items as its estimate (tests/estimates.py): its id."""
+        """A meal with these items as its estimate (tests/support/estimates.py): its id."""
         body = {
             "id": str(uuid.uuid4()),
             "captured_at": "2026-11-20T12:30:00+08:00",

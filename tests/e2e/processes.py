@@ -18,7 +18,7 @@ from app.db.session import Database
 from app.operations.prepare import prepare
 from app.people.access.staff import create_admin
 from tests.conftest import make_template
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 

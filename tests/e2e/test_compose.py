@@ -19,8 +19,8 @@ from app.db.session import normalise_url
 from tests.conftest import postgres_database
 from tests.e2e.composed import SCRIPTS, Composed, compose_config
 from tests.e2e.processes import REPOSITORY
-from tests.s3_server import SERVICES, free_ports
-from tests.waiting import wait_until
+from tests.support.s3_server import SERVICES, free_ports
+from tests.support.waiting import wait_until
 
 HOSTNAME = "tada.example.org"
 SECONDS = 120

@@ -15,7 +15,7 @@ from tada_client import Phone, Problem
 
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WatchedPage
 from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 pytestmark = pytest.mark.slow
 

@@ -15,8 +15,8 @@ from playwright.sync_api import expect
 
 from tests.e2e.dashboard_crawl import crawl
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
-from tests.estimates import found_item, identified_item
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.estimates import found_item, identified_item
+from tests.support.waiting import PATIENCE_SECONDS
 
 pytestmark = pytest.mark.slow
 

@@ -23,8 +23,8 @@ from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, m
 from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server
-from tests.qr_codes import read_qr
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.qr_codes import read_qr
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ import threading
 import httpx2
 import pytest
 
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 START_SECONDS = 180
 

@@ -26,7 +26,7 @@ from tests.e2e.faults.phones import Journal, Planned
 from tests.e2e.faults.programs import Clock
 from tests.e2e.faults.proxy import Network
 from tests.integration.jobs.fakes import new_meal
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 AUTOFLUSH = (
     "(raised as a result of Query-invoked autoflush; consider using a session.no_autoflush block if this flush is "
@@ -90,12 +90,10 @@ def kept(prepared_database_url, tmp_path):
     found.database.dispose()
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_finds_nothing_where_nothing_is_wrong(kept):
     assert kept.problems() == ([], [], [])
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_deletes_and_counts_what_no_row_names(kept):
     folder = kept.keys["left"].rpartition("/")[0]
     kept.blobs.put_bytes(f"{folder}/{hashlib.sha256(b'an orphan').hexdigest()}", b"an orphan")
@@ -107,7 +105,6 @@ def test_checker_deletes_and_counts_what_no_row_names(kept):
         checker.close()
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_sees_a_meal_that_is_not_there(kept):
     kept.journal.acknowledged[uuid.uuid4()] = ("p", Planned(uuid.uuid4(), PHOTOS, "whole", []))
     lost, _, _ = kept.problems()
@@ -115,7 +112,6 @@ def test_checker_sees_a_meal_that_is_not_there(kept):
     assert "was acknowledged and is not there" in lost[0]
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_sees_photographs_that_are_gone_or_others(kept):
     kept.blobs.delete(kept.keys["left"])
     kept.blobs.put_bytes(kept.keys["right"], b"something else")
@@ -127,7 +123,6 @@ def test_checker_sees_photographs_that_are_gone_or_others(kept):
     assert any("other bytes than its name" in words for words in others)
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_sees_a_meal_that_still_waits_and_a_job_too_many(kept):
     with kept.database.write() as session:
         session.get_one(Meal, kept.meal_id).status = "processing"
@@ -140,7 +135,6 @@ def test_checker_sees_a_meal_that_still_waits_and_a_job_too_many(kept):
     assert sum(words.startswith("job ") and words.endswith("is queued") for words in others) == 2
 
 
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_sees_an_erased_meal_that_is_there(kept):
     kept.journal.erased.add(kept.client_id)
     _, _, others = kept.problems()

@@ -6,9 +6,9 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
-from tests import estimates
+from tests.support import estimates
 from tests.e2e.dashboard_server import PASSWORD
-from tests.estimates import found_item, identified_item
+from tests.support.estimates import found_item, identified_item
 
 pytestmark = pytest.mark.slow
 

@@ -6,10 +6,10 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
-from tests import estimates
+from tests.support import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
-from tests.estimates import found_item, unmeasured_item
-from tests.waiting import wait_until
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

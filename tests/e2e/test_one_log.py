@@ -10,8 +10,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 import app
 from tests.e2e.processes import Server, free_port
-from tests.receivers import receiver
-from tests.waiting import wait_until
+from tests.support.receivers import receiver
+from tests.support.waiting import wait_until
 
 PHOTOS = pathlib.Path(app.__file__).parent / "demo_data"
 MARKED = {

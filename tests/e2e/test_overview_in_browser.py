@@ -12,7 +12,7 @@ from app.meals.models import Meal
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.e2e.static_modules import open_modules
 from tests.integration.diary.eaten_days import add_meal, eaten_item
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

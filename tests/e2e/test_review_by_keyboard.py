@@ -9,7 +9,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
-from tests.estimates import found_item, identified_item, unmeasured_item
+from tests.support.estimates import found_item, identified_item, unmeasured_item
 
 pytestmark = pytest.mark.slow
 

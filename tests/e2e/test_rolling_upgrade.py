@@ -16,7 +16,7 @@ import pytest
 from tests.conftest import postgres_database
 from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
 from tests.e2e.test_compose import answers, estimated, send, wait_for
-from tests.next_migration import REVISION, write_next_migration
+from tests.support.next_migration import REVISION, write_next_migration
 
 OLD = "016f62b"  # the first commit with this schema
 SECONDS = 120

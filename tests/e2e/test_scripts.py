@@ -14,7 +14,7 @@ import pytest
 
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 from tests.e2e.processes import REPOSITORY
-from tests.estimates import found_item, unmeasured_item
+from tests.support.estimates import found_item, unmeasured_item
 
 pytestmark = pytest.mark.slow
 

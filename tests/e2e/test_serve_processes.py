@@ -13,7 +13,7 @@ import httpx2
 import pytest
 
 from tests.e2e.processes import Server
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = [
     pytest.mark.slow,

@@ -15,8 +15,8 @@ import pytest
 
 from tests.e2e.processes import Server, enrolled_client
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
-from tests.waiting import PATIENCE_SECONDS, unless_held_up, wait_until
+from tests.support.photographs import pair
+from tests.support.waiting import PATIENCE_SECONDS, unless_held_up, wait_until
 
 pytestmark = pytest.mark.slow
 

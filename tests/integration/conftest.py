@@ -26,7 +26,7 @@ from app.people.studies import create_study
 from app.people.studies_api import protocol_columns
 from tests.integration.http.declared_answers import declared_answers
 from tests.integration.kept_children import KeptChildren
-from tests.next_migration import next_migration
+from tests.support.next_migration import next_migration
 
 __all__ = ["next_migration"]  # a fixture
 

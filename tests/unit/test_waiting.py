@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from tests.waiting import unless_held_up
+from tests.support.waiting import unless_held_up
 
 holding_the_interpreter = ctypes.PyDLL(None)  # whose calls let no other thread of this process run
 

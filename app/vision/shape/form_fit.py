@@ -30,6 +30,7 @@ from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.shape.forms import COARSE, EXACT, Form
 from app.vision.shape.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
 from app.vision.shape.tuning import TUNING
+from app.vision.shape.volume import MOST_SD
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import STEP_PX, Outline
 from app.vision.stereo.pinhole_view import PinholeView
@@ -177,6 +178,11 @@ class FormFit:
         by_vertex = enclosed_gradient_mm2(vertices, form.topology(cells))
         gradient = form.moves_along(self.unknowns, cells, np.arange(len(vertices)), by_vertex).sum(axis=1)
         return ml_from_mm3(float(np.sqrt(max(float(gradient @ _solved(self._normal, gradient)), 0.0))))
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether what is seen determines the volume: a ring thin as a wire follows an outline and fits no surface."""
+        return self.volume_sd_ml < MOST_SD * self.volume_ml
 
     @cached_property
     def _normal(self) -> Float64Array:

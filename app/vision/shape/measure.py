@@ -15,7 +15,7 @@ from app.vision.geometry.masks import dilated, inward_px
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import support_height_mm
-from app.vision.shape.volume import NORMAL_90, Volume, estimate_volume
+from app.vision.shape.volume import MOST_SD, Volume, estimate_volume
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -25,8 +25,6 @@ FINEST_REACH_PX = 5.0
 OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
 UNEXPLAINED_SD = 0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
-# Of a single view: the interval then spans from a third to three times. All foods on plates have a spread of 1.1.
-MOST_SINGLE_SD = math.log(3.0) / NORMAL_90
 HELD_FORMS = frozenset({"liquid", "in_vessel"})  # what holds them is not seen in a single view
 LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
 
@@ -55,7 +53,7 @@ def of_single_view(item: MeasuredItem, hint: Hint | None) -> MeasuredItem:
     is_held = hint is not None and (
         hint.vessel is not None or bool(HELD_FORMS & {hint.form, hint.lies_as, hint.usual_form})
     )
-    if is_held or math.hypot(*item.volume.relative_sd.values()) > MOST_SINGLE_SD:
+    if is_held or math.hypot(*item.volume.relative_sd.values()) > MOST_SD:
         return replace(flagged, volume=None, flags=(*flagged.flags, "not_measurable"))
     return flagged
 

@@ -315,7 +315,10 @@ def _best_coarse_fit(starts: Sequence[FormAt], seen: Seen) -> FormFit | None:
 
 
 def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[FormFit]:
-    """All fitted finely from where they are, to what is seen along one form or each along itself; the best first."""
+    """All fitted finely from where they are, to what is seen along one form or each along itself; the best first.
+
+    A family whose fit does not determine its volume is left out.
+    """
     refitted = mapped(lambda fit: _refit(food, common, fit), fits, food.cores)
     return [fit for _, fit in sorted((each for each in refitted if each is not None), key=lambda each: each[0])]
 
@@ -333,7 +336,7 @@ def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
 
 
 def _refit(food: _Food, seen: Seen | None, before: FormFit) -> tuple[float, FormFit] | None:
-    """The evidence of the form fitted finely from where it was before, and that fit.
+    """The evidence of the form fitted finely from where it was before, and that fit; None if it determines no volume.
 
     It is fitted to what is seen along the form there or along another one.
     """
@@ -341,7 +344,7 @@ def _refit(food: _Food, seen: Seen | None, before: FormFit) -> tuple[float, Form
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
     fit = fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
-    return None if fit is None else (fit.evidence, fit)
+    return (fit.evidence, fit) if fit is not None and fit.is_determined else None
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:

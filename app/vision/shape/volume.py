@@ -3,6 +3,7 @@
 Points of the visible side in the table frame and the support's height -> ml with a 90 % interval.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
 HIDDEN_SD = 0.15  # of the volume that no view shows, relative
 SUPPORT_SD_MM = 1.5  # height of the support under a food
 NORMAL_90 = 1.645
+MOST_SD = math.log(3.0) / NORMAL_90  # relative: the 90 % interval then spans from a third to three times
 MIN_POINTS = 60
 MIN_SLICES = 3
 TOP_QUANTILE = 0.999  # of heights; higher points are strays

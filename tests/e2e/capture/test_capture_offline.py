@@ -16,7 +16,7 @@ import pytest
 
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WAIT_MS
 from tests.e2e.dashboard_server import dashboard_server, require
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,8 @@ from app.people.models import PushSubscription
 from app.reminders.web_push import text_of
 from tests.e2e.capture.capture_page import capture_link, enrolled, require_accessible
 from tests.e2e.dashboard_server import require
-from tests.push_services import Browser
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.push_services import Browser
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 

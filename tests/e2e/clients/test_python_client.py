@@ -16,7 +16,7 @@ from app.reminders.web_push import text_of
 from tests.e2e.clients.conftest import CHANGES
 from tests.e2e.clients.lossy_line import lossy_line
 from tests.e2e.processes import REPOSITORY, enrolment_code
-from tests.push_services import Browser
+from tests.support.push_services import Browser
 
 PHOTOGRAPHS = REPOSITORY / "app" / "demo_data"
 ENDPOINT = "https://push.example.org/send/1"

@@ -16,14 +16,14 @@ import psycopg
 
 from app.core.settings import Settings
 from app.jobs.job_runner import TRIES_ALONE
-from tests.commands import run_tada
 from tests.e2e.faults.child_at_work import estimate_of
 from tests.e2e.faults.disk import Disk
 from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Tada, child_named, children_of, send
 from tests.e2e.faults.proxy import Network
 from tests.e2e.processes import environment_of, free_port
-from tests.s3_server import S3Server
-from tests.waiting import wait_until
+from tests.support.commands import run_tada
+from tests.support.s3_server import S3Server
+from tests.support.waiting import wait_until
 
 BUCKET = "faults"
 FILES_MEBIBYTES = 192

@@ -21,7 +21,7 @@ import libfaketime
 
 from app.core.process_life import PR_SET_PDEATHSIG
 from tests.e2e.processes import REPOSITORY, free_port
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 LIBFAKETIME = pathlib.Path(libfaketime.__file__).parent / "vendor" / "libfaketime" / "src" / "libfaketime.so.1"
 RESTART_SECONDS = 0.3  # between an end and the next start, as systemd's RestartSec

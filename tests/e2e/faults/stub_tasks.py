@@ -9,7 +9,7 @@ import time
 from app.estimates.child_tasks import TASKS as REAL_TASKS
 from tests.e2e.faults.child_at_work import named_after
 from tests.e2e.faults.pictures import note_of, volumes_ml
-from tests.estimates import answer, found_item
+from tests.support.estimates import answer, found_item
 
 PIECES = 5  # of the time, so that progress is told in between
 STAGES = ("read", "marker", "match", "depth", "volume")

@@ -10,11 +10,11 @@ from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item, identified_item, vcm
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import found_item, identified_item, vcm
+from tests.support.photographs import pair
 
 RING = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
 LOOKS = vcm(0.25, -1.0, 3.0)

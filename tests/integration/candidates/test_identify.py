@@ -22,10 +22,10 @@ from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.run_answer import RunAnswer
 from app.people.models import Study
-from tests.estimates import answer, found_item, vcm
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import answer, found_item, vcm
+from tests.support.photographs import pair
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +121,6 @@ def keys(item):
     return [one["food"]["key"] for one in item["candidates"]]
 
 
-@pytest.mark.same_on_both
 def test_food_that_was_confirmed_five_times_is_among_the_first_three_of_the_sixth(kitchen, phone, looks):
     first, second, third = looks(NEW_FOOD)
     for vector in (*first[:3], *second[:2]):
@@ -131,7 +130,6 @@ def test_food_that_was_confirmed_five_times_is_among_the_first_three_of_the_sixt
     assert sixth["index_version"].startswith("without litchis + 5 confirmed ")
 
 
-@pytest.mark.same_on_both
 def test_food_that_nobody_has_confirmed_is_no_candidate_and_probably_none_of_these(kitchen, phone, looks):
     for vector in looks(NEW_FOOD)[0][:5]:
         (item,) = kitchen.serve(phone, vector).items()
@@ -174,7 +172,6 @@ def test_rejected_and_erased_items_are_forgotten_at_the_next_meal(kitchen, phone
     assert (NEW_FOOD in keys(item), item["index_version"]) == (False, "without litchis")
 
 
-@pytest.mark.same_on_both
 def test_other_studies_are_learned_from_only_where_they_share(kitchen, enrol, looks, state):
     here, there = enrol("P001", study="here"), enrol("P002", study="there")
     first, second, _ = looks(NEW_FOOD)
@@ -194,7 +191,6 @@ def share(state, study, *, is_shared=True):
         session.execute(sa.update(Study).where(Study.code == study).values(shares_index=is_shared))
 
 
-@pytest.mark.same_on_both
 def test_study_that_shares_learns_from_nobody_by_that(kitchen, enrol, looks, state):
     here, there = enrol("P001", study="here"), enrol("P002", study="there")
     kitchen.told(there, NEW_FOOD, looks(NEW_FOOD)[0][0])
@@ -229,7 +225,6 @@ def test_what_a_participant_eats_moves_the_ranking_of_two_look_alikes(kitchen, e
     assert ratio(kitchen.serve(other, between, captured_at=NOON)) == pytest.approx(before)
 
 
-@pytest.mark.same_on_both
 def test_who_alone_has_confirmed_anything_is_not_told_their_habits_twice(kitchen, enrol, looks, between):
     phone, other = enrol("P001"), enrol("P002")
     for vector in looks("plum")[0][:4]:
@@ -270,7 +265,6 @@ def test_meal_is_no_evidence_for_itself(kitchen, phone, looks):
     assert NEW_FOOD in keys(kitchen.serve(phone, second[1]).items()[0])
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("vector", [[], [1.0, 2.0]])
 def test_meal_is_estimated_without_candidates_where_it_cannot_be_identified(kitchen, phone, vector):
     with capture_logs() as logs:
@@ -350,7 +344,6 @@ def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, p
     assert (identify() != first, len(made)) == (True, 2)
 
 
-@pytest.mark.same_on_both
 def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enrol, looks, state):
     here, there = enrol("P001", study="here"), enrol("P002", study="there")
     share(state, "there")

@@ -14,10 +14,10 @@ from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment
-from tests.estimates import answer, found_item
 from tests.integration.conftest import meal_metadata
-from tests.onnx_models import colour_classifier
-from tests.photographs import pair
+from tests.support.estimates import answer, found_item
+from tests.support.onnx_models import colour_classifier
+from tests.support.photographs import pair
 
 
 class SeeingChildren:

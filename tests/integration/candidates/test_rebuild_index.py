@@ -26,11 +26,11 @@ from app.vision.looks.vcm import VCM_VERSION, describe_rings
 from app.vision.model import ColourCorrection
 from app.vision.photo import read_photo
 from app.worker import TASKS
-from tests import estimates
-from tests.estimates import found_item, vcm
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import found_item, vcm
+from tests.support.photographs import pair
 
 pytestmark = pytest.mark.slow
 

@@ -8,10 +8,8 @@ import pytest
 from app.conformance import server_checks
 from app.conformance.server_checks import CHECKS
 from app.conformance.server_phone import TrialPhone, enrol
-from tests.estimates import found_item, save
-from tests.photographs import pair
-
-pytestmark = pytest.mark.same_on_both  # these checks see the answers alone
+from tests.support.estimates import found_item, save
+from tests.support.photographs import pair
 
 
 class Line:

@@ -10,12 +10,6 @@ from tests.integration.people.people import PASSWORD, make_staff
 BROWSER = {"Accept": "text/html,application/xhtml+xml", "Sec-Fetch-Site": "same-origin"}
 
 
-@pytest.fixture(params=["sqlite"])
-def kind(request):
-    """The pages have no SQL of their own: those whose figures come from many queries ask for both kinds themselves."""
-    return request.param
-
-
 class Figures(HTMLParser):
     """All `<data value>` of a page, in their order."""
 

@@ -4,10 +4,10 @@ import uuid
 
 import pytest
 
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 
 class Reviewed:

@@ -14,12 +14,12 @@ import sqlalchemy as sa
 
 from app.meals.models import MealImage
 from app.people.access.page_rules import POLLED
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
 
@@ -114,7 +114,6 @@ def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, v
     assert ("No meals match these filters" in browser.page(PAGE, **params)) is (not rows)
 
 
-@pytest.mark.same_on_both
 def test_set_filters_are_shown_in_the_form_and_kept_in_links(various, sign_in_browser):
     page = sign_in_browser("ann", pilot="viewer").page(
         PAGE, status=["failed", "queued"], food=["apple", "gone"], flag="low_texture", view="table", order="oldest"
@@ -139,7 +138,6 @@ def test_pages_follow_one_another_with_their_filters(meal_of, sign_in_browser):
     assert 'rel="first"' in second
 
 
-@pytest.mark.same_on_both
 def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin, various, sign_in_browser):
     counts = client.get("/v1/studies/pilot/meal-counts", headers=admin).json()["items"]
     browser = sign_in_browser("ann", pilot="viewer")
@@ -150,7 +148,6 @@ def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin
         assert len(CARD.findall(browser.page(PAGE, status=each["status"]))) == each["count"]
 
 
-@pytest.mark.same_on_both
 def test_unfinished_meals_are_polled_together_and_replaced_in_place(state, meal_of, sign_in_browser):
     waiting, other = meal_of(), meal_of(participant="P002")
     done = meal_of(found_item())
@@ -231,7 +228,6 @@ def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_
     assert all(word in page for word in ("photograph erased", "entered as text", "no photograph yet"))
 
 
-@pytest.mark.same_on_both
 def test_files_have_the_rows_of_the_filters(various, sign_in_browser):
     browser = sign_in_browser("ann", pilot="viewer")
     links = re.findall(r'href="([^"]*format=[^"]*)"', browser.page(PAGE, participant="P002"))

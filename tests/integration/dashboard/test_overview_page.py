@@ -89,7 +89,6 @@ def html(eaten, sign_in_browser):
     return sign_in_browser("vera", pilot="viewer").page(PATH, **WINDOW, component="fat_g")
 
 
-@pytest.mark.same_on_both
 def test_every_figure_of_the_page_is_the_api_s(told, html):
     days, whole, people = told["days"], told["completeness"], told["participants"]
     now, rest = html.split('id="window"')
@@ -121,7 +120,6 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     assert {0.5, whole["median_delay_seconds"]} < set(figures_of(html))  # a share and a delay are among them
 
 
-@pytest.mark.same_on_both
 def test_charts_draw_the_numbers_of_the_api(told, html):
     charts, days = charts_of(html), told["days"]
     drawn = {name: [series["values"] for series in chart["series"]] for name, chart in charts.items()}
@@ -214,7 +212,6 @@ def test_stranger_finds_no_overview(enrol, eaten, sign_in_browser):
         assert stranger.get(path).status_code == 404
 
 
-@pytest.mark.same_on_both
 def test_participants_code_cannot_end_a_script(eaten, state, sign_in_browser):
     with state.database.write() as session:
         for number, person in enumerate(session.scalars(sa.select(Participant))):

@@ -37,7 +37,6 @@ def article(page, day):
     return re.search(rf'<article class="day" id="day-{day}".*?</article>', page, re.DOTALL)[0]
 
 
-@pytest.mark.same_on_both
 def test_every_figure_of_the_diary_is_the_exports(client, admin, eaten, sign_in_browser):
     page = sign_in_browser("vera", pilot="viewer").page(PATH)
     rows = client.get("/v1/days", headers=admin, params={"study": "pilot", "participant": "P001"}).json()["items"]
@@ -88,7 +87,6 @@ def test_adequacy_figures_are_the_apis_and_are_loaded_after_the_page(client, adm
         assert "female, 31 to 50" in shown
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize(
     ("asked", "code"),
     [
@@ -145,7 +143,6 @@ def test_codes_of_withdrawn_participants_are_listed(client, admin, enrol, sign_i
     assert codes_of(client, admin) == ["P002"]
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize(
     ("asked", "said"),
     [

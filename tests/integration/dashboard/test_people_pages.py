@@ -9,7 +9,7 @@ import pytest
 from app.people.enrolment_qr import enrolment_text, qr_png
 from tests.integration.dashboard.conftest import Browser, text_of
 from tests.integration.people.people import PASSWORD, sign_in
-from tests.qr_codes import read_qr
+from tests.support.qr_codes import read_qr
 
 CHANGES = ("settings", "members", "enrol", "webhooks")
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.remeasurements.measuring_again import PATH as API
 from tests.integration.remeasurements.measuring_again import Again
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 PATH = "/dashboard/studies/pilot/remeasurements"
 PLAN = "/dashboard/studies/pilot/remeasurement-plan"

@@ -7,12 +7,12 @@ from urllib.parse import parse_qsl
 
 import pytest
 
-from tests import estimates
-from tests.estimates import found_item, identified_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import found_item, identified_item, unmeasured_item
+from tests.support.photographs import pair
 
 pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
 
@@ -43,7 +43,6 @@ def attribute(card, name):
     return re.search(rf' data-{name}="([^"]*)"', card)[1]
 
 
-@pytest.mark.same_on_both
 def test_cards_are_the_queue_of_the_api_figure_by_figure(client, admin, meal_of, sign_in_browser):
     meal_of(identified_item({"apple": 0.6, "pear": 0.25}, none=0.1), hint=None)
     meal_of(found_item(90.0, relative_sd={"pair": 0.0, "item": 0.2}))
@@ -70,7 +69,6 @@ def test_cards_are_the_queue_of_the_api_figure_by_figure(client, admin, meal_of,
         assert set(chances) <= set(figures_of(card))
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize(
     ("hint", "probabilities", "none", "marked", "why"),
     [
@@ -109,7 +107,6 @@ def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_
     assert browser.get(PAGE, min_doubt="2").status_code == 422
 
 
-@pytest.mark.same_on_both
 def test_event_of_another_reviewer_is_shown_with_the_current_item(client, admin, meal_of, sign_in_browser):
     meal = meal_of(found_item(), found_item(90.0))
     browser = sign_in_browser("ann", pilot="reviewer")
@@ -147,7 +144,6 @@ def test_own_event_does_not_settle_the_readers_card(meal_of, sign_in_browser):
     assert cards_of(browser.get(PAGE).text) == []
 
 
-@pytest.mark.same_on_both
 def test_names_and_notes_are_escaped(client, admin, meal_of, sign_in_browser):
     meal = meal_of(found_item())
     browser = sign_in_browser("ann", pilot="reviewer")
@@ -160,7 +156,6 @@ def test_names_and_notes_are_escaped(client, admin, meal_of, sign_in_browser):
     assert "<img src=x" not in again
 
 
-@pytest.mark.same_on_both
 def test_viewer_sees_no_queue_and_another_study_has_none_of_its_items(client, admin, meal_of, enrol, sign_in_browser):
     meal_of(found_item())
     enrol("P009", study="other")

@@ -23,7 +23,7 @@ from app.db.schema_state import (
 from app.db.session import Database
 from app.operations.health import check_readiness
 from app.storage.opening import open_blob_store
-from tests.commands import run_tada
+from tests.support.commands import run_tada
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from app.core.settings import Settings
 from app.db.session import PoolLimits, open_database
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 
 @pytest.fixture

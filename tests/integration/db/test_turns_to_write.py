@@ -6,7 +6,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.session import Database
-from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 @pytest.fixture

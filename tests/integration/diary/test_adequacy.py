@@ -87,7 +87,6 @@ def asked(client, admin, component, **params):
     return answer.json()
 
 
-@pytest.mark.same_on_both
 def test_group_is_judged_by_the_contents_of_its_foods(group, client, admin):
     body = asked(client, admin, "VITC")
     assert (body["number"], body["unit"], body["persons_without_stage"]) == ("401", "mg", 0)
@@ -137,7 +136,6 @@ def test_iron_of_menstruating_women_is_not_judged(phone, state, client, admin):
     assert women["reason"] == "too_few_persons"
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("group")
 def test_days_with_low_coverage_are_left_out(state, client, admin):
     add_meal(state, "M000", FIRST, eaten_item(None), device_of=phone_owner(state))

@@ -80,7 +80,6 @@ def test_closed_day_without_a_meal_is_not_a_day_of_nothing(phone, client, admin)
     )
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("status", ["receiving", "queued", "processing", "failed", "needs_review"])
 def test_unmeasured_meal_makes_the_days_coverage_null(phone, state, client, admin, status):
     set_profile(state, **MAN)
@@ -113,7 +112,6 @@ def test_day_with_all_food_left_is_whole_with_nothing_eaten(phone, state, client
     assert intakes(client, admin)[0]["plausibility"]["days"] == 2
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize(("minutes", "median"), [([5], 5), ([1, 5, 600], 5), ([5, 1, 9, 600], 7)])
 def test_upload_delay_is_the_meals_median(phone, state, client, admin, minutes, median):
     for delay in minutes:
@@ -190,7 +188,6 @@ def test_phone_sees_its_own_days_only(enrol, state, client):
     assert rows_of(client, other.headers) == rows_of(client, other.headers, participant="P001") == []
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize(
     ("profile", "energy", "verdict"),
     [
@@ -261,7 +258,6 @@ def test_intake_without_a_closed_day_is_null(phone, state, client, admin):
     assert found["components"]["energy_kcal"] == {"mean": None, "days": 0, "coverage": None}
 
 
-@pytest.mark.same_on_both
 def test_mean_energy_of_whole_days_is_judged_with_the_limits_of_their_number(phone, state, client, admin):
     set_profile(state, **MAN)
     for day in range(1, 8):
@@ -307,7 +303,6 @@ def test_intakes_page_by_participant_and_filter_by_day(enrol, state, client, adm
     assert client.get("/v1/studies/none/intakes", headers=admin).status_code == 404
 
 
-@pytest.mark.same_on_both
 def test_records_carry_the_days_status_its_number_and_the_delay(phone, state, client, admin):
     add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=1.0))
     add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=2.0), delay=timedelta(minutes=-2))
@@ -323,7 +318,6 @@ def test_records_carry_the_days_status_its_number_and_the_delay(phone, state, cl
     assert [record["study_day"] for record in records] == [0, 2]
 
 
-@pytest.mark.same_on_both
 def test_closed_day_of_meals_that_were_confirmed_without_food_is_a_day_of_nothing(phone, state, client, admin):
     set_profile(state, **MAN)
     add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), status="confirmed")

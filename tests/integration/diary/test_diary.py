@@ -12,7 +12,7 @@ from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 DAY = "2026-11-19"
 PATH = f"/v1/me/days/{DAY}"
@@ -128,13 +128,11 @@ def test_meal_that_comes_late_marks_the_closed_day_until_it_is_closed_again(phon
     "body",
     [{}, {"status": "shut"}, {"status": "open", "ate_nothing": True}, {"status": "closed", "why": "x"}, [], "closed"],
 )
-@pytest.mark.same_on_both
 def test_invalid_entry_is_refused(phone, body):
     assert say(phone, body, 0).status_code == 422
 
 
 @pytest.mark.parametrize("day", ["1999-12-31", "0001-01-01", "9999-12-31"])
-@pytest.mark.same_on_both
 def test_impossible_day_is_refused(phone, day):
     answer = say(phone, CLOSED, 0, path=f"/v1/me/days/{day}")
     assert (answer.status_code, answer.json()["code"]) == (422, "day_impossible")
@@ -187,13 +185,11 @@ def test_participant_sees_own_days_only(enrol):
         ({"from": "soon"}, "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_range_that_cannot_be_listed_is_refused(phone, params, code):
     answer = phone.get("/v1/me/days", **params)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("params", [{}, {"from": "0001-01-01"}, {"to": "0001-01-01"}, {"from": "9999-12-31"}])
 def test_open_ends_of_a_range_are_filled_in(phone, params):
     assert phone.get("/v1/me/days", **params).status_code == 200

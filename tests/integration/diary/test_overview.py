@@ -66,7 +66,6 @@ def told_from(request, state):
     return settle
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 def test_window_lists_each_day_with_silent_participants(client, admin, told_from):
     told_from()
@@ -100,7 +99,6 @@ def test_window_lists_each_day_with_silent_participants(client, admin, told_from
     assert found["participants"] == {"everybody": 2, "active": 2, "withdrawn": 0, "erased": 0}
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 def test_days_of_participants_add_up_to_the_days_of_the_study(client, admin, told_from):
     told_from()
@@ -148,7 +146,6 @@ def test_pending_and_failed_after_meal_pairs_are_counted_for_meals_of_any_status
     assert (waiting["after_awaited"], waiting["after_failed"]) == (2, 1)
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 def test_nutrients_are_those_of_whole_days(client, admin, told_from):
     told_from()
@@ -163,7 +160,6 @@ def test_nutrients_are_those_of_whole_days(client, admin, told_from):
         assert row["days"] == sum(each["days"] for each in bins) + row["days_below_bins"] + row["days_above_bins"]
 
 
-@pytest.mark.same_on_both
 def test_participant_is_expected_from_their_start_until_they_left(enrol, state, client, admin, told_from):
     enrol("P001")
     set_profile(state, starts_on=date(2026, 11, 3))
@@ -182,7 +178,6 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
     ]  # fmt: skip
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 def test_no_participant_is_expected_on_a_future_day(state, told_from):
     """A phone whose clock is ahead: its meals are there, and no day has more who told than were expected."""
@@ -195,7 +190,6 @@ def test_no_participant_is_expected_on_a_future_day(state, told_from):
     assert (found.completeness.expected, found.completeness.told, found.completeness.meals) == (2, 2, 5)
 
 
-@pytest.mark.same_on_both
 def test_places_are_shown_only_if_the_study_keeps_them(enrol, state, client, admin, told_from):
     enrol("P001", location_policy="keep")
     for day, latitude in (("2026-11-01", 48.20849), ("2026-11-02", -33.9)):
@@ -226,7 +220,6 @@ def test_study_without_a_meal_has_an_overview_of_nothing(enrol, client, admin):
     assert (found["histograms"], found["failures"], found["nutrients"][0]["mean"]) == ([], [], None)
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize("part", ROWS)
 def test_each_table_as_csv_has_the_rows_of_the_json(state, client, admin, part):
@@ -264,14 +257,12 @@ def as_cell(value):
         ({"format": "csv", "part": "secrets"}, "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_window_or_table_that_cannot_be_is_refused(enrol, client, admin, params, code):
     enrol("P001")
     answer = client.get(DAY_PATH, headers=admin, params=params)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("params", [{"from": "0001-01-01"}, {"to": "9999-12-31"}, {"from": "9999-12-31"}])
 def test_window_at_the_end_of_the_calendar_is_empty(enrol, state, client, admin, params):
     enrol("P001", location_policy="keep")

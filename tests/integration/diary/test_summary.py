@@ -74,7 +74,6 @@ def test_summary_without_a_date_is_of_the_last_day_and_without_days_an_error(fee
     assert feedback.get(PATH, date="2026-11-03").json()["meals"] == []
 
 
-@pytest.mark.same_on_both
 def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, state):
     set_profile(state, **WOMAN)
     eat(state, feedback, 15, 16)
@@ -100,7 +99,6 @@ def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, st
     assert any(sentence.startswith("Days differ") for sentence in body["sentences"])
 
 
-@pytest.mark.same_on_both
 def test_days_before_the_window_and_after_the_day_do_not_count(feedback, state):
     set_profile(state, **WOMAN)
     eat(state, feedback, 1, 2, 3, 20)

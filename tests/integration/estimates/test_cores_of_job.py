@@ -9,7 +9,7 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from tests.integration.conftest import meal_metadata
 from tests.integration.estimates.test_estimate_retries import Children
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 WORKER = "worker-1"
 

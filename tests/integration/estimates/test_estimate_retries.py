@@ -10,7 +10,7 @@ from app.children.child_pool import ChildResult
 from app.children.faults import BrokenOff, is_passing
 from app.estimates.estimate_meal import AWAITS_ROOM, EstimateMeal
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 
 class Children:

@@ -8,7 +8,7 @@ from app.estimates.camera_choice import median_camera
 from app.vision.board.calibration import calibrate
 from app.vision.model import EstimateOptions
 from app.vision.pipeline import estimate_meal
-from tests.scenes import load_scene
+from tests.support.scenes import load_scene
 from tests.unit.vision.synthetic import look_at, render_board
 
 SLANTS = [(60, -90, 0), (50, 0, 20), (55, 120, -30), (80, -90, 90), (45, 60, 10), (50, -150, 45)]

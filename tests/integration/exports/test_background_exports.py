@@ -24,8 +24,8 @@ from app.releases.file_runner import FileRunner
 from app.releases.file_work_chore import expire_exports
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
-from tests.stores import make_old, stored_names
-from tests.waiting import wait_until
+from tests.support.stores import make_old, stored_names
+from tests.support.waiting import wait_until
 
 PATH = "/v1/studies/pilot/exports"
 
@@ -122,7 +122,6 @@ def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
         ({"filters": {"participant": "\0"}}, "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_impossible_export_is_refused_at_once(viewer, body, code):
     answer = ask(viewer, **body)
     assert (answer.status_code, answer.json()["code"]) == (422, code)

@@ -5,10 +5,10 @@ import hashlib
 import pytest
 
 from app.http.paging import encode_cursor
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 
 class Copy:
@@ -49,7 +49,6 @@ def truth(client, headers):
     return {record["id"]: {key: record[key] for key in record if key not in of_days} for record in records}
 
 
-@pytest.mark.same_on_both
 def test_copy_is_the_server_s_after_each_pull(phone, state, client, admin):
     copy = Copy(client, admin)
     copy.pull()
@@ -106,7 +105,6 @@ def test_meal_larger_than_a_page_comes_whole(phone, state, client, admin):
 FORGED = ["1 record zzz", "1 record ", "1 day x/2026-01-01", f"{10**30} erased ", "-1 erased ", "1 meal x", ""]
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("cursor", ["x", "e30", "W10", *(encode_cursor("changes of pilot", key) for key in FORGED)])
 def test_broken_cursor_is_refused(phone, client, admin, cursor):
     answer = client.get("/v1/studies/pilot/changes", headers=admin, params={"cursor": cursor})

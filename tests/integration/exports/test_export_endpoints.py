@@ -19,7 +19,7 @@ from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal, eaten_item
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 TABLES = {
     "items": "/v1/records",
@@ -189,13 +189,11 @@ def test_geojson_of_items_has_their_meals_place(study, client, admin, state):
         ("/v1/data-dictionary", {"rows": "photographs", "layout": "long"}),
     ],
 )
-@pytest.mark.same_on_both
 def test_what_no_table_has_is_refused_by_name(study, client, admin, path, params):
     answer = client.get(path, headers=admin, params=params)
     assert (answer.status_code, answer.json()["code"]) == (422, "export_not_offered")
 
 
-@pytest.mark.same_on_both
 def test_days_reversed_are_refused_in_every_format(study, client, admin):
     for path in TABLES.values():
         for output in ("json", "csv"):

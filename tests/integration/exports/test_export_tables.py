@@ -85,7 +85,6 @@ def parquet_value(value):
     return value.isoformat() if isinstance(value, date) else value
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_csv_ndjson_and_parquet_have_the_same_values(talked_over, export, state, researcher, monkeypatch):
     monkeypatch.setattr(export_meals, "MEALS_A_BATCH", 2)
@@ -114,7 +113,6 @@ def test_csv_ndjson_and_parquet_have_the_same_values(talked_over, export, state,
                 assert {row[column.name] for row in told} <= {*column.values, None}, column
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_long_rows_are_the_wide_ones_columns(talked_over, rows):
     keys = {"items": ("id",), "meals": ("meal_id",), "days": ("participant", "local_date")}
@@ -133,7 +131,6 @@ def test_long_rows_are_the_wide_ones_columns(talked_over, rows):
             assert total == pytest.approx(math.fsum(row[component] or 0.0 for row in wide.values()), rel=EXACT)
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_components_of_items_are_those_of_the_meals_and_those_of_records(talked_over, rows, phone):
     long = rows("items", "long", components="all")
@@ -149,7 +146,6 @@ def test_components_of_items_are_those_of_the_meals_and_those_of_records(talked_
     assert energy == {row["id"]: row["energy_kcal"] for row in rows("items")}
 
 
-@pytest.mark.same_on_both
 @SEEDS
 def test_provenance_of_items_is_what_their_meals_fold_to(talked_over, rows, state, phone):
     told = {row["id"]: row for row in rows("items")}
@@ -173,7 +169,6 @@ def test_provenance_of_items_is_what_their_meals_fold_to(talked_over, rows, stat
                 assert row[name] == item[name], name
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_meals_total_what_the_meal_itself_tells(talked_over, rows, phone):
     told = rows("meals", components="all")
@@ -199,7 +194,6 @@ def test_meals_total_what_the_meal_itself_tells(talked_over, rows, phone):
             assert row[f"{slot}_received_sha256"] == its.get("received_sha256")
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_days_are_those_of_the_pages(talked_over, rows, client, admin):
     told = rows("days")
@@ -213,7 +207,6 @@ def test_days_are_those_of_the_pages(talked_over, rows, client, admin):
                 assert row[f"{other}{end}"] == (pytest.approx(value, rel=EXACT) if value is not None else None)
 
 
-@pytest.mark.same_on_both
 @ONE_SEED
 def test_manifest_names_every_photograph_with_a_path_that_gives_it(talked_over, rows, client, admin, phone):
     told = rows("photographs")

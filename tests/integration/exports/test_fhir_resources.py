@@ -8,12 +8,12 @@ import sqlalchemy as sa
 from app.foods.models import Food
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
-from tests.estimates import found_item, unmeasured_item
-from tests.fhir_models import TAGNAMES, bundle, error_of, labels, valid
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.exports.test_records import eaten
 from tests.integration.records.after_pairs import Table, apple, banana, left_of_apple
 from tests.integration.records.reviewing import Speaker, new_event
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.fhir_models import TAGNAMES, bundle, error_of, labels, valid
 
 ABSENT = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
 BASE = "http://testserver/fhir"
@@ -46,7 +46,6 @@ def diary(phone, state, client, admin):
     return phone
 
 
-@pytest.mark.same_on_both
 def test_figures_of_intakes_are_those_of_the_records(diary):
     records, intakes = records_of(diary), intakes_of(diary)
     assert set(intakes) == set(records)
@@ -70,7 +69,6 @@ def test_figures_of_intakes_are_those_of_the_records(diary):
         assert status["valueCode"] == record["status"]
 
 
-@pytest.mark.same_on_both
 def test_every_component_that_the_meal_tells_is_a_label_with_its_unit(diary):
     ucum, compared = {"IU": "[iU]"}, 0
     records, intakes = records_of(diary), intakes_of(diary)
@@ -87,7 +85,6 @@ def test_every_component_that_the_meal_tells_is_a_label_with_its_unit(diary):
     assert compared > 100
 
 
-@pytest.mark.same_on_both
 def test_an_amount_that_is_not_known_says_so_and_has_no_nutrients(diary):
     unknown = [intakes for key, intakes in intakes_of(diary).items() if records_of(diary)[key]["consumed_g"] is None]
     assert len(unknown) == 2
@@ -114,7 +111,6 @@ def test_negative_amounts_stay_negative_and_are_explained(phone, state):
     assert "bias" in intake["note"][0]["text"]
 
 
-@pytest.mark.same_on_both
 def test_who_when_and_by_whom(diary):
     records, intakes = records_of(diary), intakes_of(diary)
     for key, intake in intakes.items():
@@ -204,7 +200,6 @@ def test_a_change_of_a_record_is_a_new_version(phone, state, client, admin):
     assert int(after["meta"]["versionId"]) > int(before["meta"]["versionId"])
 
 
-@pytest.mark.same_on_both
 def test_patient_is_a_code_in_a_study_and_nothing_else(diary, state):
     (subject,) = {intake["subject"]["reference"] for intake in intakes_of(diary).values()}
     assert valid(diary.get(f"/fhir/{subject}")) == {
@@ -241,7 +236,6 @@ def test_what_the_server_says_of_itself_is_valid_and_needs_no_token(client):
     assert {each["name"] for each in told["NutritionIntake"]["searchParam"]} >= {"subject", "patient", "date", "status"}
 
 
-@pytest.mark.same_on_both
 def test_the_definition_of_every_extension_of_ours_can_be_read(diary, client):
     urls = set()
 
@@ -262,7 +256,6 @@ def test_the_definition_of_every_extension_of_ours_can_be_read(diary, client):
     assert error_of(client.get("/fhir/StructureDefinition/none")) == (404, "not_found")
 
 
-@pytest.mark.same_on_both
 def test_an_anonymised_participant_is_another_patient(diary, client, admin, state):
     key = next(iter(intakes_of(diary)))
     client.patch("/v1/studies/pilot", headers=admin | {"If-Match": "*"}, json={"withdrawal_policy": "anonymise"})

@@ -6,9 +6,9 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from app.exports.fhir import queries as fhir_intakes
-from tests.fhir_models import bundle, error_of, link, valid
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
+from tests.support.fhir_models import bundle, error_of, link, valid
 
 URL = "/fhir/NutritionIntake"
 
@@ -57,7 +57,6 @@ def test_pages_hold_every_record_once_in_the_order_of_capture(client, admin):
             assert all(len(page) == count for page in pages[:-1])
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("two_studies")
 def test_more_studies_than_a_statement_has_branches_give_the_same(client, admin, monkeypatch):
     before = crawl(client, admin, "_count=4")
@@ -132,7 +131,6 @@ FORMS = [
 ]
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("two_studies")
 def test_a_person_is_named_in_every_way_of_the_standard(client, admin):
     expected = record_ids(client, admin, study="pilot", participant="P002")
@@ -184,7 +182,6 @@ def test_ids_find_what_they_name_within_the_other_filters(client, admin, two_stu
     assert ids(two_studies["P001", "my_study"].get(URL, _id=one)) == []
 
 
-@pytest.mark.same_on_both
 def test_each_sees_their_own_and_what_is_not_theirs_is_not_found(client, admin, two_studies):
     viewer = make_staff(client, admin, "eve", my_study="viewer")
     stranger = make_staff(client, admin, "mallory")
@@ -208,7 +205,6 @@ def test_each_sees_their_own_and_what_is_not_theirs_is_not_found(client, admin, 
     assert error_of(viewer.get("/fhir/Patient/P001")) == (404, "not_found")  # a resource has one id
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("two_studies")
 def test_a_parameter_that_is_not_known_is_ignored_and_told_or_refused_where_that_is_wanted(client, admin):
     query = "_lastUpdated=gt2026&date=2026-11-01&_total=accurate&_sort=-date&_sort=date&code=x&_format=json"
@@ -234,7 +230,6 @@ BAD = [
 
 
 @pytest.mark.usefixtures("phone")
-@pytest.mark.same_on_both
 def test_a_value_that_cannot_be_read_is_refused(client, admin):
     for query in BAD:
         code = "cursor_invalid" if "_cursor" in query else "search_parameter_invalid"
@@ -259,7 +254,6 @@ def test_a_cursor_is_bound_to_its_filters(client, admin):
     assert len(ids(client.get(following.replace("_count=1", "_count=3"), headers=admin))) == 3
 
 
-@pytest.mark.same_on_both
 def test_a_page_has_100_resources_at_most(client, admin, phone, state):
     for day in range(1, 6):
         add_meal(state, "P001", f"2026-11-{day:02d}", *(eaten_item() for _ in range(45)))
@@ -278,7 +272,6 @@ FORMATS = [
 ]  # fmt: skip
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("phone")
 def test_resources_are_given_as_json_only(client, admin):
     for path, (headers, query, status) in itertools.product(

@@ -13,7 +13,7 @@ from app.http.paging import encode_cursor
 from app.meals.remeasurement_models import Remeasurement
 from app.outbox.models import Webhook
 from app.people.models import Study
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 KEYED_BY_TEXT = {  # any text is a place in such a list
     "/v1/staff",
@@ -138,7 +138,6 @@ def test_every_list_is_asked_in_these_tests(client, ask):
     assert {path: ask(path).status_code for path in lists} == dict.fromkeys(lists, 200)
 
 
-@pytest.mark.same_on_both
 def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
     monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]
@@ -159,7 +158,6 @@ def test_cursor_of_another_list_is_refused_by_every_list(client, ask):
         assert (path, answer.status_code, answer.json()["code"]) == (path, 422, "cursor_of_other_filters")
 
 
-@pytest.mark.same_on_both
 def test_cursor_of_every_list_binds_each_of_its_filters(client, ask, monkeypatch):
     asked = []
     monkeypatch.setattr(paging, "_fingerprint", lambda listed: asked.append(listed) or "")

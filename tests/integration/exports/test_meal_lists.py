@@ -8,12 +8,12 @@ import sqlalchemy as sa
 
 from app.exports.lists import list_meals
 from app.meals.models import MealImage
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 
 @pytest.fixture
@@ -40,7 +40,6 @@ def ids(rows):
     return [row["id"] for row in rows]
 
 
-@pytest.mark.same_on_both
 def test_row_says_what_the_meal_says(client, admin, phone, meal_of):
     meal_id = meal_of(phone, found_item(150.0), found_item(80.0), found_item(60.0), unmeasured_item())
     speaker = Speaker(client, phone.headers, meal_id)
@@ -66,7 +65,6 @@ def test_row_says_what_the_meal_says(client, admin, phone, meal_of):
     assert client.get(row["links"]["photograph_left"], headers=admin).status_code == 200
 
 
-@pytest.mark.same_on_both
 def test_meal_of_which_nothing_is_known_has_no_figures_and_one_confirmed_without_foods_has_zero(client, phone, meal_of):
     unknown, empty = meal_of(phone), meal_of(phone, found_item())
     speaker = Speaker(client, phone.headers, empty)
@@ -161,13 +159,11 @@ def test_erased_photograph_has_no_link(client, admin, phone, meal_of, state):
         ("food=" + "&food=".join("abcdefghijk"), "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_what_no_list_of_meals_can_be_asked_is_refused(client, phone, query, code):
     answer = client.get(f"/v1/meals?{query}", headers=phone.headers)
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
-@pytest.mark.same_on_both
 def test_counts_tell_that_there_are_more_than_they_counted(client, admin, enrol, meal_of, monkeypatch):
     monkeypatch.setattr(list_meals, "MOST_COUNTED", 2)
     for phone in (enrol("P001"), enrol("P002"), enrol("P001"), enrol("P001", study="other")):

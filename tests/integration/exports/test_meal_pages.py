@@ -19,8 +19,8 @@ from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 from app.records import streams as meal_streams
 from app.records.page_queries import MOST_BRANCHES
-from tests.filled_databases import fill_once
 from tests.integration.exports.test_record_pages import plan_of
+from tests.support.filled_databases import fill_once
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)

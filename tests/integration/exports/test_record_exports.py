@@ -31,7 +31,7 @@ from app.people.models import Participant, Staff
 from app.people.privacy_models import AuditEvent
 from app.records.schemas import RecordOut
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
 RECORD_NAMES = [column.name for column in RECORD_COLUMNS]
@@ -158,7 +158,6 @@ def plain_csv(rows):
     return buffer.getvalue().encode()
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize("batch", [3, 2000])
 def test_files_are_byte_for_byte_those_of_a_plain_writer(client, admin, monkeypatch, batch):

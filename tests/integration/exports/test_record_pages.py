@@ -23,7 +23,7 @@ from app.records.page_queries import search_of
 from app.records.queries import page_of_records
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, page_of_queue, queue_keys
-from tests.filled_databases import fill_once
+from tests.support.filled_databases import fill_once
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)

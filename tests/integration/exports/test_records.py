@@ -10,10 +10,10 @@ from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 APPLE_HINT = [{"point": [30, 20], "food": "apple"}]
 
@@ -101,7 +101,6 @@ def test_food_that_the_table_lacks_by_now_is_kept_as_an_item_to_review(phone, st
         ({"polygon": [[[1, 5000], [2, 5000], [2, 5100]]]}, "hint_outside", {"hints": [1]}),
     ],
 )
-@pytest.mark.same_on_both
 def test_hint_that_cannot_be_is_refused_and_nothing_is_kept(phone, state, hint, code, told):
     refused = phone.post(pair(), meal_metadata(hints=[*APPLE_HINT, hint]))
     problem = refused.json()
@@ -173,7 +172,6 @@ def test_pages_lead_through_all_records_in_the_order_of_capture(phone, state, cl
     assert seen == sorted(days)
 
 
-@pytest.mark.same_on_both
 def test_cursor_of_other_filters_and_broken_cursors_are_refused(phone, state, client):
     for seed in range(3):
         eaten(phone, state, seed=seed)
@@ -247,7 +245,6 @@ def test_participant_sees_own_records_only(enrol, state):
     assert other.get("/v1/records", participant="P001").json()["items"] == []
 
 
-@pytest.mark.same_on_both
 def test_change_numbers_count_up_in_a_study(phone, state):
     for seed in range(3):
         eaten(phone, state, seed=seed)

@@ -114,7 +114,6 @@ def test_dishes_nest_and_never_contain_themselves(staff):
     ],
     ids=lambda value: value if isinstance(value, str) else None,
 )
-@pytest.mark.same_on_both
 def test_a_recipe_that_cannot_be_is_refused(staff, recipe, code):
     refused(staff.food(**SALAD, recipe=recipe), 422, code)
     assert staff.get("/v1/foods/fruit-salad-ours").status_code == 404

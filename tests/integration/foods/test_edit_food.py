@@ -21,7 +21,7 @@ from app.foods.search.search_foods import search_foods
 from app.foods.study_densities import Measurement, add_study_density
 from app.nutrition.foods import Density
 from app.people.studies import create_study
-from tests.commands import run_tada
+from tests.support.commands import run_tada
 
 EDITOR = Editor("a test", "to see")
 
@@ -153,7 +153,6 @@ def test_a_row_of_a_table_of_densities_is_not_corrected_but_the_food_that_it_wei
     assert caught.value.code == "food_has_densities_only"
 
 
-@pytest.mark.same_on_both
 def test_a_food_s_value_that_cannot_be_is_refused_and_nothing_kept(database):
     with pytest.raises(InvalidInputError):
         correct(database, "apple", form="cube")

@@ -185,7 +185,6 @@ def test_only_an_admin_edits(client, phone):
         ({"ENERC_KCAL": {"per_100_g": 2000, "unit": "kcal"}}, "figures_impossible"),
     ],
 )
-@pytest.mark.same_on_both
 def test_figures_that_cannot_be_are_refused(staff, nutrients, code):
     refused(staff.food(nutrients=nutrients), 422, code)
     refused(staff.patch("apple", nutrients=nutrients), 422, code)
@@ -244,7 +243,6 @@ def test_an_unknown_component_is_named(staff):
     ],
     ids=str,
 )
-@pytest.mark.same_on_both
 def test_what_a_food_cannot_be_is_refused(staff, change):
     answer = staff.food(**change)
     assert answer.status_code == 422, answer.json()
@@ -274,7 +272,6 @@ def test_what_a_food_cannot_be_is_refused(staff, change):
     ],
     ids=lambda raw: raw[:40].decode("latin-1"),
 )
-@pytest.mark.same_on_both
 def test_broken_bodies_are_refused_and_change_nothing(staff, client, admin, raw):
     headers = admin | {"If-Match": "*", "Content-Type": "application/json"}
     for method, path in [("PATCH", "/v1/foods/apple"), ("POST", "/v1/foods"), ("POST", "/v1/foods/apple/densities")]:
@@ -284,7 +281,6 @@ def test_broken_bodies_are_refused_and_change_nothing(staff, client, admin, raw)
     assert staff.get("/v1/foods/apple").json()["version"] == 1
 
 
-@pytest.mark.same_on_both
 def test_a_huge_body_is_refused_before_it_is_read(staff):
     answer = staff.food(aliases=["x" * 299] * 2000)
     refused(answer, 413, "too_large")

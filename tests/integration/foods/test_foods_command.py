@@ -13,7 +13,7 @@ from app.cli.database import opened_database
 from app.core.errors import StorageFullError
 from app.db.session import Database
 from app.foods.models import Food, FoodActivation, FoodNutrient, FoodRelease
-from tests.commands import run_tada
+from tests.support.commands import run_tada
 
 APPLE = {
     "FD_GROUP.txt": "~0900~^~Fruits and Fruit Juices~\r\n",
@@ -98,7 +98,6 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
     assert counts() == before
 
 
-@pytest.mark.same_on_both
 def test_truncated_zip_is_refused(tada, tmp_path, counts):
     before = counts()
     whole = release(tmp_path / "whole.zip").read_bytes()
@@ -108,7 +107,6 @@ def test_truncated_zip_is_refused(tada, tmp_path, counts):
     assert counts() == before
 
 
-@pytest.mark.same_on_both
 def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
     assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
     assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr
@@ -116,7 +114,6 @@ def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sqlite"])
 def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, tmp_path):
     """As processes of their own, where all else here runs in the test's."""
 

@@ -85,7 +85,6 @@ def test_specimens_of_a_study_s_density_are_kept(staff, enrol):
         {"g_per_ml": "1", "sd_g_per_ml": 0.1},
     ],
 )
-@pytest.mark.same_on_both
 def test_a_density_that_cannot_be_is_refused(staff, enrol, change):
     enrol()
     body = {"food": "apple", "state": "raw", "kind": "solid", "method": "m", "reason": "r"} | change

@@ -67,7 +67,6 @@ def test_infants_are_asked_for_in_months(phone):
         {"age_years": 30, "sex": "female", "activity": "lazy"},
     ],
 )
-@pytest.mark.same_on_both
 def test_what_cannot_be_is_a_problem_document(phone, params):
     answer = phone.get(PATH, **params)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")

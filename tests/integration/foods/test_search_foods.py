@@ -17,9 +17,9 @@ from app.foods.importers.imported import ImportedTable, Skipped
 from app.foods.search import search_foods as search
 from app.foods.search.search_foods import food_groups, search_foods
 from app.nutrition.foods import Food, FoodTable
-from tests.commands import run_tada
 from tests.conftest import postgres_database
-from tests.food_queries import judged
+from tests.support.commands import run_tada
+from tests.support.food_queries import judged
 
 FRUIT, DISHES = "Fruits and Fruit Juices", "Meals, Entrees, and Side Dishes"
 

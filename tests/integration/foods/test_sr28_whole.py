@@ -13,7 +13,7 @@ from app.foods.importers.sr28 import read_sr28
 from app.foods.models import Food, FoodNutrient
 from app.foods.search.search_foods import search_foods
 from tests.conftest import copied_database
-from tests.food_queries import judged
+from tests.support.food_queries import judged
 
 FRUIT = ("09003", "09040", "09200", "09252", "09266", "09148")
 pytestmark = pytest.mark.slow

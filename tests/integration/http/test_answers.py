@@ -13,7 +13,6 @@ import pytest
         ("/v1/nowhere", 404),
     ],
 )
-@pytest.mark.same_on_both
 def test_json_is_not_guessed_at_and_not_kept(phone, path, status):
     """`/v1/me` went out without Cache-Control, JSON and CSV without nosniff."""
     answer = phone.get(path)

@@ -5,9 +5,7 @@ import pytest
 from app.http.rate_limit import CallLimits
 from app.people.access import caller
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
-
-pytestmark = pytest.mark.same_on_both
+from tests.support.photographs import pair
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from app.people.access.access_rules import RULES
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.photographs import pair, photograph
 
 ANYTHING = {"study": "pilot", "day": "2026-11-21", "name": "left.jpg", "slot": "left", "key": "apple"}
 
@@ -16,7 +16,6 @@ def some_address(pattern):
     return re.sub(r"{(\w+)(?::\w+)?}", lambda found: ANYTHING.get(found[1], str(uuid.UUID(int=1))), pattern)
 
 
-@pytest.mark.same_on_both
 def test_refused_method_hears_of_all_that_the_address_takes(client):
     """26 addresses left out some."""
     addresses = {}
@@ -49,7 +48,6 @@ def test_refused_method_hears_of_all_that_the_address_takes(client):
         "/dashboard/sign-in",
     ],
 )
-@pytest.mark.same_on_both
 def test_head_answers_as_get_without_the_body(phone, client, path):
     body = meal_metadata()
     assert phone.post(pair(), body).status_code == 202
@@ -62,7 +60,6 @@ def test_head_answers_as_get_without_the_body(phone, client, path):
     }
 
 
-@pytest.mark.same_on_both
 def test_head_changes_nothing_and_is_refused_as_get_is(client, phone):
     assert client.head("/v1/me").status_code == 401
     assert client.head("/v1/studies", headers=phone.headers).status_code == 403
@@ -94,7 +91,6 @@ def without_id(metadata):
     return {name: value for name, value in metadata.items() if name != "id"}
 
 
-@pytest.mark.same_on_both
 def test_headers_of_a_body_mean_nothing_where_there_is_none(client, admin):
     headers = admin | {"Content-Range": "bytes 0-9/10", "Content-Encoding": "gzip"}
     assert client.get("/v1/studies", headers=headers).status_code == 200

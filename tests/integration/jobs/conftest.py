@@ -18,7 +18,7 @@ from app.jobs.supervisor import settings_environment
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from tests.integration.jobs.fakes import TIMES, new_device, new_job
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 

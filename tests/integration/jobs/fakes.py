@@ -26,7 +26,7 @@ from app.jobs.worker_process import run_jobs
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.people.models import Device, Participant, Study
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, wait_for_room=0.1, drain=1.0)
 LONG_LEASE = 60.0  # where nobody dies: a worker that a loaded machine holds up keeps its jobs

@@ -9,7 +9,7 @@ from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.local import LocalBlobStore
 from tests.integration.people.persons import database_bytes
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 BOX = SecretBox("a key for tests only, of no worth")
 

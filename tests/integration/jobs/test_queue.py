@@ -2,7 +2,7 @@ import pytest
 
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_job
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 def test_queued_job_is_done_and_saved_once(jobs):

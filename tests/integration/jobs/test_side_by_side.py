@@ -12,7 +12,7 @@ from app.jobs import queries as job_queries
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import LONG_LEASE, new_job
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ from app.jobs.sweep import sweep
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from tests.integration.jobs.fakes import new_meal, new_unqueued_job
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 def settle(session, meal):

@@ -4,7 +4,7 @@ import time
 import pytest
 
 from tests.integration.jobs.fakes import LONG_DRAIN, LONG_LEASE, TIMES
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 

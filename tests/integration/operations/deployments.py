@@ -26,7 +26,7 @@ from app.operations.backup.restore import restore
 from app.people.access.secret_box import open_secret_box
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
-from tests import estimates
+from tests.support import estimates
 
 SECRET = "a key for tests only, of no worth"
 

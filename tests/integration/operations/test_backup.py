@@ -46,9 +46,9 @@ from tests.integration.operations.deployments import (
     store_what_is_named,
 )
 from tests.integration.people.persons import Person
-from tests.photographs import pair
-from tests.stores import damage
-from tests.waiting import wait_until
+from tests.support.photographs import pair
+from tests.support.stores import damage
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

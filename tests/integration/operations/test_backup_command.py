@@ -15,10 +15,10 @@ import pytest
 from app.operations.backup import backup as backup_module
 from app.operations.figure_queries import last_backup
 from app.people.privacy_models import Tombstone
-from tests.commands import run_tada
 from tests.integration.operations.deployments import SECRET, deployment
 from tests.integration.operations.test_backup_refused import add_meal
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.commands import run_tada
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 
 @pytest.fixture

@@ -26,9 +26,9 @@ from app.people.models import Staff, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
 from app.privacy.erasure_ledger import Erasure, ErasureLedger
 from app.storage.opening import open_blob_store
-from tests.commands import run_tada
 from tests.conftest import s3_settings
 from tests.integration.jobs.fakes import new_meal, new_unqueued_job
+from tests.support.commands import run_tada
 
 KEY = "a key for tests only, of no worth"
 OTHER_KEY = "another key for tests, of no worth"

@@ -17,8 +17,8 @@ from app.exports.release_models import Release, ReleaseChange
 from app.operations import figures
 from app.operations.figures import DeploymentFigures
 from tests.integration.diary.eaten_days import add_meal, eaten_item
-from tests.photographs import pair
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.photographs import pair
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 TOKEN = "a token for tests of metrics"
 HERE = {"Host": "127.0.0.1:8000"}
@@ -66,12 +66,10 @@ def test_caller_from_elsewhere_does_not_learn_that_there_are_metrics(client):
 @pytest.mark.parametrize(
     "header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "Via", "X-Forwarded-Host", "X-Forwarded-Proto"]
 )
-@pytest.mark.same_on_both
 def test_proxy_on_the_same_machine_is_not_a_local_caller(local, header):
     assert local.get("/metrics", headers={header: "127.0.0.1"}).status_code == 404
 
 
-@pytest.mark.same_on_both
 def test_page_in_a_local_browser_that_asks_by_another_name_is_refused(local):
     assert local.get("/metrics", headers={"Host": "tada.example.org"}).status_code == 404
 

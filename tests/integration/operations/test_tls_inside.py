@@ -10,8 +10,8 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.session import Database, normalise_url
-from tests.s3_places import s3_environment
-from tests.tls_front import Authority, TlsFront
+from tests.support.s3_places import s3_environment
+from tests.support.tls_front import Authority, TlsFront
 
 READ_AND_WRITE = """
 from app.core.settings import Settings

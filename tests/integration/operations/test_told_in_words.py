@@ -23,7 +23,7 @@ from app.storage import s3
 from app.worker import run_worker
 from tests.conftest import postgres_database
 from tests.integration.operations.weak_role import weak_role
-from tests.s3_places import IMPATIENT
+from tests.support.s3_places import IMPATIENT
 
 KEY = "a key for tests only, of no worth"
 

@@ -31,10 +31,10 @@ from app.records.rebuild_records import rebuild_records
 from app.releases.file_runner import FileRunner
 from app.releases.freeze_release import ReleaseFilters
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 OWNERS = {"participant", "device", "meal", "item", "run", "job", "meal_event"}
 OWNED_BY = {f"{owner}_id" for owner in OWNERS} | {"event_id", "after_item_id", "parent_id"}

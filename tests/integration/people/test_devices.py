@@ -9,7 +9,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.people.access.last_use import LastUse, clock_skew_seconds
 from tests.integration.people.people import make_staff
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 DEVICES = "/v1/studies/pilot/devices"
 NOW = datetime(2026, 11, 21, 12, 0, 0, tzinfo=UTC)

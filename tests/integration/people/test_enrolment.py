@@ -1,8 +1,6 @@
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
-import pytest
-
 from app.people.models import AccessToken, Device, Enrolment
 from app.people.privacy_models import AuditEvent
 
@@ -149,7 +147,6 @@ def test_revoked_and_expired_tokens_are_401(client, admin, state):
         assert client.get("/v1/records", headers=headers).status_code == 401
 
 
-@pytest.mark.same_on_both
 def test_many_tries_are_slowed_down(client):
     answers = [exchange(client, f"guess-{n}") for n in range(70)]
     limited = [answer for answer in answers if answer.status_code == 429]

@@ -7,12 +7,12 @@ import sqlalchemy as sa
 from app.people import privacy_queries as people_privacy
 from app.people.models import Participant
 from app.privacy import queries as privacy
-from tests import estimates
-from tests.estimates import identified_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
-from tests.photographs import pair
-from tests.waiting import wait_for_blocked_transaction
+from tests.support.estimates import identified_item
+from tests.support.photographs import pair
+from tests.support.waiting import wait_for_blocked_transaction
 
 
 def test_reviewers_confirmation_waits_for_a_withdrawal_under_way(phone, state, client, admin):

@@ -8,7 +8,7 @@ import pytest
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import make_staff
-from tests.qr_codes import read_qr
+from tests.support.qr_codes import read_qr
 
 PROFILE = {"sex": "female", "birth_year": 1990, "height_cm": 170.0, "weight_kg": 62.5, "activity": "active"}
 PEOPLE = "/v1/studies/pilot/participants"
@@ -78,7 +78,6 @@ def test_first_day_moves_only_when_it_is_named(owner, participant, state):
     ],
     ids=str,
 )
-@pytest.mark.same_on_both
 def test_profile_that_cannot_be_is_refused(owner, participant, profile, code):
     answer = owner.patch(participant, json={"profile": profile})
     assert (answer.status_code, answer.json()["code"]) == (422, code)
@@ -137,7 +136,6 @@ def test_png_is_read_back_by_another_program_and_its_code_enrols(owner, particip
         ("text/html, application/json", "application/json"),
     ],
 )
-@pytest.mark.same_on_both
 def test_answer_is_what_the_caller_accepts_first(owner, participant, accept, media_type):
     answer = owner.post(f"{participant}/enrolment-codes", headers={"Accept": accept})
     assert answer.headers["content-type"].split(";")[0] == media_type

@@ -16,7 +16,7 @@ import structlog
 
 from app.people.access.last_use import LastUse
 from tests.integration.people.people import bearer, sign_in
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 PASSWORD, NEW_PASSWORD, WRONG_PASSWORD = "first-Passw0rd of olga", "second-Passw0rd of olga", "a-wr0ng guess of hers"
 
@@ -150,7 +150,6 @@ def test_secrets_stay_secret(session, log, state, settings):
             assert found_in(path.read_bytes(), secrets) == [], path
 
 
-@pytest.mark.same_on_both
 def test_secrets_are_shown_once_and_nowhere_else(session):
     call, secrets = session
     told = [secret for answer in call.answers for secret in found_in(answer.content, secrets)]

@@ -18,7 +18,7 @@ from app.people.access.passwords import MAX_CONCURRENT, MAX_WAITING, Passwords, 
 from app.people.models import AccessToken, Staff
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 OTHER = "staple of another horse"
 
@@ -61,7 +61,6 @@ def test_unknown_wrong_and_disabled_give_the_same_answer(client, admin, olga):
     assert answers[0].json()["code"] == "sign_in_failed"
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("full_password_cost")
 def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatch):
     checked = []
@@ -165,7 +164,6 @@ def test_first_password_ends_no_token(client, admin):
 @pytest.mark.parametrize(
     "password", ["password1234", "Passw0rd2026!", "qwertyuiop12", "123456789012", "iloveyou1234", "olga.olga.olga"]
 )
-@pytest.mark.same_on_both
 def test_common_password_is_refused(client, admin, olga, password):
     answer = client.patch("/v1/staff/olga", headers=admin, json={"password": password})
     assert (answer.status_code, answer.json()["code"]) == (422, "password_refused")
@@ -177,7 +175,6 @@ def test_unicode_forms_of_a_password_are_equal(client, admin):
     assert sign_in(client, "rene", "cre\u0300me bru\u0302le\u0301e au four").status_code == 201
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("full_password_cost")
 def test_hash_of_older_cost_is_renewed_at_the_next_sign_in(client, admin, olga, state):
     from pwdlib.hashers.argon2 import Argon2Hasher
@@ -250,7 +247,6 @@ def test_wrong_tries_from_elsewhere_do_not_lock_a_name_out(crowd):
     assert sign_in(herself, "olga").status_code == 201
 
 
-@pytest.mark.same_on_both
 def test_crowd_is_slowed_by_name_but_not_where_the_person_signed_in_before(crowd):
     herself = crowd("198.51.100.7")
     assert sign_in(herself, "olga").status_code == 201
@@ -272,7 +268,6 @@ def test_wrong_current_passwords_are_limited(strict_client, settings):
     assert statuses == [401, 401, 429, 429]
 
 
-@pytest.mark.same_on_both
 def test_tries_are_counted_for_the_alert(strict_client):
     before = {outcome: tries(outcome) for outcome in ("failed", "limited")}
     for _ in range(4):

@@ -4,7 +4,7 @@ import pytest
 
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import make_staff
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 CAMERA = {"width": 4000, "height": 3000, "fx": 3000.0, "fy": 3000.0, "cx": 2000.0, "cy": 1500.0}
 
@@ -112,7 +112,6 @@ def test_null_takes_marker_camera_and_retention_away(owner):
     ],
     ids=str,
 )
-@pytest.mark.same_on_both
 def test_protocol_that_cannot_be_is_refused_and_nothing_changes(owner, wrong):
     assert change(owner, **wrong).status_code == 422
     assert owner.get("/v1/studies/pilot").headers["etag"] == '"1"'

@@ -40,7 +40,6 @@ def may_read(answer, origin):
 
 
 @pytest.mark.parametrize("origin", [OF_SERVER, "http://localhost:5173", OF_STUDY])
-@pytest.mark.same_on_both
 def test_preflight_of_an_allowed_origin_is_answered(client, phones, origin):
     answer = preflight(client, origin)
     assert (answer.status_code, may_read(answer, origin)) == (200, True)
@@ -63,7 +62,6 @@ def test_preflight_of_an_allowed_origin_is_answered(client, phones, origin):
         "",
     ],
 )
-@pytest.mark.same_on_both
 def test_other_origins_get_nothing(client, phones, origin):
     answer = preflight(client, origin)
     assert (answer.status_code, may_read(answer, origin)) == (400, False)
@@ -73,7 +71,6 @@ def test_other_origins_get_nothing(client, phones, origin):
     assert "access-control-expose-headers" not in answer.headers
 
 
-@pytest.mark.same_on_both
 def test_preflight_with_a_header_or_method_of_no_use_is_refused(client):
     assert preflight(client, OF_SERVER, headers="cookie").status_code == 400
     assert preflight(client, OF_SERVER, method="TRACE").status_code == 400

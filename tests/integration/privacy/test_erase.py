@@ -28,11 +28,11 @@ from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
-from tests import estimates
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.persons import Person
-from tests.photographs import pair
-from tests.stores import make_old, store_bytes, stored_names
+from tests.support.photographs import pair
+from tests.support.stores import make_old, store_bytes, stored_names
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from app.identification.food_index import shipped_index
 from app.meals.models import Meal
 from app.meals.run_answer import RunAnswer
 from app.people.models import Study
-from tests import estimates
-from tests.estimates import answer, found_item, vcm
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import answer, found_item, vcm
+from tests.support.photographs import pair
 
 
 @pytest.fixture

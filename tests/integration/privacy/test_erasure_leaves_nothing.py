@@ -31,7 +31,7 @@ from tests.integration.people.persons import (
     personal_tables,
     tables_with_alias,
 )
-from tests.stores import copy_of_store, store_bytes
+from tests.support.stores import copy_of_store, store_bytes
 
 STAYS_WITHOUT_MEAL = {
     "access_token",

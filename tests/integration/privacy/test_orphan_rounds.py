@@ -13,7 +13,7 @@ from app.privacy.missing_blobs import find_missing
 from app.privacy.orphan_rounds import SLICE_SECONDS, OrphanRounds, Pace
 from app.storage.opening import open_blob_store
 from tests.integration.people.persons import Person
-from tests.stores import make_old
+from tests.support.stores import make_old
 
 HOURLY = Pace(interval=timedelta(hours=1), first_after=timedelta(0))
 

@@ -18,12 +18,12 @@ from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.uploads.after_meal import SubmitAfterPair
 from app.uploads.submit_meal import SubmitMeal
-from tests import estimates
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table
-from tests.photographs import pair
-from tests.stores import make_old
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.photographs import pair
+from tests.support.stores import make_old
+from tests.support.waiting import PATIENCE_SECONDS
 
 BLOCKED_SECONDS = 0.5  # long enough for whoever is not kept waiting by a lock
 

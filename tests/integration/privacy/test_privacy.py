@@ -31,13 +31,13 @@ from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import public_digest
 from app.privacy.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
-from tests.deadlocks import deadlock_over_a_meal
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.persons import Person, database_bytes
-from tests.photographs import pair, photograph
-from tests.stores import store_bytes
+from tests.support.deadlocks import deadlock_over_a_meal
+from tests.support.photographs import pair, photograph
+from tests.support.stores import store_bytes
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 from tests.unit.photos.photo_files import coordinate_bytes, exif_block
-from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 def set_study(state, **values):

@@ -1,8 +1,8 @@
 """A meal with an after-meal pair: sent by a phone, measured as a test says."""
 
-from tests import estimates
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.photographs import pair, photograph
 
 RED, YELLOW, WHITE = (45.0, 50.0, 30.0), (80.0, 5.0, 65.0), (88.0, 0.0, 12.0)
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "banana"}]

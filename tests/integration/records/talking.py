@@ -7,11 +7,11 @@ import pytest
 import sqlalchemy as sa
 
 from app.people.models import Study
-from tests.estimates import unmeasured_item
-from tests.filled_databases import fill_once
 from tests.integration.diary.eaten_days import set_profile
 from tests.integration.records.after_pairs import Table, apple, banana, left_of_apple, left_of_banana
 from tests.integration.records.reviewing import Speaker, new_event
+from tests.support.estimates import unmeasured_item
+from tests.support.filled_databases import fill_once
 
 WOMAN = {"sex": "female", "birth_year": 1990, "weight_kg": 60.0}
 FOODS = ("pear", "milk-whole", "bread-white", "apple-gala", "durian", "fruit-salad")

@@ -15,10 +15,10 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.estimates.run_estimate import estimate_task
 from app.jobs import queries as jobs
 from app.meals.job_models import Job
-from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table, left_of_apple
-from tests.photographs import photograph
+from tests.support.estimates import answer
+from tests.support.photographs import photograph
 
 RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"
 DEMO = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
@@ -121,7 +121,6 @@ def again(slot):
     return buffer.getvalue()
 
 
-@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
     """The bundled pair before and after: matched by what is seen alone, and nothing eaten within the interval."""

@@ -9,10 +9,10 @@ from app.foods.edits.edit_food import Editor, FoodEdit
 from app.foods.study_densities import Measurement, add_study_density, withdraw_study_density
 from app.nutrition.foods import Density
 from app.records.recompute_records import recompute_nutrients
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 EDITOR = Editor("a test", "to see")
 

@@ -10,7 +10,6 @@ from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Leftover
 from app.records.rebuild_records import rebuild_records
 from app.uploads.after_windows import AfterWindows
-from tests.estimates import seen_item, unmeasured_item
 from tests.integration.records.after_pairs import (
     HINTS,
     RED,
@@ -22,6 +21,7 @@ from tests.integration.records.after_pairs import (
     left_of_banana,
 )
 from tests.integration.records.reviewing import Speaker
+from tests.support.estimates import seen_item, unmeasured_item
 
 NO_FOOD = {"code": "no_food_found", "message": "Nothing stands out.", "advice": "Mark it."}
 FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
@@ -53,7 +53,6 @@ def leftover(table, place=0):
     return table.after["leftovers"][place]
 
 
-@pytest.mark.same_on_both
 def test_eaten_is_served_less_left_in_edible_grams(table):
     meal = table.ate(left_of_apple(100.0), left_of_banana(140.0)).get()
     one = meal["items"][0]
@@ -80,21 +79,18 @@ def test_item_of_which_nothing_is_left_was_eaten_whole(table):
     assert record["consumed_g"] == record["edible_g"]
 
 
-@pytest.mark.same_on_both
 def test_empty_plate_is_an_answer(table):
     table.ate(failure=NO_FOOD)
     assert (table.after["status"], table.after["failure"], table.after["leftovers"]) == ("estimated", None, [])
     assert table.record("apple")["left_g"] == 0.0
 
 
-@pytest.mark.same_on_both
 def test_nothing_found_where_the_phone_pointed_is_a_failure(table):
     table.tell(hints=[{"point": [3, 4], "class": "food_left"}])
     table.ate(failure=NO_FOOD)
     assert table.after["failure"]["code"] == "no_food_found"
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("after_first", [False, True])
 def test_pieces_are_matched_whichever_run_ends_first(table, after_first):
     table.send_after()
@@ -160,7 +156,6 @@ def test_food_that_the_phone_names_tells_whose_piece_it_is(table):
     assert leftover(table)["food"]["key"] == "banana"
 
 
-@pytest.mark.same_on_both
 def test_piece_that_is_nobodys_is_flagged_on_every_item(table):
     table.ate(seen_item(300, -200, (60.0, 5.0, -45.0), 60.0))
     assert (leftover(table)["class"], leftover(table)["item"]) == ("unmatched", None)
@@ -190,7 +185,6 @@ def test_person_weighs_a_piece_that_could_not_be_measured(table, reviewer):
     assert record["consumed_g"] == pytest.approx(record["edible_g"] - record["left_g"])
 
 
-@pytest.mark.same_on_both
 def test_person_says_of_which_item_a_piece_is_and_takes_it_back(table, participant):
     meal = table.ate(left_of_apple(100.0)).get()
     items = {item["food"]["key"]: item["id"] for item in meal["items"]}
@@ -206,7 +200,6 @@ def test_person_says_of_which_item_a_piece_is_and_takes_it_back(table, participa
     assert leftover(table)["item"] == items["apple"]
 
 
-@pytest.mark.same_on_both
 def test_reviewers_word_on_a_piece_goes_over_the_participants(table, participant, reviewer):
     meal = table.ate(left_of_apple(100.0)).get()
     items = {item["food"]["key"]: item["id"] for item in meal["items"]}
@@ -216,7 +209,6 @@ def test_reviewers_word_on_a_piece_goes_over_the_participants(table, participant
     assert (leftover(table)["item"], leftover(table)["class"]) == (items["apple"], "refuse")
 
 
-@pytest.mark.same_on_both
 def test_piece_of_none_of_the_items_counts_for_nothing_and_is_settled(table, reviewer):
     table.ate(seen_item(300, -200, (60.0, 5.0, -45.0), 60.0))
     reviewer.say("set_leftover", item=leftover(table)["id"], of=None, **{"class": "unmatched"})
@@ -224,7 +216,6 @@ def test_piece_of_none_of_the_items_counts_for_nothing_and_is_settled(table, rev
     assert "leftover_unmatched" not in table.record("apple")["flags"]
 
 
-@pytest.mark.same_on_both
 def test_words_on_pieces_that_cannot_be_are_refused(table, reviewer):
     meal = table.ate(left_of_apple(100.0)).get()
     item, piece = meal["items"][0]["id"], leftover(table)["id"]
@@ -244,7 +235,6 @@ def test_piece_of_a_rejected_item_is_matched_anew(table, reviewer):
     assert leftover(table)["item"] != meal["items"][0]["id"]
 
 
-@pytest.mark.same_on_both
 def test_another_food_changes_what_is_refuse(table, reviewer):
     meal = table.ate(left_of_apple(60.0)).get()
     assert leftover(table)["class"] == "food_left"
@@ -300,7 +290,6 @@ def test_nothing_left_after_a_pair_was_measured_is_refused(table, participant):
     assert participant.refused("nothing_left") == (409, "after_pair_measured")
 
 
-@pytest.mark.same_on_both
 def test_pair_that_comes_after_nothing_left_says_more(table, participant):
     table.measured()
     participant.say("nothing_left")
@@ -308,7 +297,6 @@ def test_pair_that_comes_after_nothing_left_says_more(table, participant):
     assert (table.after["status"], table.record("apple")["left_g"] > 0) == ("estimated", True)
 
 
-@pytest.mark.same_on_both
 def test_nothing_left_settles_a_failed_pair(table, participant):
     table.measured().send_after().after_measured(failure=FAILURE)
     participant.say("nothing_left")
@@ -343,7 +331,6 @@ def change_seqs(state):
         return sorted(row.change_seq for row in session.query(EffectiveRecord))
 
 
-@pytest.mark.same_on_both
 def test_records_are_provisional_until_the_pair_is_measured(waiting):
     assert (waiting.record("apple")["provisional"], waiting.after["status"]) == (True, None)
     assert waiting.after["due_at"] is not None
@@ -377,7 +364,6 @@ def test_window_ends_over_a_pair_of_which_one_photograph_came(waiting, state):
     assert not waiting.record("apple")["provisional"]
 
 
-@pytest.mark.same_on_both
 def test_pair_after_the_window_is_still_taken(waiting, state):
     close_windows_in(state, hours=9)
     before = change_seqs(state)
@@ -400,7 +386,6 @@ def test_study_that_expects_no_pair_has_no_provisional_records(table):
     assert not table.record("apple")["provisional"]
 
 
-@pytest.mark.same_on_both
 def test_windows_end_in_bounded_batches(enrol, state, monkeypatch):
     phone = enrol("P004", "many", expects_after_pair=True)
     for seed in range(3):

@@ -20,10 +20,10 @@ from app.people.models import Device, Participant, Staff
 from app.records.rebuild_records import rebuild_records
 from app.records.review.meal_events import MealEvents
 from app.records.review.schemas import EventIn
-from tests import estimates
-from tests.estimates import identified_item, scene_artefact, unmeasured_item, vcm
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import identified_item, scene_artefact, unmeasured_item, vcm
+from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}, {"point": [90, 20]}]
 RING = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
@@ -222,7 +222,6 @@ def test_density_of_the_time_of_the_word_is_kept_with_it(table):
     assert rows[1].event_id == table.rows(MealEvent)[0].id
 
 
-@pytest.mark.same_on_both
 def test_failed_remeasure_job_leaves_the_meals_own_answer_and_a_flag(table):
     table.lay()
     item = table.items()[0].id

@@ -13,11 +13,11 @@ from app.estimates.estimate_json import colour_to_json
 from app.meals.models import Meal, MealImage
 from app.people.privacy_models import AuditEvent
 from app.vision.model import ColourCorrection
-from tests import estimates
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table, apple
-from tests.photographs import pair, photograph
-from tests.stores import damage
+from tests.support.photographs import pair, photograph
+from tests.support.stores import damage
 
 
 def sent(phone, photos=None, **metadata):

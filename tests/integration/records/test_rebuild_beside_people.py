@@ -10,11 +10,11 @@ from app.meals.meal_parts import parts_of
 from app.meals.record_models import EffectiveRecord, ItemFood
 from app.records.rebuild_records import rebuild_records
 from app.records.recompute_records import recompute_nutrients
-from tests import estimates
-from tests.estimates import identified_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import identified_item
+from tests.support.photographs import pair
 
 HEAD_START_SECONDS = 0.5  # of the person: they wait for it where the meal is locked, and are through where it is not
 

@@ -18,10 +18,10 @@ from app.meals.record_models import Item, ItemFood, Recompute
 from app.records.project_records import project_meal
 from app.records.rebuild_records import rebuild_records
 from app.records.recompute_records import recompute_nutrients
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 
 @pytest.fixture

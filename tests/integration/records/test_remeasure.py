@@ -12,11 +12,11 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import Run
-from tests import estimates
-from tests.estimates import answer, found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.estimates import answer, found_item
+from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "banana"}]
 RING = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
@@ -79,7 +79,6 @@ def test_pipeline_is_asked_for_the_new_region_and_told_of_the_neighbours(partici
     assert participant.meal()["status"] == "estimated"
 
 
-@pytest.mark.same_on_both
 def test_parts_of_a_split_get_their_own_volumes(participant, work, children):
     apple, _ = participant.items()
     other = [[90.0, 5.0], [120.0, 5.0], [120.0, 40.0]]
@@ -91,7 +90,6 @@ def test_parts_of_a_split_get_their_own_volumes(participant, work, children):
     assert [hint["food"] for hint in children.asked[0]] == ["apple", "pear", "banana"]
 
 
-@pytest.mark.same_on_both
 def test_added_point_is_measured(participant, work, children):
     participant.say("add", food="pear", region={"point": [300, 200]})
     assert participant.items()[-1]["flags"] == ["remeasuring"]

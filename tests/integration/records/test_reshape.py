@@ -6,11 +6,11 @@ import pytest
 
 from app.meals.outline_json import rings_of
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item, scene_artefact
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
-from tests.photographs import pair
+from tests.support.estimates import found_item, scene_artefact
+from tests.support.photographs import pair
 
 FORM = {
     "section": "prism",
@@ -79,7 +79,6 @@ def test_history_has_the_form_and_its_volume_and_undo_brings_the_estimate_back(r
     assert {**item, "etag": None} == {**before, "etag": None}
 
 
-@pytest.mark.same_on_both
 @pytest.mark.usefixtures("measured")
 def test_each_section_has_its_volume_whatever_its_lean(reviewer):
     for section, share in (("slab", 1.0), ("prism", math.pi / 4), ("ellipsoid", math.pi / 6)):
@@ -103,7 +102,6 @@ def test_participant_cannot_reshape(participant):
 
 
 @pytest.mark.usefixtures("measured")
-@pytest.mark.same_on_both
 def test_form_that_makes_no_sense_is_invalid(reviewer):
     event = new_event("reshape", item=reviewer.items()[0]["id"], form=FORM | {"height_mm": -3.0})
     answer = reviewer.send(event)

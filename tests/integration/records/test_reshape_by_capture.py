@@ -10,10 +10,10 @@ import pytest
 
 from app.estimates.camera_json import camera_to_json, rig_to_json
 from app.estimates.run_estimate import estimate_task
-from tests.depth_maps import depth_png
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.integration.uploads.test_rigs import estimate
+from tests.support.depth_maps import depth_png
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth

@@ -8,11 +8,11 @@ import sqlalchemy as sa
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}, {"point": [90, 20]}]
 
@@ -68,7 +68,6 @@ def test_item_without_food_or_amount_cannot_be_confirmed(participant):
     assert participant.refused("confirm_meal") == (409, "item_incomplete")
 
 
-@pytest.mark.same_on_both
 def test_meal_is_confirmed_once_all_is_settled(participant):
     _, milk, unnamed = participant.items()
     participant.say("set_volume", item=milk["id"], volume_ml=200)
@@ -110,7 +109,6 @@ def test_set_food_weighs_the_item_anew(participant):
     assert participant.refused("set_food", item=apple["id"], food="no-such-food") == (422, "food_unknown")
 
 
-@pytest.mark.same_on_both
 def test_reviewers_word_goes_over_what_the_participant_says_later(participant, reviewer):
     apple = participant.items()[0]["id"]
     reviewer.say("set_food", item=apple, food="pear")
@@ -148,7 +146,6 @@ def test_density_is_shown_only_where_grams_follow_from_it(participant):
     assert [measured[name] for name in shown] == [apple[name] for name in shown]
 
 
-@pytest.mark.same_on_both
 def test_household_measure_counts_for_the_food_that_it_was_told_of(participant):
     before = participant.items()[0]
     measure = measure_of(participant, "apple")
@@ -162,7 +159,6 @@ def test_household_measure_counts_for_the_food_that_it_was_told_of(participant):
     assert undone == told
 
 
-@pytest.mark.same_on_both
 def test_parts_of_a_portion_are_portions_of_the_same_food(participant):
     apple = participant.items()[0]
     participant.say("set_mass", item=apple["id"], portion=measure_of(participant, "apple"), count=2)
@@ -181,7 +177,6 @@ def test_share_scales_what_was_consumed(participant):
     assert (changed["edible_g"], changed["status"]) == (apple["edible_g"], "proposed")
 
 
-@pytest.mark.same_on_both
 def test_undo_restores_what_was_and_is_done_once(participant):
     before = participant.items()[0]
     event = new_event("set_food", item=before["id"], food="banana")
@@ -190,7 +185,6 @@ def test_undo_restores_what_was_and_is_done_once(participant):
     assert participant.refused("undo", event=event["id"]) == (409, "event_undone")
 
 
-@pytest.mark.same_on_both
 def test_participant_cannot_undo_a_reviewers_word_but_a_reviewer_the_participants(participant, reviewer):
     apple = participant.items()[0]["id"]
     theirs, own = new_event("set_food", item=apple, food="pear"), new_event("set_share", item=apple, share=0.5)
@@ -227,7 +221,6 @@ def test_added_food_counts_at_once(participant):
     assert (added["origin"], added["status"], added["mass_g"]) == ("added", "confirmed", pytest.approx(40))
 
 
-@pytest.mark.same_on_both
 def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
     apple = participant.items()[0]
     ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
@@ -242,7 +235,6 @@ def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
     assert participant.meal()["run"] == meal["run"]
 
 
-@pytest.mark.same_on_both
 def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
     apple, milk, _ = participant.items()
     ring_and_hole = [
@@ -272,7 +264,6 @@ def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
         "ring",
     ],
 )
-@pytest.mark.same_on_both
 def test_outline_that_encloses_nothing_or_too_much_is_refused(participant, polygon):
     apple = participant.items()[0]
     assert participant.refused("redraw", item=apple["id"], polygon=polygon) == (422, "invalid_input")
@@ -305,7 +296,6 @@ def test_answered_probe_is_an_item_of_its_own_and_not_asked_again(participant):
     assert meal["items"][-1]["status"] == "rejected"
 
 
-@pytest.mark.same_on_both
 def test_reviewers_share_of_an_added_food_stands_over_the_participants(participant, reviewer):
     told, untold = (
         reviewer.say("add", food="potatoes-boiled", amount={"mass_g": 200}, **share)["items"][-1]["id"]
@@ -338,7 +328,6 @@ def test_what_was_declared_of_a_shared_dish_is_shared_as_the_dish_is(participant
     assert meal["items"][-2]["consumed_g"] == pytest.approx(20.0)
 
 
-@pytest.mark.same_on_both
 def test_history_tells_staff_names_and_participants_only_layers(participant, reviewer):
     apple = participant.items()[0]["id"]
     participant.say("set_food", item=apple, food="banana")
@@ -350,7 +339,6 @@ def test_history_tells_staff_names_and_participants_only_layers(participant, rev
     assert [row["author"] for row in reviewer.history()["items"]] == ["P001", "admin"]
 
 
-@pytest.mark.same_on_both
 def test_history_comes_in_pages(participant):
     for number in range(5):
         participant.say("comment", text=f"remark {number}")
@@ -385,7 +373,6 @@ def test_answer_to_drained_says_what_the_food_is_and_makes_no_item(participant):
     assert "drained" not in meal["items"][-1]["open_probes"]
 
 
-@pytest.mark.same_on_both
 def test_yes_names_what_was_added_and_unknown_is_not_asked_again(participant):
     added = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]
     told = {"item": added["id"], "probe": "fat_added"}
@@ -394,7 +381,6 @@ def test_yes_names_what_was_added_and_unknown_is_not_asked_again(participant):
     assert "fat_added" not in meal["items"][-1]["open_probes"]
 
 
-@pytest.mark.same_on_both
 def test_declared_food_has_the_share_of_what_it_came_with(participant):
     salad = participant.say("add", food="salad-greens", amount={"mass_g": 80}, share=0.5)["items"][-1]
     told = {"item": salad["id"], "probe": "dressing", "answer": "yes", "food": "olive-oil"}
@@ -416,7 +402,6 @@ def test_participant_does_not_split_what_a_reviewer_has_spoken_of(participant, r
     assert reviewer.say("undo", event=event["id"])["items"][2]["status"] == "needs_review"
 
 
-@pytest.mark.same_on_both
 def test_different_foods_are_merged_only_as_one_that_is_named(participant):
     apple, milk, _ = participant.items()
     both = [apple["id"], milk["id"]]
@@ -454,7 +439,6 @@ def test_meal_that_failed_can_be_told_in_words(phone, client, state):
         {"kind": "eat"},
     ],
 )
-@pytest.mark.same_on_both
 def test_event_that_makes_no_sense_is_invalid(participant, fields):
     answer = participant.send(new_event(fields["kind"], item=participant.items()[0]["id"]) | fields)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")

@@ -2,11 +2,11 @@
 
 import pytest
 
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 QUEUE = "/v1/studies/pilot/review-queue"
 
@@ -38,7 +38,6 @@ def doubtful(relative_sd, **changes):
     return found_item(relative_sd={"pair": 0.0, "item": relative_sd}, **changes)
 
 
-@pytest.mark.same_on_both
 def test_most_doubtful_item_comes_first_with_all_that_a_decision_needs(queue, phone, meal_of, client, admin):
     meal_of(phone, doubtful(0.05))
     wide = meal_of(phone, doubtful(0.4))
@@ -53,7 +52,6 @@ def test_most_doubtful_item_comes_first_with_all_that_a_decision_needs(queue, ph
     assert client.get(row["photograph_href"], headers=admin).status_code == 200
 
 
-@pytest.mark.same_on_both
 def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, client, admin):
     for word, headers in (("confirm", admin), ("reject", phone.headers)):
         speaker = Speaker(client, headers, meal_of(phone, found_item()))
@@ -74,7 +72,6 @@ def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
     assert [row["doubt"] for row in rows] == sorted((row["doubt"] for row in rows), reverse=True)
 
 
-@pytest.mark.same_on_both
 def test_filters_leave_out_what_they_name(queue, enrol, meal_of):
     first, second = enrol("P001"), enrol("P002")
     meal_of(first, doubtful(0.1))

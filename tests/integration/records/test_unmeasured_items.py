@@ -10,10 +10,10 @@ from app.cli.demo import show_meal
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.records.meal_schemas import MealOut
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item, unmeasured_item
+from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}]
 VOLUME = ("volume_ml", "volume_low_ml", "volume_high_ml")

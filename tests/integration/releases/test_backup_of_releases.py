@@ -16,7 +16,7 @@ from tests.conftest import postgres_database
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.operations.deployments import Deployment, deployment
 from tests.integration.people.people import make_staff
-from tests.stores import stored_names
+from tests.support.stores import stored_names
 
 pytestmark = pytest.mark.slow
 LARGE = ("food_posting", "food_word_trigram", "food_nutrient", "food_code", "food_portion")

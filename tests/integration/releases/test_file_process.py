@@ -12,8 +12,8 @@ from app.jobs.chores import Chore, ChoreThread
 from app.releases.file_work_chore import FileProcess
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
-from tests.stores import stored_names
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.stores import stored_names
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 SLOW = """

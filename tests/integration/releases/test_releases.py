@@ -28,11 +28,11 @@ from app.releases import release_runner
 from app.releases.compare_release import compare_release
 from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
 from app.releases.release_days import NOT_DERIVABLE, day_without
-from tests.commands import run_tada
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.integration.people.persons import database_bytes
-from tests.stores import make_old, store_bytes, stored_names
+from tests.support.commands import run_tada
+from tests.support.stores import make_old, store_bytes, stored_names
 
 PATH = "/v1/studies/pilot/releases"
 TABLES = ("items", "meals", "days", "photographs", "foods", "food_nutrients", "food_densities")

@@ -7,7 +7,7 @@ from app.jobs.queue import JobQueue
 from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.remeasurements.feed_workers import FeedWorkers
-from tests import estimates
+from tests.support import estimates
 
 PATH = "/v1/studies/pilot/remeasurements"
 

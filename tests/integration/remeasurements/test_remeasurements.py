@@ -20,14 +20,14 @@ from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
 from app.releases.file_runner import FileRunner
 from app.remeasurements.feed_workers import FeedWorkers
-from tests import estimates
-from tests.commands import run_tada
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table
 from tests.integration.remeasurements.measuring_again import PATH, Again
-from tests.photographs import pair
+from tests.support.commands import run_tada
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}]
 

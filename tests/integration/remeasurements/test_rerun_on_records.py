@@ -7,14 +7,14 @@ from app.children.faults import JOB_GAVE_UP
 from app.meals.job_models import Job
 from app.meals.record_models import EffectiveRecord, Item, Run
 from app.records.rebuild_records import rebuild_records
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import RED, YELLOW, Table, left_of_apple
 from tests.integration.records.reviewing import Speaker, new_event
 from tests.integration.remeasurements.measuring_again import Again
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 APPLE = [[10.0, 10.0], [50.0, 10.0], [50.0, 50.0], [10.0, 50.0]]
 BANANA = [[100.0, 10.0], [150.0, 10.0], [150.0, 50.0], [100.0, 50.0]]

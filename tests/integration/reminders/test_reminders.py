@@ -22,9 +22,9 @@ from app.reminders import queries, send_reminders, subscriptions
 from app.reminders.send_reminders import LATE, LOOK_AGAIN, SendReminders
 from app.reminders.web_push import VapidKey, text_of
 from app.webhooks.webhook_post import WebhookPost
-from tests.photographs import pair
-from tests.push_services import Browser, claims_of
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.photographs import pair
+from tests.support.push_services import Browser, claims_of
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 CONTACT = "mailto:study@example.org"
 PATH = "/v1/me/reminders"
@@ -156,7 +156,6 @@ def test_phone_subscribes_changes_and_leaves(phone, browser, state):
         ({"subscription": {"endpoint": ENDPOINT, "keys": {"p256dh": "ä", "auth": "ä"}}}, "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_impossible_settings_are_refused(phone, browser, changes, code):
     refused = phone.put(PATH, json=wanted(browser, **changes))
     assert (refused.status_code, refused.json()["code"]) == (422, code)
@@ -166,7 +165,6 @@ def test_impossible_settings_are_refused(phone, browser, changes, code):
     "endpoint",
     ["http://push.example.org/a", "https://me@push.example.org/", "https://localhost/", "https://push.example.org:25/"],
 )
-@pytest.mark.same_on_both
 def test_endpoint_that_no_push_service_has_is_refused(phone, browser, endpoint):
     body = wanted(browser)
     body["subscription"]["endpoint"] = endpoint
@@ -402,7 +400,6 @@ def test_phone_is_reminded_once_of_what_is_left_before_the_window_ends(enrol, br
     assert json.loads(browser.read(service.requests[0].content)) == {"kind": "after_meal"}
 
 
-@pytest.mark.same_on_both
 @pytest.mark.parametrize("why", ["pair", "quiet", "unwanted"])
 def test_nothing_is_said_of_what_is_left_where_it_is_here_or_not_wanted(enrol, browser, state, remind, why):
     phone = enrol(expects_after_pair=True, after_window_minutes=120)

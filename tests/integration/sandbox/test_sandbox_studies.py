@@ -11,11 +11,11 @@ from app.people.access.secret_box import SecretBox
 from app.people.models import Device, Participant
 from app.privacy.erase import Eraser
 from app.privacy.retention import erase_sandboxes
-from tests.estimates import found_item, save
 from tests.integration.conftest import Phone, meal_metadata
 from tests.integration.dashboard.conftest import Browser
 from tests.integration.people.people import make_staff
-from tests.photographs import pair
+from tests.support.estimates import found_item, save
+from tests.support.photographs import pair
 
 SANDBOX = {"code": "try", "name": "Try", "marker": "plain:9x7:11", "sandbox": True}
 

@@ -4,7 +4,7 @@ import pytest
 
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
-from tests.s3_places import s3_store
+from tests.support.s3_places import s3_store
 
 
 @pytest.fixture(params=["files", "s3"])

@@ -14,7 +14,7 @@ from app.core.settings import Settings
 from app.jobs.supervisor import settings_environment
 from app.operations.check_stores import check_stores
 from app.storage.s3 import S3BlobStore
-from tests.s3_places import s3_settings
+from tests.support.s3_places import s3_settings
 
 
 @pytest.fixture

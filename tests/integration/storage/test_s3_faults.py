@@ -18,8 +18,8 @@ from app.core.settings import Settings
 from app.storage.blob_store import BlobDamagedError, StoreRefusesError
 from app.storage.opening import open_blob_store
 from app.storage.s3 import PATIENCE
-from tests.s3_places import IMPATIENT, s3_place, s3_settings, s3_store
-from tests.s3_server import S3Server
+from tests.support.s3_places import IMPATIENT, s3_place, s3_settings, s3_store
+from tests.support.s3_server import S3Server
 
 pytestmark = pytest.mark.slow
 

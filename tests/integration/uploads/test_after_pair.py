@@ -11,10 +11,10 @@ from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
 from app.people.privacy_models import BlobDeletion
 from app.uploads.waiting import MealWaiter
-from tests import estimates
+from tests.support import estimates
 from tests.integration.records.after_pairs import Table, left_of_apple
-from tests.photographs import photograph
-from tests.waiting import wait_until
+from tests.support.photographs import photograph
+from tests.support.waiting import wait_until
 
 FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
 
@@ -120,7 +120,6 @@ def test_pair_before_its_meal_cannot_be(table):
         ({"hints": [{"item": str(uuid.uuid4())}]}, "metadata_invalid"),
     ],
 )
-@pytest.mark.same_on_both
 def test_word_that_cannot_be_is_refused(table, body, code):
     answer = table.tell(**body)
     assert (answer.status_code, answer.json()["code"]) == (422, code)

@@ -16,8 +16,8 @@ from starlette.requests import Request
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
-from tests.stores import stored_names
+from tests.support.photographs import pair, photograph
+from tests.support.stores import stored_names
 
 
 def png_bomb(width, height):
@@ -78,7 +78,6 @@ def refused(answer, status, code, state):
     ],
     ids=lambda value: value if isinstance(value, str) else None,
 )
-@pytest.mark.same_on_both
 def test_photograph_that_cannot_be_taken_is_refused(phone, state, left, status, code):
     body = refused(phone.post(pair() | {"left": left}), status, code, state)
     assert body["slot"] == "left"
@@ -90,7 +89,6 @@ def test_limits_are_named_in_the_answer(phone):
 
 
 @pytest.mark.parametrize("form", ["JPEG", "PNG", "HEIC", "grey", "progressive"])
-@pytest.mark.same_on_both
 def test_every_format_that_phones_send_is_taken(phone, form):
     made = {
         "JPEG": photograph,
@@ -112,7 +110,6 @@ def grey():
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.same_on_both
 def test_size_told_is_the_upright_size(phone, orientation):
     exif = Image.Exif()
     exif[0x0112] = orientation
@@ -121,7 +118,6 @@ def test_size_told_is_the_upright_size(phone, orientation):
 
 
 @pytest.mark.parametrize("slot", ["left", "right"])
-@pytest.mark.same_on_both
 def test_missing_part_is_named(phone, state, slot):
     photos = pair()
     del photos[slot]
@@ -170,7 +166,6 @@ def test_missing_metadata_is_named(client, phone, state):
         (meal_metadata(camera={"width": 1, "height": 1, "fx": 0, "fy": 1, "cx": 0, "cy": 0}), 422, "metadata_invalid"),
     ],
 )
-@pytest.mark.same_on_both
 def test_bad_metadata_is_refused_with_its_code(phone, state, metadata, status, code):
     answer = phone.post(pair(), metadata)
     if status:
@@ -273,7 +268,6 @@ def test_backlog_refuses_no_meal(phone, state):
     assert phone.get("/readyz").status_code == 200
 
 
-@pytest.mark.same_on_both
 def test_unknown_route_and_method_are_problem_documents(client):
     for method, path, status, code in (
         ("GET", "/v1/nothing", 404, "not_found"),
@@ -283,20 +277,17 @@ def test_unknown_route_and_method_are_problem_documents(client):
         assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-@pytest.mark.same_on_both
 def test_large_body_on_another_route_is_refused(client, admin):
     for body in (b"x" * 300_000, iter([b"x" * 100_000] * 3)):
         answer = client.post("/v1/studies", headers=admin, content=body)
         assert answer.status_code == 413, answer.text
 
 
-@pytest.mark.same_on_both
 def test_slot_that_does_not_exist_is_422(phone):
     answer = phone.put(f"/v1/meals/{meal_metadata()['id']}/images/middle", content=b"x")
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
 
 
-@pytest.mark.same_on_both
 def test_announcement_that_is_too_large_is_refused(phone):
     metadata = meal_metadata(app_version="x" * 70_000)
     answer = phone.put(f"/v1/meals/{metadata.pop('id')}", content=json.dumps(metadata))
@@ -304,7 +295,6 @@ def test_announcement_that_is_too_large_is_refused(phone):
 
 
 @pytest.mark.parametrize("number", ["0", "1700000000", "1700000000000", "20261121", "1.5"])
-@pytest.mark.same_on_both
 def test_number_is_no_day_and_no_instant(client, admin, phone, number):
     """`?to=0` was 1 January 1970."""
     for path in ("/v1/records", "/v1/days", "/v1/meals", "/v1/audit", "/v1/studies/pilot/overview"):

@@ -21,9 +21,9 @@ from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
-from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import answer
+from tests.support.photographs import pair
 from tests.unit.vision.synthetic import PHONE, look_at, render_board
 
 CAMERA = replace(PHONE, fx=960.0, fy=960.0, cx=590.0, cy=455.0, distortion=(0.06, -0.1, 0.0, 0.0, 0.0))
@@ -95,7 +95,6 @@ def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
         return choose_camera(session, meal_camera=given, device_id=device.id, study=study, sizes=list(sizes))
 
 
-@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, admin, boards):
     made = calibrate(phone, [jpeg(board) for board in boards])
@@ -123,7 +122,6 @@ def test_photograph_without_the_board_is_left_out_and_told(phone, boards):
     assert [(one["photograph"], one["code"]) for one in made.json()["left_out"]] == [(1, "image_blurred")]
 
 
-@pytest.mark.same_on_both
 def test_bad_photographs_are_refused_with_their_reason(phone, boards):
     good = [jpeg(board) for board in boards]
     turned = jpeg(np.ascontiguousarray(np.rot90(boards[0])))
@@ -138,14 +136,12 @@ def test_bad_photographs_are_refused_with_their_reason(phone, boards):
     assert phone.get("/v1/calibrations").json()["items"] == []
 
 
-@pytest.mark.same_on_both
 def test_board_seen_in_the_middle_only_is_refused(phone, boards):
     far = [cv2.resize(board, None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA) for board in boards]
     framed = [cv2.copyMakeBorder(board, 203, 202, 270, 270, cv2.BORDER_REPLICATE) for board in far]
     assert code(calibrate(phone, [jpeg(one) for one in framed])) == (422, "calibration_coverage_small")
 
 
-@pytest.mark.same_on_both
 def test_bent_board_is_refused(phone, boards):
     rng = np.random.default_rng(3)
     y, x = np.mgrid[:900, :1200].astype(np.float32)

@@ -16,9 +16,9 @@ from PIL import Image
 from app.children.api_children import ApiChildren, Whose
 from app.children.fair_line import FairLine
 from app.messages.catalogue import sentence
-from tests.estimates import save
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.estimates import save
+from tests.support.photographs import pair, photograph
 
 PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 

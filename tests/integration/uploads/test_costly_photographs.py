@@ -9,7 +9,7 @@ from PIL import Image
 
 from app.photos import jpeg
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.photographs import pair, photograph
 
 SIDE_PX, SCANS = 5000, 1200
 
@@ -34,13 +34,11 @@ def sent(phone, photos):
     return f"/v1/meals/{body['id']}/images/left"
 
 
-@pytest.mark.same_on_both
 def test_photograph_of_thousands_of_scans_is_refused_at_upload(phone):
     answer = phone.post({"left": costly_photograph(), "right": photograph(1)})
     assert (answer.status_code, answer.json()["code"]) == (422, "image_unreadable")
 
 
-@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_costly_photograph_of_one_phone_takes_no_picture_of_another_study_away(enrol, monkeypatch):
     """Four requests of one at once left six of seven pictures of another study with 503.

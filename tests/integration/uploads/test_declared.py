@@ -6,7 +6,7 @@ import pytest
 
 from app.records.rebuild_records import rebuild_records
 from tests.integration.records.reviewing import Speaker
-from tests.photographs import pair
+from tests.support.photographs import pair
 
 
 def told(*items, **changes):

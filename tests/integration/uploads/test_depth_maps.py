@@ -15,10 +15,10 @@ from app.children.child_pool import ChildPool, ChildResult
 from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import MealImage
-from tests.depth_maps import CAMERA, confidence_png, depth_png, depth_tiff, png, table_mm
-from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.depth_maps import CAMERA, confidence_png, depth_png, depth_tiff, png, table_mm
+from tests.support.estimates import answer
+from tests.support.photographs import pair, photograph
 
 ALL = ["left_depth", "right_depth", "left_confidence"]
 

@@ -7,8 +7,8 @@ import sqlalchemy as sa
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
-from tests.stores import stored_names
+from tests.support.photographs import pair, photograph
+from tests.support.stores import stored_names
 
 
 def test_meal_in_one_request_is_durable_and_queued(phone, state):

@@ -8,10 +8,10 @@ import sqlalchemy as sa
 
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 
 
 def test_app_learns_what_the_server_can_do_before_it_has_a_token(client, settings):
@@ -60,7 +60,6 @@ def test_known_field_that_cannot_be_is_refused_beside_one_that_is_not_known(phon
 @pytest.mark.parametrize(
     "path", ["/v1/records?studdy=pilot", "/v1/meals?limit=2&page=3", "/v1/me?verbose=1", "/v1/foods?q=a&=1"]
 )
-@pytest.mark.same_on_both
 def test_parameter_that_is_not_known_is_refused(phone, client, path):
     answer = client.get(path, headers=phone.headers)
     problem = answer.json()

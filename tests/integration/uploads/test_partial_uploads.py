@@ -15,7 +15,7 @@ from app.people.privacy_models import AuditEvent
 from app.uploads import partial_uploads
 from app.uploads.partial_uploads import KEPT_SECONDS, MOST_PER_PARTICIPANT, PartialUploads, UploadKey
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.photographs import pair, photograph
 
 TUS = {"Tus-Resumable": "1.0.0"}
 PIECE = TUS | {"Content-Type": "application/offset+octet-stream"}
@@ -171,7 +171,6 @@ def test_two_halves_of_different_photographs_are_refused_by_the_digest(phone, me
 
 
 @pytest.mark.parametrize("digest", ["md5=:AAAA:", "sha-256=x", "", "sha-512=:" + "A" * 43 + "=:"])
-@pytest.mark.same_on_both
 def test_digests_that_say_nothing_about_sha_256_are_ignored(phone, meal, digest):
     content = photograph()
     upload = Upload(phone, meal)
@@ -196,7 +195,6 @@ def test_upload_is_continued_after_a_restart(phone, meal, state):
     ("length", "status", "code"),
     [("0", 422, "invalid_input"), ("x", 422, "invalid_input"), (str(10**9), 413, "image_too_large")],
 )
-@pytest.mark.same_on_both
 def test_impossible_length_is_refused(phone, meal, length, status, code):
     answer = Upload(phone, meal).create(length)
     assert (answer.status_code, answer.json()["code"]) == (status, code)

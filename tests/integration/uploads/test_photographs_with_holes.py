@@ -6,7 +6,7 @@ from app.children.api_children import ApiChildren
 from app.children.child_pool import ChildResult
 from app.children.fair_line import LineFullError
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph, with_hole
+from tests.support.photographs import pair, photograph, with_hole
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from app.children.faults import JobFailure
 from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.test_rigs import RigChildren, code, rig, send
-from tests.photographs import pair
+from tests.support.estimates import found_item
+from tests.support.photographs import pair
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.stereo_scene import blank_views
 
@@ -79,7 +79,6 @@ def test_marker_and_poses_both_reach_the_estimate_and_a_rig_that_is_named_leaves
         (POSES | {"gravity": [0.0, 0.0, 0.0]}, "poses_invalid"),
     ],
 )
-@pytest.mark.same_on_both
 def test_poses_that_cannot_be_are_refused(phone, data, expected):
     refused = phone.post(pair(), metadata=meal_metadata(poses=data))
     assert refused.status_code == 422

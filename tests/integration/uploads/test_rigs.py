@@ -18,10 +18,10 @@ from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox
 from app.people.models import Device
 from app.releases.file_runner import FileRunner
-from tests import estimates
-from tests.estimates import answer, found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
+from tests.support.estimates import answer, found_item
+from tests.support.photographs import pair
 from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import Ball, rendered_views
 
@@ -228,7 +228,6 @@ def test_camera_of_a_phone_is_never_taken_from_its_rig(phone, state, settings):
         ({"left": None}, "invalid"),
     ],
 )
-@pytest.mark.same_on_both
 def test_rig_that_cannot_be_is_refused_everywhere(phone, client, admin, changes, expected):
     body = rig(**changes)
     sent = [
@@ -283,7 +282,6 @@ def test_release_holds_a_run_without_a_marker(no_marker, state, client, admin):
     assert [row["marker"] for row in csv.DictReader(io.StringIO(table))] == [""]
 
 
-@pytest.mark.same_on_both
 @pytest.mark.slow
 def test_rendered_meal_by_a_rig_has_its_volume_over_http(no_marker, state, settings):
     views = rendered_views(BALL)

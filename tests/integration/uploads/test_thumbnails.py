@@ -19,11 +19,11 @@ from app.people.privacy_models import AuditEvent
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.retention import erase_old_pictures
 from app.vision.model import ColourCorrection
-from tests import estimates
-from tests.estimates import found_item
+from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
-from tests.stores import damage
+from tests.support.estimates import found_item
+from tests.support.photographs import pair, photograph
+from tests.support.stores import damage
 
 GREEN = (30, 200, 40)
 OPTIONS = {"marker": "plain:9x7:11"}

@@ -11,9 +11,9 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.estimates.run_estimate import estimate_task
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
-from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair, photograph
+from tests.support.estimates import answer
+from tests.support.photographs import pair, photograph
 
 JPEG = {"Content-Type": "image/jpeg"}
 
@@ -105,7 +105,6 @@ def test_same_id_with_another_number_of_views_is_another_meal(phone):
 
 
 @pytest.mark.parametrize("views", [0, 9, 2.5, "3", True])
-@pytest.mark.same_on_both
 def test_number_of_views_out_of_range_or_no_number_is_422(phone, views):
     assert phone.post(pair(), views=views).status_code == 422
 
@@ -124,7 +123,6 @@ class ChildrenInProcess:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sqlite"])
 @pytest.mark.parametrize(("views", "tolerance"), [(1, 1.0), (3, 0.2)])
 def test_rendered_meal_is_measured_by_all_of_its_photographs(phone, state, settings, shared_data, views, tolerance):
     folder = shared_data / "scenes" / "dev" / "views" / "views-01"

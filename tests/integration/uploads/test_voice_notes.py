@@ -10,8 +10,8 @@ import sqlalchemy as sa
 from app.meals.models import MealImage
 from app.uploads import api
 from tests.integration.conftest import meal_metadata
-from tests.photographs import pair
-from tests.voice_notes import box, mp4, webm
+from tests.support.photographs import pair
+from tests.support.voice_notes import box, mp4, webm
 
 NOTE = webm(2, sound=b"what I ate")
 

@@ -17,11 +17,11 @@ from app.people.privacy_models import AuditEvent
 from app.vessels.models import VESSEL_KINDS as KINDS_OF_TABLE
 from app.vessels.models import StudyVesselVersion
 from app.vision.vessel_library import MAX_VESSELS, VESSEL_KINDS, vessels_from_json
-from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import refused
 from tests.integration.people.people import make_staff
-from tests.photographs import pair
+from tests.support.estimates import answer
+from tests.support.photographs import pair
 
 ROOT = "/v1/studies/pilot/vessels"
 MUG = {"name": "Blue mug", "kind": "mug", "rim_diameter_mm": 82.0, "height_mm": 95.0, "capacity_ml": 400.0}
@@ -196,7 +196,6 @@ def test_phone_lists_the_vessels_in_use_without_who_measured_them(owner, phone):
         ({"colour": "blue"}, "invalid_input"),
     ],
 )
-@pytest.mark.same_on_both
 def test_vessel_that_cannot_be_is_refused(owner, changes, code):
     answered = owner.post(ROOT, json=MUG | changes)
     assert answered.status_code == 422, answered.text

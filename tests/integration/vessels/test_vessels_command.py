@@ -6,7 +6,7 @@ import pytest
 
 from app.db.session import Database
 from app.people.studies import create_study
-from tests.commands import run_tada
+from tests.support.commands import run_tada
 
 MUG = {"name": "Blue mug", "kind": "mug", "rim_diameter_mm": 82.0, "height_mm": 95.0, "capacity_ml": 400.0}
 GLASS = {

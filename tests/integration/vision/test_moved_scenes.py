@@ -4,7 +4,7 @@ import cv2
 import pytest
 
 from app.vision.model import PhotoPair
-from tests.scenes import as_jpeg, changed, load_scene, with_food_moved, with_marker_moved
+from tests.support.scenes import as_jpeg, changed, load_scene, with_food_moved, with_marker_moved
 
 NOT_MEASURED = {"scene_moved", "too_few_matches", "pose_unreliable", "no_food_found", "food_not_measured"}
 pytestmark = pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 from app.vision.model import EstimateOptions, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.stereo import features
-from tests.scenes import load_scene
+from tests.support.scenes import load_scene
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.vision.model import PhotoPair
-from tests.scenes import as_jpeg, both, lit, load_scene, right_only, rolled, scaled, zoomed
+from tests.support.scenes import as_jpeg, both, lit, load_scene, right_only, rolled, scaled, zoomed
 
 STABLE = 0.03  # what another file of the same pair may change
 PHONES = 0.08  # other pixels, noise or light: about the interval's half width

@@ -28,8 +28,8 @@ from app.webhooks.deliver_webhooks import MAX_ATTEMPTS, PAUSES, DeliverWebhooks
 from app.webhooks.queries import Due
 from app.webhooks.webhook_post import WebhookPost
 from app.webhooks.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
-from tests.receivers import receiver
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.receivers import receiver
+from tests.support.waiting import PATIENCE_SECONDS
 
 KEY = "a key for tests only, of no worth"
 

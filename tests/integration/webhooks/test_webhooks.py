@@ -27,9 +27,9 @@ from app.webhooks import safe_address
 from app.webhooks.deliver_webhooks import DeliverWebhooks
 from app.webhooks.webhook_post import WebhookPost
 from app.webhooks.webhook_signature import open_secrets
-from tests.photographs import photograph
-from tests.receivers import receiver
-from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction, wait_until
+from tests.support.photographs import photograph
+from tests.support.receivers import receiver
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction, wait_until
 
 SECRET = re.compile(r"whsec_[A-Za-z0-9+/]{43}=")
 
@@ -134,7 +134,6 @@ def test_each_event_is_known_to_the_api():
         "file:///etc/passwd",
     ],
 )
-@pytest.mark.same_on_both
 def test_unsafe_address_is_refused_on_creation_and_change(owner, url):
     path = f"/{owner.made()}"
     for answer in (owner.make(url), owner.call("PATCH", path, {"url": url})):
@@ -157,7 +156,6 @@ def test_unsafe_address_is_refused_on_creation_and_change(owner, url):
         {"url": "https://hooks.example.org/" + "a" * 500, "events": ["*"]},
     ],
 )
-@pytest.mark.same_on_both
 def test_bad_body_is_refused(owner, body):
     answer = owner.call("POST", "", body)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")

@@ -19,8 +19,8 @@ from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.worker import TASKS
-from tests.estimates import answer, found_item
-from tests.onnx_models import colour_classifier, colour_segmenter
+from tests.support.estimates import answer, found_item
+from tests.support.onnx_models import colour_classifier, colour_segmenter
 
 SIDE = 8
 LARGER = 10  # the photograph on the disk

@@ -14,7 +14,7 @@ from app.identification.food_index import open_index
 from app.operations.doctor.doctor_foods import look_at_food_index
 from app.operations.doctor.finding import Deployment
 from app.vision.model import Photo
-from tests.commands import run_tada
+from tests.support.commands import run_tada
 
 SIZE = 240
 FOODS = {"idli": (210, 220, 230), "chutney": (60, 160, 70), "dosa": (60, 130, 190)}  # BGR

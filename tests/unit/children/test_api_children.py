@@ -10,7 +10,7 @@ from app.children import api_children
 from app.children.api_children import WAITING_A_CHILD, ApiChildren, PhotographError, Whose
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 TASKS = "tests.unit.children.fake_tasks:TASKS"

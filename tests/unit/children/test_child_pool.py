@@ -11,7 +11,7 @@ import pytest
 
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildPoolClosedError, ChildRequest, ChildStartError
 from app.core.settings import Settings
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 TASKS = "tests.unit.children.fake_tasks:TASKS"

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from app.children.fair_line import FairLine, LineFullError
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 SOON = 0.002
 

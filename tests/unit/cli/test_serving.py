@@ -11,7 +11,7 @@ from app.cli.serving import check_public_url, listen, server_config, trusted_pro
 from app.core.errors import InvalidInputError, RateLimitedError, UnavailableError
 from app.core.settings import Settings
 from app.http.rate_limit import RateLimit, caller_address
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 CALLER, PROXY = "198.51.100.7", "10.0.0.5"
 

@@ -7,7 +7,7 @@ import pytest
 from app.estimates.read_photographs import DepthFiles
 from app.estimates.run_estimate import run_estimate
 from app.vision.model import EstimateOptions
-from tests.heic_files import MATTE, heic_with_map, packet, quantised
+from tests.support.heic_files import MATTE, heic_with_map, packet, quantised
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
 from tests.unit.vision.test_pipeline_of_one import on_plain_table
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
+from tests.support.waiting import PATIENCE_SECONDS, unless_held_up
 from tests.unit.http.watched_server import watched_server
-from tests.waiting import PATIENCE_SECONDS, unless_held_up
 
 KEEP_ALIVE_SECONDS = 1
 

@@ -2,8 +2,8 @@ import socket
 
 import pytest
 
+from tests.support.waiting import PATIENCE_SECONDS
 from tests.unit.http.watched_server import watched_server
-from tests.waiting import PATIENCE_SECONDS
 
 
 async def app(scope, receive, send):

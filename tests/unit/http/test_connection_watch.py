@@ -5,7 +5,7 @@ import pytest
 from app.http import connection_protocol as http_protocol
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch
 from app.http.rate_limit import home_of
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 LIMITS = ConnectionLimits(
     header_seconds=1.0,

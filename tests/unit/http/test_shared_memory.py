@@ -12,7 +12,7 @@ from app.core.errors import RateLimitedError
 from app.core.settings import Settings
 from app.http.rate_limit import CallLimits, RateLimit
 from app.http.shared_memory import MAX_KEYS, ActiveCounts, KeyTable, shared_lock
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 def in_child(work):

@@ -11,7 +11,7 @@ import uvicorn
 from app.cli.serving import server_config
 from app.core.settings import Settings
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 HEAD = b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 200000\r\n\r\n"
 HALF = b"x" * 100_000

@@ -9,7 +9,7 @@ from typing import Any
 import uvicorn
 
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import pytest
 from app.children.faults import JobLeft
 from app.jobs import claims
 from app.jobs.claims import Claims, no_backlog
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 
 class FakeDatabase:

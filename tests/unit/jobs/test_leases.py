@@ -6,7 +6,7 @@ import pytest
 from app.children.faults import JobLeft
 from app.db.session import Database
 from app.jobs.leases import FileLease, living_workers, lock_files, lock_folder, new_executor
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture

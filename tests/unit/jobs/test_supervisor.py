@@ -7,7 +7,7 @@ import sys
 
 from app.core.settings import Settings
 from app.jobs.supervisor import WorkerProcess, settings_environment
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
 WRITE_PID_AND_WAIT = "import os, pathlib, sys, time; pathlib.Path('pid').write_text(str(os.getpid())); time.sleep(600)"

@@ -10,7 +10,7 @@ from PIL import Image, TiffImagePlugin
 
 from app.photos.depth import TIFF, inspect_depth
 from app.photos.location import remove_location
-from tests.depth_maps import confidence_png, depth_png, depth_tiff, table_mm
+from tests.support.depth_maps import confidence_png, depth_png, depth_tiff, table_mm
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from PIL import Image
 from app.core.errors import Failure
 from app.photos.heic_depth import HeicDepth, read_heic_depth
 from app.photos.heif import read_heif_layout
-from tests.heic_files import MATTE, heic_with_map, packet
+from tests.support.heic_files import MATTE, heic_with_map, packet
 
 RGB = np.zeros((96, 128, 3), np.uint8)
 LEVELS = np.repeat(np.arange(48, dtype=np.uint8)[:, None], 64, axis=1)

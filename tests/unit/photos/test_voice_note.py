@@ -4,8 +4,8 @@ import pytest
 
 from app.core.errors import Failure
 from app.photos.voice_note import inspect_voice_note, remove_note_metadata
-from tests.photographs import pair
-from tests.voice_notes import box, element, mp4, webm
+from tests.support.photographs import pair
+from tests.support.voice_notes import box, element, mp4, webm
 
 PLACE = b"+47.6062-122.3321/"
 TAGS = "1254c367"

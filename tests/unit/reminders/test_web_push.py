@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 
 from app.people.access.secret_box import SecretBox
 from app.reminders.web_push import CURVE, Receiver, VapidKey, bytes_of, encrypt, is_receiver, origin_of, text_of
-from tests.push_services import Browser, claims_of
+from tests.support.push_services import Browser, claims_of
 
 NOW = datetime(2026, 11, 27, 12, tzinfo=UTC)
 

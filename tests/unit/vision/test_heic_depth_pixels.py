@@ -5,7 +5,7 @@ import pytest
 
 from app.core.errors import Failure
 from app.vision.heic_depth import decode_heic_depth
-from tests.heic_files import heic_with_map
+from tests.support.heic_files import heic_with_map
 
 RGB = np.zeros((96, 128, 3), np.uint8)
 TABLE_PER_M = np.repeat(np.linspace(1.6, 2.4, 96)[:, None], 128, axis=1)  # 1 / m

@@ -12,7 +12,7 @@ from PIL import Image, TiffImagePlugin
 from app.core.errors import Failure
 from app.vision.model import Photo
 from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
-from tests.photographs import photograph, with_hole
+from tests.support.photographs import photograph, with_hole
 
 MAX_PIXELS = 50_000_000
 WIDTH, HEIGHT = 640, 480

@@ -16,7 +16,7 @@ from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo
 from app.vision.precheck import LEAST_LONG_SIDE_PX, check_pair
-from tests.scenes import both, load_scene, right_only, scaled, with_marker_moved
+from tests.support.scenes import both, load_scene, right_only, scaled, with_marker_moved
 
 PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 BOARD = parse_marker("plain:9x7:11")

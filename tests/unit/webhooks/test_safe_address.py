@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from app.webhooks import safe_address
 from app.webhooks.safe_address import AddressError, is_public, parse_target, resolve_safely, system_resolver
-from tests.waiting import PATIENCE_SECONDS
+from tests.support.waiting import PATIENCE_SECONDS
 
 NOT_PUBLIC = {
     "0.0.0.0": "unspecified",

@@ -13,8 +13,8 @@ import pytest
 from app.webhooks import webhook_post
 from app.webhooks.safe_address import parse_target
 from app.webhooks.webhook_post import KEPT_HOSTS, MAX_BODY_BYTES, WebhookPost
-from tests.receivers import certificates, raw_receiver, read_request, receiver
-from tests.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.receivers import certificates, raw_receiver, read_request, receiver
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 BODY = b'{"a":1}'
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"

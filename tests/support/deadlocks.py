@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import sqlalchemy as sa
 
 from app.meals import queries as meals
-from tests.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ import uuid
 from pydantic import SecretStr
 
 from app.storage.s3 import PATIENCE, Patience, S3BlobStore, S3Place
-from tests.s3_server import REGION, S3Server
+from tests.support.s3_server import REGION, S3Server
 
 BUCKET = "tests"
 IMPATIENT = Patience(connect_seconds=1.0, answer_seconds=2.0, retry_seconds=2.0, tries=2, turn_seconds=2.0)
