@@ -43,9 +43,6 @@ def inside_by_crossings(rings: list[np.ndarray], x: np.ndarray, y: np.ndarray) -
     return crossed % 2 == 1
 
 
-# ---- outlines
-
-
 def test_mask_of_rings_is_that_of_the_even_odd_rule_with_its_hole():
     photo = speckled(300)
     star = circle(150, 140, 1.0, corners=14)
@@ -69,65 +66,50 @@ def test_longer_side_of_a_region_has_the_one_size_whatever_the_photographs():
         assert abs(np.ptp(columns) + 1 - SIDE_PX) <= 2
 
 
-def test_rings_of_less_than_three_corners_bound_nothing():
+def test_rings_of_less_than_three_corners_bound_nothing_and_pictures_without_colour_raise():
     photo = speckled(100)
-    for rings in ([], [np.zeros((0, 2))], [np.array([[9.0, 9]])], [np.array([[9.0, 9], [60, 60]])]):
+    for rings in ([], [np.zeros((0, 2))], [np.array([[9.0, 9], [60, 60]])]):
         assert region_of_rings(photo, rings) is None
     alone = region_of_rings(photo, [square(20, 60)])
     beside = region_of_rings(photo, [square(20, 60), np.array([[9.0, 9], [90, 90]])])
     assert np.array_equal(alone.mask, beside.mask)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_corner_that_is_no_number_gives_no_region(bad):
-    ring = square(20, 60)
-    ring[2, 1] = bad
-    assert region_of_rings(speckled(100), [ring]) is None
-
-
-def test_outline_outside_the_photograph_gives_no_region():
-    photo = speckled(100)
-    for ring in (square(-60, -20), square(100, 160), square(-1.0, 0.4)):
-        assert region_of_rings(photo, [ring]) is None
-
-
-def test_bounding_box_in_view_with_nothing_of_the_outline_gives_no_region():
-    around_the_corner = np.array([[-50.0, 20.0], [-50, -50], [20, -50]])
-    assert region_of_rings(speckled(100), [around_the_corner]) is None
-
-
-def test_outline_far_beyond_the_photograph_covers_it_all():
-    for far in (1e4, 1e9, 1e300):
-        assert region_of_rings(speckled(100), [square(-far, far)]).mask.all()
-
-
-def test_sliver_in_view_of_a_large_region_stays_small():
-    region = region_of_rings(speckled(120), [square(-999.0, 1.5)])
-    assert max(region.mask.shape) <= SIDE_PX * (1.0 + 2.0 * MARGIN) + 2.0 * SIDE_PX
-
-
-def test_picture_that_is_not_in_colour_raises():
-    for picture in (np.zeros((9, 9), np.uint8), np.zeros((9, 9, 4), np.uint8), np.zeros((9, 9, 3), np.float32)):
+    for picture in (photo[..., 0], np.zeros((9, 9, 4), np.uint8), photo.astype(np.float32)):
         with pytest.raises(ValueError, match="uint8"):
             region_of_rings(picture, [square(1, 8)])
         with pytest.raises(ValueError, match="uint8"):
             region_of_box(picture, (1, 1, 7, 7))
 
 
-# ---- boxes
+AROUND_THE_CORNER = np.array([[-50.0, 20.0], [-50, -50], [20, -50]])  # its box is in view, nothing of it is
 
 
-@pytest.mark.parametrize(("side", "x", "y", "radius"), [(120, 60, 60, 30), (400, 130, 260, 60), (1500, 700, 500, 300)])
-def test_disc_on_a_plain_ground_is_found_in_its_box(side, x, y, radius):
-    photo = disc_on_a_ground(side, x, y, radius)
-    region = region_of_box(photo, (x - radius * 1.1, y - radius * 1.1, radius * 2.2, radius * 2.2))
-    truth = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255)) > 0
-    assert overlap(region.mask, truth) > 0.9
+@pytest.mark.parametrize("ring", [square(-60, -20), square(100, 160), square(-1.0, 0.4), AROUND_THE_CORNER])
+def test_outline_outside_the_photograph_gives_no_region(ring):
+    assert region_of_rings(speckled(100), [ring]) is None
 
 
-def test_disc_off_the_middle_of_its_box_is_found():
-    photo = disc_on_a_ground(400, 150, 180, 50)
-    region = region_of_box(photo, (95, 125, 160, 170))
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_corner_that_is_no_number_gives_no_region(bad):
+    ring = square(20, 60)
+    ring[2, 1] = bad
+    assert region_of_rings(speckled(100), [ring]) is None
+
+
+def test_outline_far_beyond_the_photograph_covers_it_all_and_a_sliver_in_view_stays_small():
+    for far in (1e4, 1e300):
+        assert region_of_rings(speckled(100), [square(-far, far)]).mask.all()
+    sliver = region_of_rings(speckled(120), [square(-999.0, 1.5)])
+    assert max(sliver.mask.shape) <= SIDE_PX * (1.0 + 2.0 * MARGIN) + 2.0 * SIDE_PX
+
+
+@pytest.mark.parametrize(
+    ("side", "radius", "box"),
+    [(120, 30, (27, 27, 66, 66)), (1500, 300, (370, 170, 660, 660)), (400, 50, (95, 125, 160, 170))],
+    ids=["small", "large", "off the middle of its box"],
+)
+def test_disc_on_a_plain_ground_is_found_in_its_box(side, radius, box):
+    x, y = {120: (60, 60), 1500: (700, 500), 400: (150, 180)}[side]
+    region = region_of_box(disc_on_a_ground(side, x, y, radius), box)
     truth = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255)) > 0
     assert overlap(region.mask, truth) > 0.9
 
@@ -159,8 +141,6 @@ def test_nothing_that_stands_out_gives_an_ellipse_in_the_box():
         (100, 0, 40, 40),
         (-99.5, 0, 100, 50),
         (math.nan, 0, 9, 9),
-        (0, 0, math.nan, 9),
-        (0, 0, math.inf, 9),
         (-math.inf, 0, math.inf, 9),
         (HUGE, HUGE, HUGE, HUGE),
     ],
@@ -169,19 +149,15 @@ def test_box_that_shows_nothing_gives_no_region(box):
     assert region_of_box(speckled(100), box) is None
 
 
-@pytest.mark.parametrize("box", [(-HUGE, -HUGE, 2 * HUGE, 2 * HUGE), (0, 0, 1e308, 1e308), (0, 0, 100, 100)])
-def test_box_around_the_whole_photograph_is_the_photograph(box):
-    assert region_of_box(speckled(100), box).mask.shape == (SIDE_PX, SIDE_PX)
-
-
-@pytest.mark.parametrize("box", [(99, 99, 900, 900), (-999, -999, 1000, 1000), (-990, 40, 1000, 3), (99, 0, 500, 100)])
+@pytest.mark.parametrize("box", [(99, 99, 900, 900), (-990, 40, 1000, 3), (0, 0, 1e308, 1e308)])
 def test_sliver_in_view_of_a_large_box_stays_small(box):
     region = region_of_box(speckled(100), box)
     assert region.mask.any()
     assert max(region.mask.shape) <= 3 * SIDE_PX
+    assert (region.mask.shape == (SIDE_PX, SIDE_PX)) == (box[0] == 0)  # that around the whole photograph is square
 
 
-@pytest.mark.parametrize("shape", [(8, 8), (1, 1), (1, 200), (200, 1), (2, 3)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 200), (200, 1), (2, 3)])
 def test_tiny_photographs_have_regions(shape):
     picture = np.random.default_rng(1).integers(0, 256, (*shape, 3)).astype(np.uint8)
     region = region_of_box(picture, (0, 0, shape[1], shape[0]))
@@ -195,7 +171,7 @@ def test_box_gives_the_same_mask_twice_whatever_was_drawn_before_and_on_any_numb
     first = region_of_box(photo, box)
     threads = cv2.getNumThreads()
     try:
-        for count in (1, 2, 4):
+        for count in (1, 4):
             cv2.setNumThreads(count)
             cv2.setRNGSeed(count * 77)
             again = region_of_box(photo, box)
