@@ -10,19 +10,14 @@ import numpy as np
 import pytest
 
 from app.children.api_children import ApiChildren
-from app.children.child_pool import ChildResult
 from app.estimates.camera_choice import choose_camera, median_camera
-from app.estimates.estimate_meal import EstimateMeal
-from app.estimates.save_estimate import save_estimate
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.run_answer import RunAnswer
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from tests.integration.conftest import meal_metadata
-from tests.support.estimates import answer
+from tests.integration.uploads.answers import refusal
+from tests.integration.uploads.measuring import estimate
 from tests.support.photographs import pair
 from tests.unit.vision.synthetic import PHONE, look_at, render_board
 
@@ -49,10 +44,6 @@ def calibrate(phone, photos, **metadata):
     if metadata:
         files.append(("metadata", ("m.json", json.dumps(metadata), "application/json")))
     return phone.client.post("/v1/calibrations", headers=phone.headers, files=files)
-
-
-def code(answer):
-    return answer.status_code, answer.json().get("code")
 
 
 def kept_camera(focal=960.0, width=1200, height=900, cx=600.0, k1=0.0):
@@ -91,20 +82,21 @@ def set_model(state, model):
 
 def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
     with state.database.read() as session:
-        study = session.query(Study).one()
+        study = session.query(Study).filter(Study.code == "pilot").one()
         return choose_camera(session, meal_camera=given, device_id=device.id, study=study, sizes=list(sizes))
 
 
-@pytest.mark.slow
-def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, admin, boards):
-    made = calibrate(phone, [jpeg(board) for board in boards])
+def test_known_camera_is_measured_without_bad_photographs_listed_and_withdrawn(phone, client, admin, boards):
+    bare = np.full((900, 1200, 3), 120, np.uint8)
+    made = calibrate(phone, [jpeg(bare), *(jpeg(board) for board in boards)])
     assert made.status_code == 201, made.text
     body = made.json()
     assert (body["camera"]["width"], body["camera"]["height"]) == (1200, 900)
     # six views with 0.05 px of noise: half a percent of focal length (tests/unit/vision/test_calibration.py)
     assert body["camera"]["fx"] == pytest.approx(960.0, rel=5e-3)
     assert body["rms_px"] < 0.3
-    assert (body["photographs"], body["left_out"]) == (6, [])
+    assert body["photographs"] == 6
+    assert [(one["photograph"], one["code"]) for one in body["left_out"]] == [(1, "image_blurred")]
     (listed,) = phone.get("/v1/calibrations").json()["items"]
     assert listed == {name: value for name, value in body.items() if name != "left_out"}
     (of_study,) = client.get("/v1/studies/pilot/calibrations", headers=admin).json()["items"]
@@ -115,33 +107,33 @@ def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, a
         assert withdrawn.json()["withdrawn_at"] is not None
 
 
-def test_photograph_without_the_board_is_left_out_and_told(phone, boards):
-    bare = np.full((900, 1200, 3), 120, np.uint8)
-    made = calibrate(phone, [jpeg(bare), *(jpeg(board) for board in boards)])
-    assert made.status_code == 201
-    assert [(one["photograph"], one["code"]) for one in made.json()["left_out"]] == [(1, "image_blurred")]
-
-
+@pytest.mark.slow
 def test_bad_photographs_are_refused_with_their_reason(phone, boards):
     good = [jpeg(board) for board in boards]
     turned = jpeg(np.ascontiguousarray(np.rot90(boards[0])))
     vast = jpeg(np.zeros((4000, 4000, 3), np.uint8))
-    assert code(calibrate(phone, good[:2])) == (422, "calibration_count")
-    assert code(calibrate(phone, [good[0]] * 3)) == (422, "calibration_views_insufficient")
-    assert code(calibrate(phone, [*good, turned])) == (422, "calibration_size_differs")
-    assert code(calibrate(phone, [*good, b"no picture"])) == (422, "not_an_image")
-    assert code(calibrate(phone, [*good, vast])) == (422, "image_too_many_pixels")
-    assert code(calibrate(phone, [*good[:3], good[3][:9000]])) == (422, "image_truncated")
-    assert code(calibrate(phone, good, marker="plain:9x7:0")) == (422, "marker_invalid")
+    assert refusal(calibrate(phone, [b"x"] * 31)) == (400, "part_repeated")
+    assert refusal(calibrate(phone, good, marker="plain:9x7:0")) == (422, "marker_invalid")
+    for photos, code in (
+        (good[:2], "calibration_count"),
+        ([good[0]] * 3, "calibration_views_insufficient"),
+        ([*good, turned], "calibration_size_differs"),
+        ([*good, b"no picture"], "not_an_image"),
+        ([*good, vast], "image_too_many_pixels"),
+        ([*good[:3], good[3][:9000]], "image_truncated"),
+    ):
+        assert refusal(calibrate(phone, photos)) == (422, code)
     assert phone.get("/v1/calibrations").json()["items"] == []
 
 
+@pytest.mark.slow
 def test_board_seen_in_the_middle_only_is_refused(phone, boards):
     far = [cv2.resize(board, None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA) for board in boards]
     framed = [cv2.copyMakeBorder(board, 203, 202, 270, 270, cv2.BORDER_REPLICATE) for board in far]
-    assert code(calibrate(phone, [jpeg(one) for one in framed])) == (422, "calibration_coverage_small")
+    assert refusal(calibrate(phone, [jpeg(one) for one in framed])) == (422, "calibration_coverage_small")
 
 
+@pytest.mark.slow
 def test_bent_board_is_refused(phone, boards):
     rng = np.random.default_rng(3)
     y, x = np.mgrid[:900, :1200].astype(np.float32)
@@ -151,28 +143,18 @@ def test_bent_board_is_refused(phone, boards):
         map_x = (x + a * np.sin(y / 60)).astype(np.float32)
         map_y = (y + b * np.sin(x / 70)).astype(np.float32)
         bent.append(cv2.remap(board, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-    assert code(calibrate(phone, [jpeg(one) for one in bent])) == (422, "calibration_poor")
+    assert refusal(calibrate(phone, [jpeg(one) for one in bent])) == (422, "calibration_poor")
 
 
-def test_thirty_one_photographs_are_one_too_many(phone):
-    assert code(calibrate(phone, [b"x"] * 31)) == (400, "part_repeated")
-
-
-def test_calibration_of_another_phone_is_not_there(phone, enrol, client, boards, state):
+def test_owner_withdraws_a_calibration_and_for_another_phone_there_is_none(phone, enrol, client, admin, state):
     other = enrol("P002")
-    number = keep(state, devices(state)[0])
-    path = f"/v1/calibrations/{number}/withdrawal"
+    device = devices(state)[0]
+    path = f"/v1/calibrations/{keep(state, device)}/withdrawal"
     assert client.post(path, headers=other.headers).status_code == 404
-    assert client.post(path).status_code == 401
     assert client.post(f"/v1/calibrations/{uuid.uuid4()}/withdrawal", headers=phone.headers).status_code == 404
     assert other.get("/v1/calibrations").json()["items"] == []
-
-
-def test_owner_can_withdraw(phone, client, admin, state):
-    number = keep(state, devices(state)[0])
-    answer = client.post(f"/v1/calibrations/{number}/withdrawal", headers=admin)
-    assert answer.json()["withdrawn_at"] is not None
-    assert chosen(state, devices(state)[0]).chosen_from == "exif"
+    assert client.post(path, headers=admin).json()["withdrawn_at"] is not None
+    assert chosen(state, device).chosen_from == "exif"
 
 
 def test_newest_calibration_of_the_phone_holds_until_it_is_withdrawn(phone, state):
@@ -200,26 +182,18 @@ def test_phone_without_calibration_gets_the_median_of_its_model_at_its_size(phon
     assert found.camera.distortion[0] == 0.2
 
 
-def test_single_phone_of_the_model_stands_for_it_and_other_models_do_not(phone, enrol, state):
+def test_single_phone_of_the_model_stands_for_it_and_other_models_and_studies_do_not(phone, enrol, state):
     enrol("P002")
     set_model(state, "Phone 7")
     first, second = devices(state)
     number = keep(state, second, model="Phone 7", focal=930.0)
+    enrol("P001", study="another")
+    set_model(state, "Phone 7")
+    keep(state, devices(state)[2], model="Phone 7", focal=500.0)
     assert chosen(state, first).calibrations == (number,)
     with state.database.write() as session:
         session.get(Device, first.id).model = "Phone 8"
     assert chosen(state, first).chosen_from == "exif"
-
-
-def test_calibrations_of_another_study_are_not_used(phone, enrol, state):
-    enrol("P001", study="another")
-    set_model(state, "Phone 7")
-    first, second = devices(state)
-    keep(state, second, model="Phone 7")
-    with state.database.read() as session:
-        study = session.query(Study).filter(Study.code == "pilot").one()
-        found = choose_camera(session, meal_camera=None, device_id=first.id, study=study, sizes=[(1200, 900)])
-    assert found.chosen_from == "exif"
 
 
 def test_calibration_that_does_not_fit_is_passed_over_but_the_meals_own_camera_never(phone, state):
@@ -240,37 +214,19 @@ def test_median_of_one_camera_is_that_camera():
     assert median_camera([], (1200, 900)) is None
 
 
-class RecordingChildren:
-    """Answers as a child does, and keeps what it was asked."""
-
-    def __init__(self):
-        self.requests = []
-
-    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
-        self.requests.append(request)
-        camera = request.arguments["options"]["camera"]
-        return ChildResult("ok", answer(camera=camera, camera_right=camera))
-
-
 def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone, state, settings):
     (device,) = devices(state)
     number = keep(state, device, width=640, height=480, cx=320.0, focal=512.0)
     body = meal_metadata()
     phone.post(pair(), metadata=body)
-    children = RecordingChildren()
-    use_case = EstimateMeal(state.database, state.blobs, children, settings)
-    with state.database.read() as session:
-        job = session.query(Job).join(Meal, Meal.id == Job.meal_id).one()
-    key = use_case.compute(job.id)
-    assert children.requests[0].arguments["options"]["camera"]["fx"] == 512.0
-    with state.database.write() as session:
-        save_estimate(session, job.id, RunAnswer.read(state.blobs.read(key)), key)
+    assert estimate(state, settings, body["id"]).options["camera"]["fx"] == 512.0
     run = phone.get(f"/v1/meals/{body['id']}").json()["run"]
     assert run["parameters"]["camera_from"] == "device"
     assert run["camera"]["left"]["chosen_from"] == "device"
     assert run["camera"]["left"]["calibrations"] == [str(number)]
 
 
+@pytest.mark.slow
 def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_alias(phone, state, boards, monkeypatch):
     photos = [jpeg(board) for board in boards]
     assert calibrate(phone, photos).status_code == 201
@@ -289,4 +245,4 @@ def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_al
     monkeypatch.setattr(
         type(state.part(ApiChildren)), "run", lambda _, *arguments, **named: leaves(*arguments, **named)
     )
-    assert code(calibrate(phone, photos)) == (410, "withdrawn")
+    assert refusal(calibrate(phone, photos)) == (410, "withdrawn")

@@ -18,10 +18,10 @@ from app.people import privacy_queries as privacy
 from app.people.privacy_models import AuditEvent
 from app.uploads.job_list_queries import FailedFilter
 from app.uploads.look_after_jobs import failed_pairs, retry_failed
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table, left_of_apple
+from tests.support import estimates
 from tests.support.commands import run_tada
 from tests.support.deadlocks import deadlock_over_a_meal
 from tests.support.estimates import found_item

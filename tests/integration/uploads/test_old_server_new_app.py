@@ -8,8 +8,8 @@ import sqlalchemy as sa
 
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 

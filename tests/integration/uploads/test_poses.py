@@ -9,9 +9,9 @@ from app.children.faults import JobFailure
 from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.test_rigs import RigChildren, code, rig, send
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 from tests.unit.vision.poses import arkit_poses

@@ -18,8 +18,8 @@ from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox
 from app.people.models import Device
 from app.releases.file_runner import FileRunner
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.estimates import answer, found_item
 from tests.support.photographs import pair
 from tests.unit.vision.rigs import rig_of

@@ -19,8 +19,8 @@ from app.people.privacy_models import AuditEvent
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.retention import erase_old_pictures
 from app.vision.model import ColourCorrection
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair, photograph
 from tests.support.stores import damage
