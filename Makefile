@@ -4,9 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Two workers with one thread each, as the server's own children have; more threads would only compete.
 TWO_WORKERS := OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+RECORD := $(or $(COVERAGE),$(VENV)/record)
 unexport PYTHONDONTWRITEBYTECODE  # else every process compiles the app, and pytest rewrites every test, anew
 
-.PHONY: venv lock audit demo browse test test-slow test-all bench check format serve clean
+.PHONY: venv lock audit demo browse test test-share test-all test-times bench check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
@@ -36,14 +37,20 @@ demo: venv  ## one meal, from upload to record, on throwaway data
 browse: venv  ## a sample study to look at in a browser, on throwaway data, until Ctrl-C
 	$(BIN)/tada demo --browse
 
-test: venv  ## all tests but the slow ones
+test: venv  ## the gate, by which a change is judged: six minutes on two quiet cores
 	$(TWO_WORKERS) -m "not slow"
 
-test-slow: venv  ## the slow tests: processes that are killed, whole releases, schemas, rendered scenes
-	$(TWO_WORKERS) -m slow
-
-test-all: venv  ## both in one run, which collects and prepares once
+test-share: venv  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: ten minutes
 	$(TWO_WORKERS)
+
+test-all: venv  ## every test: half an hour
+	$(TWO_WORKERS)
+
+test-times: venv  ## every test, and docs/tests.md made anew; COVERAGE=FOLDER: which tests run which lines, too, which is slower
+	mkdir -p $(RECORD)
+	start=$$(date +%s); $(TWO_WORKERS) -p tools.record_tests --record-times=$(RECORD)/times.jsonl \
+		$(if $(COVERAGE),--record-coverage=$(COVERAGE)); result=$$?; \
+	$(BIN)/python tools/test_times.py $(RECORD)/times.jsonl $$(($$(date +%s) - start)) && exit $$result
 
 bench: venv  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench

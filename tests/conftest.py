@@ -4,7 +4,6 @@ import contextlib
 import gc
 import os
 import pathlib
-import re
 import shutil
 import tempfile
 import uuid
@@ -23,19 +22,20 @@ from app.foods.importers.imported import ImportedTable
 from app.foods.importers.sr28 import read_sr28
 from app.operations.prepare import prepare
 from tests.support.reused_database import ReusedDatabases
+from tests.support.run_folder import RunFolder
 from tests.support.s3_places import s3_settings
 from tests.support.s3_server import S3Server
 from tests.support.shared_statements import share_statements
 
-MEMORY = pathlib.Path("/dev/shm")
-MEMORY_BYTES = 2**33  # more than a whole session and its processes take: a passed test's files are deleted at once
 SHARED_DATA = pathlib.Path(os.environ.get("TADA_SHARED_DATA", pathlib.Path(__file__).parents[2] / "shared"))
+SHARES = 6  # of the tests beyond the gate: CI runs one of them
 
 
-def pytest_configure():
-    """Keep temporary files in memory where there is room: a sync to disk takes milliseconds, and they need not last."""
-    if "TMPDIR" not in os.environ and _has_room(MEMORY):
-        os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)  # also for the processes that tests start
+def pytest_configure(config):
+    """Open the run's folder, in which its processes and files end; xdist's workers share it."""
+    if not hasattr(config, "workerinput"):
+        run = RunFolder()
+        config.add_cleanup(run.close)
     share_statements()
 
 
@@ -48,14 +48,6 @@ def pytest_collection():
     finally:
         gc.freeze()
         gc.enable()
-
-
-def _has_room(folder):
-    if not os.access(folder, os.W_OK) or os.statvfs(folder).f_flag & os.ST_NOEXEC:
-        return False
-    available = re.search(r"^MemAvailable: +(\d+) kB", pathlib.Path("/proc/meminfo").read_text(), re.MULTILINE)
-    is_free = available is not None and int(available[1]) * 1024 > MEMORY_BYTES
-    return is_free and shutil.disk_usage(folder).free > MEMORY_BYTES / 2
 
 
 @pytest.hookimpl(wrapper=True)
@@ -74,13 +66,20 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("kind", ["sqlite", "postgres"], indirect=True)
 
 
-def pytest_collection_modifyitems(items):
-    """Sort files that take long first, so that xdist's workers, which take a file at a time, end together."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
+def pytest_collection_modifyitems(config, items):
+    """Sort files that take long first, so that xdist's workers, which take a file at a time, end together.
+
+    Under TADA_TEST_SHARE (0 to 5) only this sixth of the files with slow tests keeps them.
+    """
+    slow = sorted({item.path for item in items if item.get_closest_marker("slow")})
+    if "TADA_TEST_SHARE" in os.environ:
+        others = set(slow) - set(slow[int(os.environ["TADA_TEST_SHARE"]) :: SHARES])
+        deselected = [item for item in items if item.path in others and item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=deselected)
+        items[:] = [item for item in items if item not in set(deselected)]
 
     def place(item):
-        parts = item.path.parts
-        return "e2e" not in parts, item.path not in slow, "vision" not in parts
+        return "e2e" not in item.path.parts, item.path not in slow, "vision" not in item.path.parts
 
     items.sort(key=place)  # stable: else as they were
 

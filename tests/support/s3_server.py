@@ -86,7 +86,7 @@ class S3Server:
         with (self._folder / "weed.log").open("ab") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-c", DIE_WITH_PARENT, str(os.getpid()), *self._command()],
-                cwd=pathlib.Path(__file__).parents[1],
+                cwd=pathlib.Path(__file__).parents[2],
                 env=os.environ | {"WEED_MASTER_VOLUME_GROWTH_COPY_1": "1"},  # one file a bucket, not seven
                 stdin=subprocess.DEVNULL,
                 stdout=log,

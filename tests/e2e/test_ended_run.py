@@ -1,0 +1,47 @@
+"""A run of the tests that is ended leaves no process and no file behind."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from tests.support.run_folder import MEMORY, processes_of
+from tests.support.waiting import wait_until
+
+REPOSITORY = pathlib.Path(__file__).parents[2]
+
+pytestmark = pytest.mark.slow
+
+
+def shared_memory():
+    """Return what PostgreSQL servers have in memory."""
+    return {path.name for path in MEMORY.glob("PostgreSQL.*")}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("workers", [0, 1])
+def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
+    ready = tmp_path / "ready"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    environment |= {"HELD_RUN_IS_READY": str(ready)}
+    before = shared_memory()
+    run = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", f"-n{workers}", "-p", "no:cacheprovider", "tests/e2e/held_run.py"],
+        cwd=REPOSITORY,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    wait_until(lambda: ready.exists() or run.poll() is not None, "the run to hold everything")
+    folder = ready.read_text()
+    assert len(processes_of(folder)) > 5  # PostgreSQL, S3, Chromium, the server and its worker
+
+    run.send_signal(number)
+    run.wait()
+
+    wait_until(lambda: not pathlib.Path(folder).exists(), "the run's folder to be deleted")
+    assert processes_of(folder) == []
+    assert shared_memory() <= before
