@@ -40,18 +40,9 @@ def test_known_camera_comes_back(photos):
     assert [photo.index for photo in result.rejected] == [6]
 
 
-def test_two_views_are_too_few(photos):
-    failure = calibrate(photos[:2], BOARD)
-    assert isinstance(failure, Failure)
-    assert failure.code == "calibration_views_insufficient"
-
-
-def test_no_photographs_are_too_few():
-    assert not calibrate([], BOARD)
-
-
-def test_views_of_one_slant_are_too_few(photos):
-    failure = calibrate([photos[0], photos[0], photos[0]], BOARD)
+@pytest.mark.parametrize("chosen", [[], [0, 1], [0, 0, 0]], ids=["none", "two", "of one slant"])
+def test_few_views_and_views_of_one_slant_are_too_few(photos, chosen):
+    failure = calibrate([photos[number] for number in chosen], BOARD)
     assert isinstance(failure, Failure)
     assert failure.code == "calibration_views_insufficient"
 

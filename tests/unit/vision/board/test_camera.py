@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -19,15 +18,11 @@ from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import PHONE, Pose, corner_points, look_at, project
 
 SPEC = parse_marker("plain:9x7:11")
-GIVEN = {
-    "width": 1200,
-    "height": 900,
-    "fx": 975,
-    "fy": 975.5,
-    "cx": 599.5,
-    "cy": 449.5,
-    "distortion": [0.1, -0.1, 0, 0, 0],
-}
+
+
+GIVEN = {"width": 1200, "height": 900, "fx": 975, "fy": 975.5, "cx": 599.5, "cy": 449.5}
+GIVEN["distortion"] = [0.1, -0.1, 0, 0, 0]
+DIAGONAL = math.hypot(36, 24)
 LEFT, RIGHT = look_at(50, -95, target_mm=(40, 0, 0)), look_at(48, -84, 360, roll_deg=3, target_mm=(40, 0, 0))
 
 
@@ -42,7 +37,7 @@ def observed(
     return MarkerObservation(spec, corners + np.random.default_rng(seed).normal(0, noise_px or 1e-12, corners.shape))
 
 
-def estimate(
+def outcome(
     cameras: tuple[Camera, Camera] = (PHONE, PHONE),
     poses: tuple[Pose, Pose] = (LEFT, RIGHT),
     given: Camera | None = PHONE,
@@ -57,6 +52,12 @@ def estimate(
     return estimate_views(pair, observations, EstimateOptions(SPEC, given))
 
 
+def estimate(**kwargs) -> tuple[View, View]:
+    views = outcome(**kwargs)
+    assert not isinstance(views, Failure), views
+    return views
+
+
 def turned_deg(view: View, pose: Pose) -> float:
     return math.degrees(math.acos(np.clip((np.trace(view.rotation.T @ pose.rotation) - 1) / 2, -1, 1)))
 
@@ -67,49 +68,41 @@ def test_camera_file_is_read():
 
 
 @pytest.mark.parametrize(
-    "change",
+    "data",
     [
-        {"width": 0},
-        {"width": 1200.5},
-        {"fx": "975"},
-        {"fx": 0},
-        {"fy": float("nan")},
-        {"fy": 1e9},
-        {"cx": -1},
-        {"cy": 900},
-        {"cx": True},
-        {"distortion": [0.1]},
-        {"distortion": "none"},
-        {"distortion": [0, 0, 0, 0, None]},
-        {"distortion": [0, 0, 0, 0, 0, 0]},
+        None,
+        {},
+        {"width": 1200},
+        GIVEN | {"width": 0},
+        GIVEN | {"width": 1200.5},
+        GIVEN | {"fx": "975"},
+        GIVEN | {"fx": 0},
+        GIVEN | {"fy": float("nan")},
+        GIVEN | {"fy": 1e9},
+        GIVEN | {"cx": -1},
+        GIVEN | {"cy": 900},
+        GIVEN | {"cx": True},
+        GIVEN | {"distortion": "none"},
+        GIVEN | {"distortion": [0, 0, 0, 0, None]},
+        GIVEN | {"distortion": [0, 0, 0, 0, 0, 0]},
     ],
 )
-def test_impossible_camera_file_is_refused(change):
+def test_impossible_camera_file_is_refused(data):
     with pytest.raises(InvalidInputError) as refused:
-        camera_from_mapping(GIVEN | change)
+        camera_from_mapping(data)
     assert refused.value.code == "camera_invalid"
     assert refused.value.message.endswith(".")
-
-
-@pytest.mark.parametrize("data", [None, [], "camera", {}, {"width": 1200}])
-def test_camera_file_that_is_no_camera_is_refused(data):
-    with pytest.raises(InvalidInputError):
-        camera_from_mapping(data)
 
 
 def test_board_points_are_as_the_conventions_say():
     assert board_points(SPEC) == pytest.approx(corner_points(SPEC))
 
 
-def test_camera_of_the_same_size_is_unchanged():
-    assert adapt_camera(PHONE, 1200, 900) == PHONE
-
-
-@pytest.mark.parametrize("size", [(600, 450), (2400, 1800), (1201, 901)])
+@pytest.mark.parametrize("size", [(600, 450), (1200, 900), (1201, 901)])
 def test_scaled_camera_sees_the_scaled_pixel(size):
     camera = replace(PHONE, cx=580.0, cy=470.0, distortion=(0.1, -0.1, 1e-3, -2e-3, 0.0))
     scaled = adapt_camera(camera, *size)
-    assert isinstance(scaled, Camera)
+    assert (scaled == camera) == (size == (1200, 900))
     points = corner_points(SPEC)
     ratio = np.array(size) / (1200, 900)
     expected = (project(camera, LEFT, points) + 0.5) * ratio - 0.5  # pixel edges scale, not pixel centres
@@ -127,7 +120,7 @@ def test_turned_camera_sees_the_turned_photograph():
     assert adapt_camera(turned, 1200, 900) == camera
 
 
-@pytest.mark.parametrize("size", [(1200, 675), (1200, 1200), (1100, 900), (675, 1200)])
+@pytest.mark.parametrize("size", [(1200, 675), (1100, 900), (675, 1200)])
 def test_photograph_of_another_shape_is_a_mismatch(size):
     failure = adapt_camera(PHONE, *size)
     assert isinstance(failure, Failure)
@@ -141,12 +134,8 @@ def test_equivalent_focal_length_goes_by_the_diagonal():
     assert (camera.cx, camera.cy, camera.source) == (1599.5, 1199.5, "exif")
 
 
-DIAGONAL = math.hypot(36, 24)
-
-
 def test_given_camera_gives_the_true_poses():
     views = estimate()
-    assert not isinstance(views, Failure)
     for view, pose in zip(views, (LEFT, RIGHT), strict=True):
         assert view.centre_mm == pytest.approx(pose.centre_mm, abs=0.05)
         assert turned_deg(view, pose) < 0.01
@@ -157,7 +146,6 @@ def test_given_camera_gives_the_true_poses():
 
 def test_tenth_of_a_pixel_of_noise_moves_a_camera_by_some_mm():
     views = estimate(noise_px=0.1)
-    assert not isinstance(views, Failure)
     for view, pose in zip(views, (LEFT, RIGHT), strict=True):
         # 48 corners over 88 x 66 mm at 350 mm: 0.1 px are 0.036 mm, and some 0.2 degrees of tilt.
         assert np.linalg.norm(view.centre_mm - pose.centre_mm) < 3.0
@@ -166,22 +154,13 @@ def test_tenth_of_a_pixel_of_noise_moves_a_camera_by_some_mm():
 
 def test_larger_board_in_mm_gives_a_scene_larger_by_as_much():
     double = replace(SPEC, square_mm=22.0)
-    observations = (observed(PHONE, LEFT), observed(PHONE, RIGHT))
-    pair = PhotoPair(blank(PHONE), blank(PHONE, grey=1))
-    once = estimate_views(pair, observations, EstimateOptions(SPEC, PHONE))
-    twice = estimate_views(
-        pair,
-        (replace(observations[0], spec=double), replace(observations[1], spec=double)),
-        EstimateOptions(double, PHONE),
-    )
-    assert not isinstance(once, Failure)
-    assert not isinstance(twice, Failure)
-    assert twice[0].centre_mm == pytest.approx(2 * once[0].centre_mm, rel=1e-3)
+    seen = tuple(replace(observed(PHONE, pose), spec=double) for pose in (LEFT, RIGHT))
+    twice = estimate_views(PhotoPair(blank(PHONE), blank(PHONE, grey=1)), seen, EstimateOptions(double, PHONE))
+    assert twice[0].centre_mm == pytest.approx(2 * estimate()[0].centre_mm, rel=1e-3)
 
 
 def test_bent_paper_is_seen_through():
     views = estimate(bend_mm=(1.5, 0.3, -0.5))
-    assert not isinstance(views, Failure)
     for view, pose in zip(views, (LEFT, RIGHT), strict=True):
         assert view.rms_px < 0.1
         assert view.centre_mm == pytest.approx(pose.centre_mm, abs=1.0)
@@ -191,7 +170,6 @@ def test_bent_paper_is_seen_through():
 def test_focal_length_of_exif_is_refined_on_the_board(focal_error):
     told = focal_error * PHONE.fx * DIAGONAL / 1500
     views = estimate(given=None, focal_35mm=(told, told), noise_px=0.05, bend_mm=(1.0, 0, 0))
-    assert not isinstance(views, Failure)
     assert views[0].camera == views[1].camera
     assert views[0].camera.source == "exif"
     assert views[0].camera.fx == pytest.approx(PHONE.fx, rel=0.03)  # from 7 %
@@ -199,7 +177,6 @@ def test_focal_length_of_exif_is_refined_on_the_board(focal_error):
 
 def test_without_exif_the_board_tells_the_focal_length():
     views = estimate(given=None, noise_px=0.05)
-    assert not isinstance(views, Failure)
     assert views[0].camera.source == "board"
     assert views[0].camera.fx == pytest.approx(PHONE.fx, rel=0.05)
 
@@ -208,7 +185,6 @@ def test_photographs_of_different_zoom_have_a_camera_each():
     zoomed = replace(PHONE, fx=1.5 * PHONE.fx, fy=1.5 * PHONE.fy)
     told = PHONE.fx * DIAGONAL / 1500
     views = estimate(cameras=(PHONE, zoomed), given=None, focal_35mm=(told, 1.5 * told))
-    assert not isinstance(views, Failure)
     assert views[1].camera.fx / views[0].camera.fx == pytest.approx(1.5, rel=0.03)
     assert views[1].centre_mm == pytest.approx(RIGHT.centre_mm, rel=0.03)
 
@@ -217,28 +193,24 @@ def test_photographs_of_different_size_share_a_given_camera():
     small = adapt_camera(PHONE, 800, 600)
     assert isinstance(small, Camera)
     views = estimate(cameras=(PHONE, small))
-    assert not isinstance(views, Failure)
     assert views[1].camera == small
     assert views[1].centre_mm == pytest.approx(RIGHT.centre_mm, abs=0.05)
 
 
-def test_swapped_photographs_give_swapped_views():
-    views, swapped = estimate(), estimate(poses=(RIGHT, LEFT))
-    assert not isinstance(views, Failure)
-    assert not isinstance(swapped, Failure)
-    assert swapped[0].centre_mm == pytest.approx(views[1].centre_mm, abs=0.01)
-
-
 @pytest.mark.parametrize(
-    ("right", "code"),
+    ("arguments", "code"),
     [
-        (look_at(50, -94.5, target_mm=(40, 0, 0)), "baseline_too_small"),
-        (look_at(50, 0, target_mm=(40, 0, 0)), "baseline_too_large"),
-        (LEFT, "same_photograph"),
+        ({"poses": (LEFT, look_at(50, -94.5, target_mm=(40, 0, 0)))}, "baseline_too_small"),
+        ({"poses": (LEFT, look_at(50, 0, target_mm=(40, 0, 0)))}, "baseline_too_large"),
+        ({"poses": (LEFT, LEFT)}, "same_photograph"),
+        ({"given": replace(PHONE, height=675, cy=337.0)}, "camera_mismatch"),
+        ({"noise_px": 8.0}, "pose_unreliable"),
+        ({"bend_mm": (9.0, 0, 0)}, "pose_unreliable"),
     ],
+    ids=["too near", "too far", "one place", "camera of another shape", "corners of no board", "rolled-up paper"],
 )
-def test_views_too_near_or_too_far_are_refused(right, code):
-    failure = estimate(poses=(LEFT, right))
+def test_views_that_tell_no_poses_are_refused(arguments, code):
+    failure = outcome(**arguments)
     assert isinstance(failure, Failure)
     assert failure.code == code
     assert failure.advice
@@ -246,8 +218,7 @@ def test_views_too_near_or_too_far_are_refused(right, code):
 
 def test_photograph_from_behind_the_other_is_refused():
     nearer, farther = look_at(target_mm=(40, 0, 0)), look_at(48, -94, distance_mm=450, target_mm=(40, 0, 0))
-    failure = estimate(poses=(nearer, farther))  # by the angle of 3 degrees alone it would pass
-    assert isinstance(failure, Failure)
+    failure = outcome(poses=(nearer, farther))  # by the angle of 3 degrees alone it would pass
     assert failure.code == "baseline_too_small"
     assert "distance" in failure.advice
 
@@ -255,31 +226,14 @@ def test_photograph_from_behind_the_other_is_refused():
 def test_equal_pixels_are_the_same_photograph():
     pair = PhotoPair(blank(PHONE), blank(PHONE))
     failure = estimate_views(pair, (observed(PHONE, LEFT), observed(PHONE, RIGHT)), EstimateOptions(SPEC, PHONE))
-    assert isinstance(failure, Failure)
     assert failure.code == "same_photograph"
 
 
-def test_camera_file_of_another_shape_is_a_mismatch():
-    failure = estimate(given=replace(PHONE, height=675, cy=337.0))
-    assert isinstance(failure, Failure)
-    assert failure.code == "camera_mismatch"
-
-
-def test_corners_of_no_board_are_refused():
-    failure = estimate(noise_px=8.0)
-    assert isinstance(failure, Failure)
-    assert failure.code == "pose_unreliable"
-
-
-def test_rolled_up_paper_is_refused():
-    failure = estimate(bend_mm=(9.0, 0, 0))
-    assert isinstance(failure, Failure)
-    assert failure.code == "pose_unreliable"
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", ["paper6/apple-1", "meals/meal-03", "hard/hard-04-rolled"])
-@pytest.mark.parametrize("is_given", [True, False])
+@pytest.mark.parametrize(
+    ("scene", "is_given"),
+    [("paper6/apple-1", True), ("paper6/apple-1", False), ("meals/meal-03", False), ("hard/hard-04-rolled", True)],
+)
 def test_rendered_meals_have_their_baseline(shared_data, scene, is_given):
     folder = shared_data / "scenes" / "dev" / scene
     truth = json.loads((folder / "truth.json").read_text())
@@ -302,11 +256,3 @@ def test_rendered_meals_have_their_baseline(shared_data, scene, is_given):
     sights = [centre - board for centre in centres]
     angle = math.degrees(math.acos(sights[0] @ sights[1] / np.linalg.norm(sights[0]) / np.linalg.norm(sights[1])))
     assert view_angle_deg(*views) == pytest.approx(angle, abs=0.7)
-
-
-def test_projection_has_pixel_centres_at_whole_coordinates():
-    ray = (np.array([100.0, 200.0]) - [PHONE.cx, PHONE.cy]) / PHONE.fx
-    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
-    point = np.array([[ray[0], ray[1], 0.0]])
-    assert project(PHONE, pose, point) == pytest.approx(np.array([[100.0, 200.0]]))
-    assert cv2.undistortPoints(np.array([[[100.0, 200.0]]]), PHONE.matrix, None).reshape(2) == pytest.approx(ray)

@@ -27,24 +27,25 @@ def differences(pixels_bgr):
     return ciede2000(lab_of(printed_colours(pixels_bgr)), lab_of(reference_linear()))
 
 
-def corrected(photo, marker):
-    return apply_colour(photo.pixels_bgr, measure_colour(photo, marker))
-
-
-def test_board_under_white_light_is_left_as_it_is():
-    found = measure_colour(*board_photo(COLOUR))
-    assert (found.kind, found.flags) == ("colour", ())
-    assert found.matrix == pytest.approx(np.eye(3), abs=0.01)
-    assert found.delta_e_worst < QUANTISED
-
-
-def test_known_camera_is_undone():
+def test_board_under_white_light_is_left_as_it_is_and_a_known_camera_is_undone():
+    as_it_is = measure_colour(*board_photo(COLOUR))
+    assert (as_it_is.kind, as_it_is.flags) == ("colour", ())
+    assert as_it_is.matrix == pytest.approx(np.eye(3), abs=0.01)
+    assert as_it_is.delta_e_worst < QUANTISED
     photo, marker = board_photo(COLOUR, PHONE, noise=0.004)
     found = measure_colour(photo, marker)
     assert (found.kind, found.flags) == ("colour", ())
     assert found.matrix @ PHONE == pytest.approx(np.eye(3), abs=0.04)  # the ridge holds it back by so much
     assert differences(apply_colour(photo.pixels_bgr, found)).max() < 2.0
     assert found.delta_e_mean < 1.0
+
+
+def test_paper_becomes_neutral_to_the_byte_and_paper_of_another_white_moves_exposure_by_nothing():
+    photo, marker = board_photo(COLOUR, PHONE)
+    assert np.ptp(apply_colour(photo.pixels_bgr, measure_colour(photo, marker))[30, 30].astype(int)) <= 1
+    # On a print as office printers make it, white is the paper and the colours are brighter by it.
+    photo, marker = board_photo(COLOUR, [0.7, 0.7, 0.7], paper=1.0)
+    assert differences(apply_colour(photo.pixels_bgr, measure_colour(photo, marker))).max() < QUANTISED
 
 
 @pytest.mark.parametrize("left_out", range(10))
@@ -60,24 +61,12 @@ def test_colour_that_the_fit_never_saw_comes_out_right(left_out):
     assert differences(apply_colour(photo.pixels_bgr, found))[left_out] < 2.0
 
 
-def test_paper_becomes_neutral_to_the_byte():
-    photo, marker = board_photo(COLOUR, PHONE)
-    paper = corrected(photo, marker)[30, 30].astype(int)
-    assert np.ptp(paper) <= 1
-
-
 def test_twice_the_light_gives_half_the_matrix():
     dim, bright = (measure_colour(*board_photo(COLOUR, PHONE * scale)).matrix for scale in (0.5, 1.0))
     assert dim / 2 == pytest.approx(bright, abs=0.03)  # the ridge, and bytes
 
 
-def test_paper_of_another_white_moves_exposure_by_nothing():
-    """On a print as office printers make it, white is the paper and the colours are brighter by it."""
-    photo, marker = board_photo(COLOUR, [0.7, 0.7, 0.7], paper=1.0)
-    assert differences(corrected(photo, marker)).max() < QUANTISED
-
-
-@pytest.mark.parametrize("gains", [(0.9, 0.9, 0.9), (0.95, 0.8, 0.5), (0.3, 0.4, 0.6)])
+@pytest.mark.parametrize("gains", [(0.9, 0.9, 0.9), (0.3, 0.4, 0.6)])
 def test_plain_board_gives_white_balance_and_exposure(gains):
     photo, marker = board_photo(PLAIN, gains)
     found = measure_colour(photo, marker)
@@ -85,12 +74,6 @@ def test_plain_board_gives_white_balance_and_exposure(gains):
     assert np.diag(found.matrix) * gains == pytest.approx(np.ones(3), rel=0.01)
     paper = apply_colour(photo.pixels_bgr, found)[20, 20].astype(int)
     assert paper == pytest.approx(np.full(3, 255 * float(encode_srgb(np.array(PAPER_WHITE)))), abs=1.0)
-
-
-def test_neutral_board_stays_neutral():
-    photo, marker = board_photo(PLAIN, [0.6, 0.6, 0.6], noise=0.01)
-    gains = np.diag(measure_colour(photo, marker).matrix)
-    assert gains == pytest.approx(np.full(3, gains[0]), rel=0.003)
 
 
 def test_light_that_falls_off_over_the_board_moves_no_colour():
@@ -101,7 +84,6 @@ def test_light_that_falls_off_over_the_board_moves_no_colour():
 
 
 SHADOWS = {
-    "half": lambda x, y: x < 2.0,
     "through squares": lambda x, y: x < 1.5,
     "top": lambda x, y: y < 2.3,
     "corner": lambda x, y: (x < 1.6) & (y < 1.6),
@@ -115,7 +97,7 @@ def in_shadow(name, spec, factor):
     return np.where(SHADOWS[name](x, y)[..., None], factor, 1.0)
 
 
-@pytest.mark.parametrize("factor", [(0.3, 0.3, 0.3), (0.3, 0.34, 0.4), (0.5, 0.5, 0.5)])
+@pytest.mark.parametrize("factor", [(0.3, 0.34, 0.4), (0.5, 0.5, 0.5)])
 @pytest.mark.parametrize("name", list(SHADOWS))
 def test_hard_shadow_is_told_and_what_is_lit_keeps_its_colours(name, factor):
     lit, marker = board_photo(COLOUR, PHONE)
@@ -126,7 +108,7 @@ def test_hard_shadow_is_told_and_what_is_lit_keeps_its_colours(name, factor):
     assert differences(apply_colour(lit.pixels_bgr, found)).max() < 3.0
 
 
-@pytest.mark.parametrize("width", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("width", [1.0, 4.0])
 def test_soft_shadow_is_told_and_gives_no_wild_matrix(width):
     """width: of its edge, in squares."""
     lit, marker = board_photo(COLOUR, PHONE)
@@ -149,20 +131,16 @@ def test_shadow_over_the_whole_board_does_not_make_the_scene_too_bright():
     assert bright == pytest.approx(1.25, rel=0.01)
 
 
-def test_clipped_paper_is_told_and_the_colours_set_exposure():
+def test_clipped_paper_is_told_and_the_colours_or_its_bound_set_exposure():
     photo, marker = board_photo(COLOUR, [1.3, 1.3, 1.3])
     found = measure_colour(photo, marker)
     assert (found.kind, found.flags) == ("colour", ("marker_overexposed",))
     assert found.matrix.sum(axis=1) == pytest.approx(np.full(3, 1 / 1.3), rel=0.02)
     unclipped = printed_colours(photo.pixels_bgr).max(axis=1) <= LINEAR_OF_BYTE[247]
     assert differences(apply_colour(photo.pixels_bgr, found))[unclipped].max() < QUANTISED
-
-
-def test_clipped_paper_of_a_plain_board_is_taken_for_its_bound():
-    photo, marker = board_photo(PLAIN, [1.3, 1.3, 0.9])
-    found = measure_colour(photo, marker)
-    assert (found.kind, found.flags) == ("white", ("marker_overexposed",))
-    assert np.diag(found.matrix) == pytest.approx([0.84, 0.84, 1 / 0.9], rel=0.01)
+    plain = measure_colour(*board_photo(PLAIN, [1.3, 1.3, 0.9]))
+    assert (plain.kind, plain.flags) == ("white", ("marker_overexposed",))
+    assert np.diag(plain.matrix) == pytest.approx([0.84, 0.84, 1 / 0.9], rel=0.01)
 
 
 def test_glare_all_over_the_sheet_is_told():
@@ -178,29 +156,25 @@ def test_print_of_other_colours_gives_white_balance_only():
     assert (found.kind, found.flags, found.delta_e_mean) == ("white", ("colour_white_only",), None)
 
 
-@pytest.mark.parametrize(
-    "corners",
-    [
-        np.full((12, 2), np.nan),
-        np.zeros((12, 2)),
-        np.zeros((5, 2)),
-        np.stack(np.meshgrid(np.arange(3), np.arange(4)), -1).reshape(-1, 2) * 20.0 - 5000.0,
-        np.stack(np.meshgrid(np.arange(3), np.arange(4)), -1).reshape(-1, 2) * 1e8,
-        np.stack([np.arange(12.0) * 9, np.arange(12.0) * 9], -1),
-    ],
-    ids=["nan", "one place", "too few", "outside", "far", "on a line"],
-)
-@pytest.mark.parametrize("level", [0, 3, 128, 255])
-def test_odd_corners_and_even_pictures_give_a_sane_answer(corners, level):
-    found = measure_colour(Photo(np.full((200, 160, 3), level, np.uint8)), MarkerObservation(COLOUR, corners))
-    assert found.kind in ("white", "none")
-    assert np.isfinite(found.matrix).all()
+GRID = np.stack(np.meshgrid(np.arange(3), np.arange(4)), -1).reshape(-1, 2) * 20.0
+ODD_CORNERS = {
+    "nan": np.full((12, 2), np.nan),
+    "one place": np.zeros((12, 2)),
+    "too few": np.zeros((5, 2)),
+    "outside": GRID - 5000.0,
+    "far": GRID * 1e8,
+    "on a line": np.stack([np.arange(12.0) * 9, np.arange(12.0) * 9], -1),
+}
 
 
 @pytest.mark.parametrize("level", [0, 4, 60, 255])
-def test_board_that_is_one_grey_gives_a_neutral_answer(level):
-    _, marker = board_photo(COLOUR)
-    found = measure_colour(Photo(np.full((240, 200, 3), level, np.uint8)), marker)
+def test_odd_corners_and_even_pictures_give_a_sane_answer(level):
+    photo = Photo(np.full((240, 200, 3), level, np.uint8))
+    for corners in ODD_CORNERS.values():
+        found = measure_colour(photo, MarkerObservation(COLOUR, corners))
+        assert found.kind in ("white", "none")
+        assert np.isfinite(found.matrix).all()
+    found = measure_colour(photo, board_photo(COLOUR)[1])
     assert found.kind == ("none" if level < 60 else "white")
     assert found.matrix == pytest.approx(np.eye(3) * found.matrix[0, 0])
 
@@ -225,41 +199,31 @@ def test_pixels_are_corrected_as_the_definition_says(kind):
     assert np.abs(found.astype(float) - slow_apply(pixels, matrix))[known].max() <= 1.0  # rounding twice
 
 
-def test_identity_and_no_correction_change_nothing_and_give_a_new_array():
-    pixels = random_pixels()
+def test_identity_changes_nothing_and_gives_a_new_array_whatever_the_shape():
     for kind in ("none", "white", "colour"):
-        found = apply_colour(pixels, ColourCorrection(np.eye(3), kind))
-        assert np.array_equal(found, pixels)
-        assert not np.shares_memory(found, pixels)
+        for shape in ((1, 1, 3), (1, 300, 3), (257, 3, 3)):
+            pixels = random_pixels(shape)
+            found = apply_colour(pixels, ColourCorrection(np.eye(3), kind))
+            assert np.array_equal(found, pixels)
+            assert not np.shares_memory(found, pixels)
+    correction, pixels = ColourCorrection(np.linalg.inv(PHONE) * 0.5, "colour"), random_pixels()
+    assert apply_colour(random_pixels((0, 5, 3)), correction).shape == (0, 5, 3)
+    assert np.array_equal(apply_colour(pixels[::2, ::3], correction), apply_colour(pixels, correction)[::2, ::3])
 
 
-@pytest.mark.parametrize("gains", [(0.8, 1.0, 1.3), (0.6, 0.7, 0.65), (1.5, 1.2, 1.1), (0.5, 1.0, 2.0)])
+@pytest.mark.parametrize("gains", [(0.8, 1.0, 1.3), (0.6, 0.7, 0.65), (1.5, 1.2, 1.1)])
 @pytest.mark.parametrize("kind", ["colour", "white"])
-def test_what_was_clipped_as_white_stays_neutral(gains, kind):
+def test_what_was_clipped_as_white_stays_neutral_and_brighter_pixels_never_become_darker(gains, kind):
     mixing = np.eye(3) if kind == "white" else np.array([[1.1, -0.1, 0.0], [-0.05, 1.1, -0.05], [0.0, -0.2, 1.2]])
-    correction = ColourCorrection(mixing * gains, kind)
-    found = apply_colour(np.full((2, 2, 3), 255, np.uint8), correction)[0, 0].astype(int)
-    assert np.ptp(found) <= 1
-    assert found.min() >= 255 * float(encode_srgb(np.array(min(1.0, max(gains))))) - 1
-
-
-def test_brighter_pixels_never_become_darker():
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
-    for matrix in (np.diag([0.6, 0.7, 0.65]), np.diag([0.8, 1.0, 1.3])):
-        found = apply_colour(ramp, ColourCorrection(matrix, "white")).astype(int)
+    found = apply_colour(ramp, ColourCorrection(mixing * gains, kind)).astype(int)
+    assert np.ptp(found[0, 255]) <= 1
+    assert found[0, 255].min() >= 255 * float(encode_srgb(np.array(min(1.0, max(gains))))) - 1
+    if kind == "white":
         assert np.diff(found, axis=1).min() >= 0
 
 
-def test_odd_shapes_are_corrected_too():
-    correction = ColourCorrection(np.linalg.inv(PHONE) * 0.5, "colour")
-    for shape in ((1, 1, 3), (1, 300, 3), (257, 3, 3), (0, 5, 3)):
-        assert apply_colour(random_pixels(shape), correction).shape == shape
-    assert np.array_equal(
-        apply_colour(random_pixels()[::2, ::3], correction), apply_colour(random_pixels(), correction)[::2, ::3]
-    )
-
-
-@pytest.mark.parametrize("name", ["meal-03", "meal-06", "meal-09", "meal-12", "meal-15"])
+@pytest.mark.parametrize("name", ["meal-03", "meal-09", "meal-15"])
 def test_rendered_colour_boards_come_within_4_of_their_colours(shared_data, name):
     """Measured on the corrected photographs, over more of each square than the fit took, by the scenes' true poses."""
     folder = shared_data / "scenes" / "dev" / "meals" / name

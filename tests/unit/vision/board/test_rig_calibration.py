@@ -67,49 +67,38 @@ def test_known_rig_comes_back_and_its_file_reads_as_it_was_written(pairs):
     assert rig_from_mapping(rig_to_json(result.rig)) == result.rig
 
 
-def test_pair_of_two_moments_is_left_out(pairs):
+def test_pairs_of_two_moments_or_seen_by_one_camera_are_left_out(pairs):
     moved = right_pose(
         look_at(*SLANTS[2][:2], 330.0, SLANTS[2][2], target_mm=(*AIMS[2], 0)),
         TRANSLATION_MM + np.array([0.0, 6.0, 0.0]),
     )
-    result = calibrated([*pairs, (pairs[2][0], take_photograph(BOARD, moved, camera=RIGHT))])
+    of_two_moments = pairs[2][0], take_photograph(BOARD, moved, camera=RIGHT)
+    half_blank = pairs[0][0], Photo(np.full_like(pairs[0][1].pixels_bgr, 128))
+    result = calibrated([*pairs, of_two_moments, half_blank])
     require_true_rig(result)
-    assert [(each.index, each.failure.code) for each in result.rejected] == [(6, "calibration_view_poor")]
-
-
-def test_pair_that_one_camera_does_not_see_is_left_out(pairs):
-    blank = Photo(np.full_like(pairs[0][1].pixels_bgr, 128))
-    result = calibrated([(pairs[0][0], blank), *pairs[1:]])
-    assert isinstance(result, RigCalibration)
-    assert result.used == (1, 2, 3, 4, 5)
-    assert result.rejected[0].failure.message.startswith("The right photograph:")
+    assert result.used == tuple(range(6))
+    rejected = {each.index: each.failure for each in result.rejected}
+    assert rejected.keys() == {6, 7}
+    assert rejected[6].code == "calibration_view_poor"
+    assert rejected[7].message.startswith("The right photograph:")
 
 
 def test_cameras_that_are_not_fixed_to_each_other_are_no_rig(pairs):
     """The same photographs, each with another one's partner: each camera is calibrated, and no pose fits."""
-    failure = calibrate_rig([left for left, _ in pairs], [right for _, right in pairs[1:] + pairs[:1]], BOARD)
-    assert isinstance(failure, Failure)
-    assert failure.code == "rig_not_fixed"
-
-
-def test_one_camera_twice_is_no_rig(pairs):
-    left = [photo for photo, _ in pairs]
-    failure = calibrate_rig(left, left, BOARD)
-    assert isinstance(failure, Failure)
-    assert failure.code == "rig_not_fixed"
-
-
-def test_camera_that_cannot_be_calibrated_is_named(pairs):
-    blank = Photo(np.full_like(pairs[0][1].pixels_bgr, 128))
-    failure = calibrate_rig([left for left, _ in pairs], [blank] * len(pairs), BOARD)
-    assert isinstance(failure, Failure)
+    left, right = ([pair[side] for pair in pairs] for side in (0, 1))
+    for partners in (right[1:] + right[:1], left):  # or one camera twice
+        failure = calibrate_rig(left, partners, BOARD)
+        assert isinstance(failure, Failure)
+        assert failure.code == "rig_not_fixed"
+    blank = Photo(np.full_like(right[0].pixels_bgr, 128))
+    failure = calibrate_rig(left, [blank] * len(pairs), BOARD)
     assert (failure.code, failure.message.split(":")[0]) == ("calibration_views_insufficient", "The right camera")
+    with pytest.raises(ValueError, match="no pairs"):
+        calibrate_rig(left, right[1:], BOARD)
 
 
 def test_files_of_both_cameras_give_a_rig_file(pairs):
-    photos = {f"left{n}": left for n, (left, _) in enumerate(pairs)} | {
-        f"right{n}": r for n, (_, r) in enumerate(pairs)
-    }
+    photos = {f"{side}{n}": pair[k] for k, side in enumerate(("left", "right")) for n, pair in enumerate(pairs)}
     paths = [Path(name) for name in photos]
     made = calibrate_rig_files(paths, str(BOARD), lambda path: photos[path.name])
     assert isinstance(made, CalibratedFiles)
@@ -117,11 +106,6 @@ def test_files_of_both_cameras_give_a_rig_file(pairs):
     assert rig_from_mapping(made.document).baseline_mm == pytest.approx(made.document["baseline_mm"], abs=1e-3)
     with pytest.raises(InvalidInputError, match="no pairs"):
         calibrate_rig_files(paths[:-1], str(BOARD), lambda path: photos[path.name])
-
-
-def test_unequal_numbers_of_photographs_are_no_pairs(pairs):
-    with pytest.raises(ValueError, match="no pairs"):
-        calibrate_rig([left for left, _ in pairs], [right for _, right in pairs[1:]], BOARD)
 
 
 def test_board_that_is_partly_covered_calibrates_by_the_points_in_common(pairs):

@@ -60,18 +60,13 @@ def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
 )
 def test_text_of_a_board_of_tags_is_read_and_written_back(text):
     assert str(parse_marker(text)) == text
-
-
-def test_dictionaries_of_april_tags_may_be_written_as_opencv_does():
-    assert parse_marker("aruco:4x3:20:5:DICT_APRILTAG_36h11").dictionary == "DICT_APRILTAG_36H11"
+    assert parse_marker(text.replace("36H11", "36h11")) == parse_marker(text)  # as OpenCV writes it
 
 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("aruco:5x7:35:DICT_6X6_250", "is no marker"),
         ("aruco:5x7:35:5", "is no marker"),
-        ("aruco:5x7:35:5:DICT_6X6_250:7", "is no marker"),
         ("aruco:5x7:35:5:DICT_8X8_250", "no dictionary"),
         ("aruco:8x7:35:5:DICT_4X4_50", "need 56 tags, DICT_4X4_50 has 50"),
         ("charuco:12x10:20:14:DICT_4X4_50", "need 60 tags"),
@@ -92,16 +87,14 @@ def test_impossible_board_of_tags_is_refused_with_its_reason(text, reason):
 
 @pytest.mark.parametrize("spec", [ARUCO, CHARUCO, EVEN_ROWS], ids=str)
 @pytest.mark.parametrize("is_legacy", [False, True])
-def test_tags_lie_where_opencv_prints_them(spec, is_legacy):
-    theirs = np.array(cv2_board(spec, is_legacy=is_legacy and spec.kind == "charuco").getObjPoints())[..., :2]
-    upwards = (theirs - [spec.width_mm / 2, spec.height_mm / 2]) * [1.0, -1.0]
+def test_tags_and_points_lie_where_opencv_prints_them(spec, is_legacy):
+    board = cv2_board(spec, is_legacy=is_legacy and spec.kind == "charuco")
+    half = [spec.width_mm / 2, spec.height_mm / 2]
+    upwards = (np.array(board.getObjPoints())[..., :2] - half) * [1.0, -1.0]
     assert tag_corners_mm(spec, is_legacy=is_legacy) == pytest.approx(upwards, abs=1e-4)
-
-
-def test_points_of_a_charuco_board_are_opencvs_corners():
-    theirs = np.array(cv2_board(CHARUCO).getChessboardCorners())[:, :2]
-    upwards = (theirs - [CHARUCO.width_mm / 2, CHARUCO.height_mm / 2]) * [1.0, -1.0]
-    assert print_points_mm(CHARUCO) == pytest.approx(upwards, abs=1e-4)
+    if spec.kind == "charuco":
+        upwards = (np.array(board.getChessboardCorners())[:, :2] - half) * [1.0, -1.0]
+        assert print_points_mm(spec) == pytest.approx(upwards, abs=1e-4)
 
 
 @BOTH
@@ -114,7 +107,6 @@ def test_whole_board_is_found_and_tells_the_pose(spec, roll_deg):
     assert len(seen.point_ids) == len(truth)
     assert np.sqrt(np.mean(np.sum((seen.corners_px - truth) ** 2, axis=1))) < CORNER_RMS_PX
     solved = solve_pose(PHONE, seen)
-    assert solved is not None
     # 0.1 px in 20 corners over 300 px: a third of a thousandth of the distance.
     assert -solved[0].T @ solved[1] == pytest.approx(pose.centre_mm, abs=1.0)
 
@@ -127,7 +119,6 @@ def test_covered_part_is_left_out_and_the_rest_tells_the_pose(spec):
     assert 0.4 * len(print_points_mm(spec)) < len(seen.corners_px) < 0.9 * len(print_points_mm(spec))
     assert np.abs(seen.corners_px - truth).max() < 0.5
     solved = solve_pose(PHONE, seen)
-    assert solved is not None
     assert -solved[0].T @ solved[1] == pytest.approx(SLANTED.centre_mm, abs=2.0)
     under_cover = np.array([[-40.0, -30.0, 0.0]])
     assert not is_on_sheet(seen, under_cover).any()
@@ -151,10 +142,7 @@ def test_frame_of_tags_leaves_the_food_in_its_middle_off_the_sheet():
     assert not is_on_sheet(seen, np.array([[0.0, 0.0, 30.0], [35.0, 20.0, 0.0]])).any()
     assert is_on_sheet(seen, np.array([[50.0, 0.0, 0.0], [0.0, 40.0, 0.0]])).all()
     assert len(seen_print_mm(seen)) == 4
-
-
-def test_whole_board_is_one_rectangle_with_its_margin():
-    [sheet] = seen_print_mm(observe(photograph(CHARUCO, SLANTED), CHARUCO))
+    [sheet] = seen_print_mm(observe(photograph(CHARUCO, SLANTED), CHARUCO))  # a whole board: one with its margin
     assert sheet == pytest.approx((-63.0 - 8.0, -45.0 - 8.0, 63.0 + 8.0, 45.0 + 8.0))
 
 
@@ -173,30 +161,31 @@ def test_other_board_of_tags_is_a_mismatch(announced):
     assert refusal(photograph(ARUCO, SLANTED), parse_marker(announced)).code == "marker_mismatch"
 
 
+@pytest.mark.parametrize(
+    ("spec", "picture", "words"),
+    [
+        (ARUCO, lambda: np.ascontiguousarray(sheet_picture(ARUCO)[:, ::-1]), "mirror"),
+        (CHARUCO, lambda: np.ascontiguousarray(sheet_picture(CHARUCO)[:, ::-1]), "mirror"),
+        (EVEN_ROWS, lambda: sheet_picture(EVEN_ROWS, is_legacy=True), "4.6"),
+    ],
+    ids=["mirrored aruco", "mirrored charuco", "charuco of the former pattern"],
+)
+def test_board_printed_otherwise_is_told_as_such(spec, picture, words):
+    failure = refusal(photograph(spec, SLANTED, picture=picture()), spec)
+    assert failure.code == "marker_mismatch"
+    assert words in failure.message
+
+
 def test_checkerboard_without_tags_is_a_mismatch():
-    photo = render_board(parse_marker("plain:9x7:11"), PHONE, SLANTED)
-    failure = refusal(photo, ARUCO)
+    failure = refusal(render_board(parse_marker("plain:9x7:11"), PHONE, SLANTED), ARUCO)
     assert failure.code == "marker_mismatch"
     assert "9x7" in failure.message or "7x9" in failure.message
 
 
-@BOTH
-def test_mirrored_board_is_told_as_such(spec):
-    photo = photograph(spec, SLANTED, picture=np.ascontiguousarray(sheet_picture(spec)[:, ::-1]))
-    failure = refusal(photo, spec)
-    assert failure.code == "marker_mismatch"
-    assert "mirror" in failure.message
-
-
-def test_charuco_board_of_the_former_pattern_is_told_as_such():
-    photo = photograph(EVEN_ROWS, SLANTED, picture=sheet_picture(EVEN_ROWS, is_legacy=True))
-    failure = refusal(photo, EVEN_ROWS)
-    assert failure.code == "marker_mismatch"
-    assert "4.6" in failure.message
-
-
-def test_charuco_board_with_an_even_number_of_rows_is_found():
+def test_even_rows_and_prints_on_a_plaque_are_read_like_others():
     assert len(observe(photograph(EVEN_ROWS, SLANTED), EVEN_ROWS).corners_px) == 30
+    thick = replace(ARUCO, thick_mm=5.0)
+    assert observe(photograph(ARUCO, SLANTED), thick).spec == thick
 
 
 def on_cloth(photo: Photo, alone: MarkerObservation, square_px: int) -> Photo:
@@ -233,16 +222,12 @@ def test_board_beside_a_cloth_of_thousands_of_squares_is_found(spec, monkeypatch
 
 
 @BOTH
-def test_photograph_without_a_board_has_none(spec):
+def test_photograph_without_a_board_has_none_and_a_dark_one_is_told_as_dark(spec):
     rng = np.random.default_rng(0)
     pixels = np.clip(rng.normal(120.0, 30.0, (900, 1200, 3)), 0, 255).astype(np.uint8)
     assert refusal(Photo(pixels), spec).code == "marker_not_found"
-
-
-@BOTH
-def test_dark_photograph_is_told_as_dark(spec):
-    photo = photograph(spec, SLANTED, light=(0.003, 0.003, 0.003), noise=0.5)
-    assert refusal(photo, spec).code == "image_too_dark"
+    dark = photograph(spec, SLANTED, light=(0.003, 0.003, 0.003), noise=0.5)
+    assert refusal(dark, spec).code == "image_too_dark"
 
 
 def test_points_that_two_observations_share_are_matched_by_their_ids():
@@ -301,8 +286,3 @@ def test_sizes_in_the_photograph_are_those_of_tags_and_squares():
         assert quads.reshape(-1, 2) == pytest.approx(
             project(PHONE, pose, np.column_stack([truth, np.zeros(len(truth))])), abs=0.5
         )
-
-
-def test_print_on_a_plaque_is_read_like_one_on_paper():
-    thick = replace(ARUCO, thick_mm=5.0)
-    assert observe(photograph(ARUCO, SLANTED), thick).spec == thick

@@ -41,8 +41,8 @@ def test_tags_are_possible_in_their_dictionary_and_boards_in_no_other(name):
     assert all(len(quads.possible_tags(other, 0)) < 4 for other in others)
 
 
-@pytest.mark.parametrize("name", ["DICT_4X4_1000", "DICT_6X6_250", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16H5"])
-@pytest.mark.parametrize("wrong_bits", [0, 1, 3])
+@pytest.mark.parametrize("name", ["DICT_6X6_250", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16H5"])
+@pytest.mark.parametrize("wrong_bits", [0, 3])
 @pytest.mark.parametrize("rate", [0.0, 0.6])
 def test_the_detector_sees_the_same_among_the_possible_tags_as_among_all(name, wrong_bits, rate):
     grey = tags_picture(name, wrong_bits)
@@ -66,7 +66,4 @@ def test_mirrored_tags_are_possible_as_mirrored_ones_alone():
     assert set(range(20)) <= set(mirrored.possible_tags("DICT_6X6_250", 0, is_mirrored=True).tolist())
     assert len(mirrored.possible_tags("DICT_6X6_250", 0)) == 0
     assert len(quads_of(grey).possible_tags("DICT_6X6_250", 0, is_mirrored=True)) == 0
-
-
-def test_picture_without_quadrangles_can_show_no_tag():
-    assert len(quads_of(np.full((600, 800), 128, np.uint8)).possible_tags("DICT_4X4_1000", 1)) == 0
+    assert len(quads_of(np.full_like(grey, 128)).possible_tags("DICT_4X4_1000", 1)) == 0

@@ -5,7 +5,7 @@ import numpy as np
 
 from app.vision.geometry.topview import TableTrend
 from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
-from app.vision.scene.scene import Scene
+from tests.unit.vision.scene.scenes import iou, plain_scene
 
 SHAPE = (400, 560)
 PIXEL_MM = 1.6
@@ -27,26 +27,19 @@ def things_on(table, foods=(), light=1.0):
     sheet = (abs(rows - SHEET[0]) < 40) & (abs(columns - SHEET[1]) < 40)
     image[sheet] = np.where(((rows // 8 + columns // 8) % 2 == 0)[..., None], 20, 250)[sheet]
     image = image * np.broadcast_to(light, SHAPE)[..., None] + np.random.default_rng(0).normal(0, 2, image.shape)
-    nothing = np.full(SHAPE, np.nan, np.float32)
     plane = np.stack([columns - SHEET[1], SHEET[0] - rows], axis=-1).astype(np.float32) * PIXEL_MM
-    scene = Scene(
+    scene = plain_scene(
+        SHAPE,
         image_bgr=cv2.GaussianBlur(np.clip(image, 0, 255).astype(np.uint8), (0, 0), 0.8),
-        height_mm=nothing,
-        points_table=np.dstack([nothing] * 3),
         reach_px=np.ones(SHAPE, np.float32),
         is_ignored=sheet,
         plane_xy_mm=plane,
         camera_mm=np.array([0.0, 0.0, 700.0]),
         pixel_mm=PIXEL_MM,
         texture=np.ones(SHAPE, np.float32),
-        table_correlation=nothing,
     )
     layout = lay_out_by_colour(scene, TableTrend(np.zeros(6), 1.0))
     return np.any([place.is_sure for place in places_by_colour(layout, [])] or [np.zeros(SHAPE, bool)], axis=0)
-
-
-def iou(first, second):
-    return np.count_nonzero(first & second) / np.count_nonzero(first | second)
 
 
 def lamp(row, column, reach):

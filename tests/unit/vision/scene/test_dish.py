@@ -25,30 +25,31 @@ def plate(x, y, radius=110.0, rim=14.0, floor=3.0):
     return np.where(r < radius - 10, floor, np.where(r < radius, rim, 0.0))
 
 
-def test_plates_rim_is_found_with_its_circle():
-    dish = found_in(view_of(plate))
+def test_plates_rim_is_found_with_its_circle_and_distances_inward():
+    view = view_of(plate)
+    dish = found_in(view)
     assert dish.centre_mm == pytest.approx([20, -30], abs=3)
     assert dish.radius_mm == pytest.approx(105, abs=6)  # the rim is 10 mm wide
     assert dish.rim_mm == pytest.approx(14, abs=1)
     assert dish.floor_mm == 0
     assert not dish.is_deep
+    inward = dish.inward_at(view, np.array([[[20.0, -30.0], [20.0, 100.0], [np.nan, 0.0], [5000.0, 0.0]]]))
+    assert inward[0, :2] == pytest.approx([dish.radius_mm, dish.radius_mm - 130], abs=4)
+    assert inward[0, 2] == inward[0, 3] == -100  # where nothing is known
+    unmeasured = found_in(view_of(lambda x, y: np.where(np.hypot(x - 20, y + 30) < 100, np.nan, plate(x, y))))
+    assert unmeasured.radius_mm == pytest.approx(105, abs=6)
+    by_wrong_poses = found_in(view_of(lambda x, y: plate(x, y) + 0.03 * x * (np.hypot(x, y) < 160)))
+    assert by_wrong_poses.radius_mm is not None
 
 
-def test_plate_with_an_unmeasured_floor_is_found():
+@pytest.mark.parametrize(
+    ("content", "seen_turn"), [((60, 38.0), np.pi), ((55, 27.0), 0.65 * np.pi)], ids=["whole", "in part"]
+)
+def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found(content, seen_turn):
     def heights(x, y):
-        return np.where(np.hypot(x - 20, y + 30) < 100, np.nan, plate(x, y))
-
-    assert found_in(view_of(heights)).radius_mm == pytest.approx(105, abs=6)
-
-
-def test_rim_that_wrong_poses_tilt_is_found():
-    assert found_in(view_of(lambda x, y: plate(x, y) + 0.03 * x * (np.hypot(x, y) < 160))).radius_mm is not None
-
-
-def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found():
-    def heights(x, y):
-        r = np.hypot(x, y)
-        return np.where(r < 60, 38.0, np.where(r < 68, np.nan, np.where(r < 73, 48.0, np.where(r < 80, np.nan, 0.0))))
+        r, gap = np.hypot(x, y), np.nan
+        rim = np.where(np.abs(np.arctan2(y, x)) <= seen_turn, 48.0, gap)
+        return np.select([r < content[0], r < 68, r < 73, r < 80], [content[1], gap, rim, gap], 0.0)
 
     dish = found_in(view_of(heights))
     assert dish.is_deep
@@ -56,25 +57,15 @@ def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found():
     assert dish.rim_mm == pytest.approx(48, abs=1)
 
 
-def test_rim_that_is_seen_in_part_holds_a_content_that_is_seen_whole():
-    def heights(x, y):
-        r = np.hypot(x, y)
-        rim = np.where(np.abs(np.arctan2(y, x)) < 0.65 * np.pi, 48.0, np.nan)
-        return np.where(r < 55, 27.0, np.where(r < 68, np.nan, np.where(r < 73, rim, np.where(r < 80, np.nan, 0.0))))
-
-    dish = found_in(view_of(heights))
-    assert dish.radius_mm == pytest.approx(70, abs=4)
-    assert dish.rim_mm == pytest.approx(48, abs=1)
-
-
 def test_board_with_something_on_it_is_a_slab_with_its_floor():
-    def heights(x, y):
-        board = np.where((np.abs(x) < 90) & (np.abs(y) < 120), 15.0, 0.0)
-        return np.where(np.hypot(x, y) < 30, 50.0, board)
-
-    dish = found_in(view_of(heights))
-    assert dish.radius_mm is None
-    assert dish.floor_mm == pytest.approx(15, abs=0.5)
+    square, disc = (lambda x, y: (np.abs(x) < 90) & (np.abs(y) < 120)), (lambda x, y: np.hypot(x, y) < 110)
+    for is_board, top_mm in ((square, 15.0), (disc, 18.0)):
+        view = view_of(
+            lambda x, y, b=is_board, z=top_mm: np.where(np.hypot(x, y) < 30, 55.0, np.where(b(x, y), z, 0.0))
+        )
+        dish = found_in(view)
+        assert dish.floor_mm == pytest.approx(top_mm, abs=0.5)
+        assert (dish.radius_mm is None) == (is_board is square)
 
 
 def test_hull_around_a_board_and_a_telephone_is_no_board():
@@ -89,14 +80,6 @@ def test_hull_around_a_board_and_a_telephone_is_no_board():
     dishes = find_dishes(view, solid_cells(view, 1.0), 0.6, np.random.default_rng(0))
     column, row = view.cells_px(np.array([0.0, -30.0])).round().astype(int)
     assert all(dish.inward_mm[row, column] < 0 for dish in dishes if dish.floor_mm > 0)
-
-
-def test_slice_of_bread_with_a_bulge_is_no_saucer():
-    def heights(x, y):
-        edge = np.maximum(np.abs(x) / 57, np.abs(y) / 52)
-        return np.where(edge < 1, 22.0 - 8.0 * edge**4, 0.0)
-
-    assert found_in(view_of(heights, noise_mm=0.8), noise_mm=0.8) is None
 
 
 def test_wide_rimmed_plate_is_no_board_since_its_floor_lies_lower():
@@ -129,77 +112,6 @@ def test_boards_that_stand_edge_to_edge_are_found_each():
     assert centres == [pytest.approx(place, abs=8) for place in sorted(places)]
 
 
-def test_lying_pack_is_no_dish_although_a_circle_fits_into_its_top():
-    def heights(x, y):
-        return np.where((np.abs(x) < 150) & (np.abs(y) < 95), 60.0, 0.0)
-
-    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
-
-
-def test_round_flat_food_on_the_bare_table_is_no_dish():
-    assert found_in(view_of(lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0))) is None
-
-
-def test_flat_block_larger_than_a_slice_is_no_dish_while_nothing_stands_on_it():
-    def heights(x, y):
-        return np.where(np.maximum(np.abs(x), np.abs(y)) < 72, 30.0, 0.0)
-
-    assert found_in(view_of(heights)) is None
-
-
-def test_soft_pack_whose_top_bulges_is_no_bowl():
-    def heights(x, y):
-        edge = np.maximum(np.abs(x) / 70, np.abs(y) / 50)
-        return np.where(edge < 1, 62.0 + 8.0 * (1 - edge**2), 0.0)
-
-    assert found_in(view_of(heights)) is None
-
-
-def test_round_board_with_something_on_it_is_a_dish_with_its_floor():
-    def heights(x, y):
-        board = np.where(np.hypot(x, y) < 110, 18.0, 0.0)
-        return np.where(np.hypot(x - 20, y) < 30, 60.0, board)
-
-    assert found_in(view_of(heights)).floor_mm == pytest.approx(18, abs=1)
-
-
-def test_mound_is_no_dish():
-    assert found_in(view_of(lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)))) is None
-
-
-def test_bare_table_has_no_dish():
-    assert found_in(view_of(lambda x, y: 0 * x)) is None
-
-
-def test_noisy_table_has_no_dish():
-    assert found_in(view_of(lambda x, y: 0 * x, noise_mm=4.0), noise_mm=2.0) is None
-
-
-def test_distance_inward_is_negative_outside_and_far_where_nothing_is_known():
-    view = view_of(plate)
-    dish = found_in(view)
-    inward = dish.inward_at(view, np.array([[[20.0, -30.0], [20.0, 100.0], [np.nan, 0.0], [5000.0, 0.0]]]))
-    assert inward[0, 0] == pytest.approx(dish.radius_mm, abs=4)
-    assert inward[0, 1] == pytest.approx(dish.radius_mm - 130, abs=4)
-    assert inward[0, 2] == inward[0, 3] == -100
-
-
-def test_circle_through_three_foods_on_a_plain_table_is_no_rim():
-    """It follows a banana's back, crosses a heap at half its width and runs along an egg's flank."""
-
-    def heights(x, y):
-        r, turn = np.hypot(x, y), np.arctan2(y, x)
-        across = ((r - 68) / 18) ** 2
-        is_banana = (turn > -0.4) & (turn < 1.8) & (across < 1)
-        banana = np.where(is_banana, 18 * (1 + np.sqrt(np.maximum(1 - across, 0))), 0.0)
-        heap = 21 - ((x + 80) ** 2 + y**2) / 120
-        egg = 45 - ((x + 5) ** 2 + (y + 85) ** 2) / 25
-        height = np.maximum.reduce([banana, heap, egg])
-        return np.where(height > 0, height, np.nan)
-
-    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
-
-
 def test_board_under_a_short_baseline_keeps_its_floor_and_a_plate_has_none():
     """Heights are then off by 3 mm, neighbours alike: they come of overlapping windows. Some boards are lost."""
 
@@ -217,3 +129,47 @@ def test_board_under_a_short_baseline_keeps_its_floor_and_a_plate_has_none():
     kept = [floor_mm for floor_mm in floors[board] if floor_mm > 0]
     assert len(kept) >= 4  # none, if a step of 3 mm made a cell lower; 3, if one of 4.5 mm did
     assert kept == pytest.approx([11.0] * len(kept), abs=3.0)  # the heights' own standard deviation
+
+
+def three_foods(x, y):
+    """A circle follows a banana's back, crosses a heap at half its width and runs along an egg's flank."""
+    r, turn = np.hypot(x, y), np.arctan2(y, x)
+    across = ((r - 68) / 18) ** 2
+    is_banana = (turn > -0.4) & (turn < 1.8) & (across < 1)
+    banana = np.where(is_banana, 18 * (1 + np.sqrt(np.maximum(1 - across, 0))), 0.0)
+    heap = 21 - ((x + 80) ** 2 + y**2) / 120
+    egg = 45 - ((x + 5) ** 2 + (y + 85) ** 2) / 25
+    height = np.maximum.reduce([banana, heap, egg])
+    return np.where(height > 0, height, np.nan)
+
+
+def edge(x, y, across, down):
+    """1 along the border of a rectangle with these half-axes, 0 in its middle."""
+    return np.maximum(np.abs(x) / across, np.abs(y) / down)
+
+
+@pytest.mark.parametrize(
+    ("heights", "noise_mm", "told_mm"),
+    [
+        (lambda x, y: np.where(edge(x, y, 57, 52) < 1, 22.0 - 8.0 * edge(x, y, 57, 52) ** 4, 0.0), 0.8, 0.8),
+        (lambda x, y: np.where(edge(x, y, 150, 95) < 1, 60.0, 0.0), 1.0, 1.0),
+        (lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0), 0.4, 0.4),
+        (lambda x, y: np.where(edge(x, y, 72, 72) < 1, 30.0, 0.0), 0.4, 0.4),
+        (lambda x, y: np.where(edge(x, y, 70, 50) < 1, 62.0 + 8.0 * (1 - edge(x, y, 70, 50) ** 2), 0.0), 0.4, 0.4),
+        (lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)), 0.4, 0.4),
+        (lambda x, y: 0 * x, 4.0, 2.0),
+        (three_foods, 1.0, 1.0),
+    ],
+    ids=[
+        "slice of bread with a bulge",
+        "lying pack into whose top a circle fits",
+        "round flat food",
+        "flat block on which nothing stands",
+        "soft pack whose top bulges",
+        "mound",
+        "noisy table",
+        "circle through three foods",
+    ],
+)
+def test_what_stands_on_the_bare_table_is_no_dish(heights, noise_mm, told_mm):
+    assert found_in(view_of(heights, noise_mm), told_mm) is None

@@ -10,14 +10,7 @@ CUT = DISC & (COLUMNS < 75)  # a third of it lies behind what begins there
 BEYOND = COLUMNS >= 75
 
 
-def judged(is_unseen):
-    heights = np.where(CUT, 50.0, 0.0)
-    return is_food(CUT, CUT, scene_of(heights), is_unseen)
-
-
-def test_food_that_ends_at_a_vessel_is_food():
-    assert judged(np.zeros(SHAPE, bool))
-
-
-def test_food_that_ends_where_nothing_is_seen_is_none():
-    assert not judged(BEYOND)
+def test_food_that_ends_at_a_vessel_is_food_and_where_nothing_is_seen_is_none():
+    scene = scene_of(np.where(CUT, 50.0, 0.0))
+    assert is_food(CUT, CUT, scene, np.zeros(SHAPE, bool))
+    assert not is_food(CUT, CUT, scene, BEYOND)

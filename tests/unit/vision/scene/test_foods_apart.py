@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.vision.scene.foods_apart import tell_apart
-from app.vision.scene.scene import Scene
+from tests.unit.vision.scene.scenes import plain_scene
 
 SHAPE = (200, 240)
 CAMERA_MM = np.array([0.0, -400.0, 400.0])
@@ -41,17 +41,14 @@ def photographed(front_mm, back_mm):
     points = np.where(food[..., None], CAMERA_MM + rays() * shown[..., None], plane).astype(np.float32)
     colour = np.where(is_front[..., None], RED, np.where(food[..., None], BROWN, (200, 200, 190)))
     mottled = colour + rng.normal(0.0, 12.0, (*SHAPE, 1)) + rng.normal(0.0, 4.0, (*SHAPE, 3))
-    scene = Scene(
+    scene = plain_scene(
+        SHAPE,
         image_bgr=np.clip(mottled, 0, 255).astype(np.uint8),
         height_mm=points[..., 2],
         points_table=points,
-        reach_px=np.full(SHAPE, 2.0, np.float32),
-        is_ignored=np.zeros(SHAPE, np.bool_),
         plane_xy_mm=plane[..., :2].astype(np.float32),
         camera_mm=CAMERA_MM,
         pixel_mm=1.35,
-        texture=np.zeros(SHAPE, np.float32),
-        table_correlation=np.full(SHAPE, np.nan, np.float32),
     )
     return food, is_front, scene
 

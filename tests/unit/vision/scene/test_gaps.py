@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from app.vision.scene.gaps import find_gaps, hole_by_colour
 
@@ -21,54 +22,31 @@ def ring(hole_mm=2.0, hole_radius=10, food_mm=20.0):
     return is_raised, height, colour, hole
 
 
-def test_low_hole_of_the_supports_colour_is_a_gap_by_its_middle():
+def test_low_hole_of_the_supports_colour_is_a_gap_by_its_middle_at_any_scale():
     is_raised, height, colour, hole = ring()
+    before = [array.copy() for array in (is_raised, height, colour)]
     gaps = find_gaps(is_raised, height, colour, MM)
+    assert all(np.array_equal(a, b) for a, b in zip(before, (is_raised, height, colour), strict=True))
     assert gaps[40, 50]
     assert not (gaps & ~hole).any()
     assert 0.1 * np.count_nonzero(hole) < np.count_nonzero(gaps) < 0.6 * np.count_nonzero(hole)
+    assert np.array_equal(find_gaps(is_raised, 2 * height, colour, 2 * MM), gaps)
 
 
-def test_dent_that_is_higher_than_half_its_surroundings_is_no_gap():
-    is_raised, height, colour, _ = ring(hole_mm=12.0)
-    assert not find_gaps(is_raised, height, colour, MM).any()
-
-
-def test_low_part_of_the_foods_colour_is_no_gap():
+def test_dent_foods_colour_unmeasured_hole_speck_and_open_bay_are_no_gaps():
     is_raised, height, colour, hole = ring()
-    colour[hole] = 2.0
-    assert not find_gaps(is_raised, height, colour, MM).any()
-
-
-def test_unmeasured_hole_is_no_gap():
-    is_raised, height, colour, hole = ring()
-    height[hole] = np.nan
-    assert not find_gaps(is_raised, height, colour, MM).any()
-
-
-def test_speck_is_no_gap():
-    is_raised, height, colour, _ = ring(hole_radius=3)
-    assert not find_gaps(is_raised, height, colour, MM).any()
-
-
-def test_bay_that_is_open_to_the_outside_is_no_gap():
-    is_raised, height, colour, _ = ring()
-    is_raised[38:43, 50:] = False
-    height[38:43, 50:] = 2.0
-    assert not find_gaps(is_raised, height, colour, MM).any()
-
-
-def test_gap_of_a_scene_twice_as_large_is_the_same():
-    is_raised, height, colour, _ = ring()
-    same = find_gaps(is_raised, 2 * height, colour, 2 * MM)
-    assert np.array_equal(find_gaps(is_raised, height, colour, MM), same)
-
-
-def test_inputs_are_not_changed():
-    is_raised, height, colour, _ = ring()
-    before = [array.copy() for array in (is_raised, height, colour)]
-    find_gaps(is_raised, height, colour, MM)
-    assert all(np.array_equal(a, b) for a, b in zip(before, (is_raised, height, colour), strict=True))
+    of_food, unmeasured, bay = colour.copy(), height.copy(), (slice(38, 43), slice(50, None))
+    of_food[hole], unmeasured[hole] = 2.0, np.nan
+    open_raised, open_height = is_raised.copy(), height.copy()
+    open_raised[bay], open_height[bay] = False, 2.0
+    seen = {
+        "dent higher than half its surroundings": ring(hole_mm=12.0)[:3],
+        "food's colour": (is_raised, height, of_food),
+        "unmeasured": (is_raised, unmeasured, colour),
+        "speck": ring(hole_radius=3)[:3],
+        "open bay": (open_raised, open_height, colour),
+    }
+    assert [name for name, (raised, mm, nats) in seen.items() if find_gaps(raised, mm, nats, MM).any()] == []
 
 
 def painted(hole_bgr, hole_radius=10, middle=(40, 50)):
@@ -85,29 +63,22 @@ def painted(hole_bgr, hole_radius=10, middle=(40, 50)):
 NOTHING = np.zeros(SHAPE, np.bool_)
 
 
-def test_single_views_ring_has_the_hole_through_which_its_support_shows():
-    picture, spot = painted((210, 215, 220))
+@pytest.mark.parametrize("hole_bgr", [(210, 215, 220), (158, 162, 166)], ids=["lit", "in shade"])
+def test_single_views_ring_has_the_hole_through_which_its_support_shows(hole_bgr):
+    picture, spot = painted(hole_bgr)
     hole = hole_by_colour(disc(30), NOTHING, picture)
-    shared, either = np.count_nonzero(hole & spot), np.count_nonzero(hole | spot)
-    assert shared > 0.75 * either
+    assert np.count_nonzero(hole & spot) > 0.75 * np.count_nonzero(hole | spot)
 
 
-def test_hole_in_shade_is_one_as_well():
-    picture, spot = painted((158, 162, 166))  # the support by half of its light
-    hole = hole_by_colour(disc(30), NOTHING, picture)
-    assert np.count_nonzero(hole & spot) > 0.75 * np.count_nonzero(spot)
-
-
-def test_spot_of_another_colour_is_no_hole():
-    picture, _ = painted((40, 160, 60))
-    assert not hole_by_colour(disc(30), NOTHING, picture).any()
-
-
-def test_spot_of_the_supports_colour_beside_the_middle_is_no_hole():
-    picture, _ = painted((210, 215, 220), middle=(40, 66))
-    assert not hole_by_colour(disc(30), NOTHING, picture).any()
-
-
-def test_food_that_is_a_few_pixels_wide_has_no_hole():
-    picture, _ = painted((210, 215, 220), hole_radius=2)
-    assert not hole_by_colour(disc(5), NOTHING, picture).any()
+@pytest.mark.parametrize(
+    ("radius", "spot"),
+    [
+        (30, {"hole_bgr": (40, 160, 60)}),
+        (30, {"hole_bgr": (210, 215, 220), "middle": (40, 66)}),
+        (5, {"hole_bgr": (210, 215, 220), "hole_radius": 2}),
+    ],
+    ids=["another colour", "beside the middle", "a food a few pixels wide"],
+)
+def test_spot_that_is_not_the_support_in_the_middle_is_no_hole(radius, spot):
+    picture, _ = painted(**spot)
+    assert not hole_by_colour(disc(radius), NOTHING, picture).any()

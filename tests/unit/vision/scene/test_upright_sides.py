@@ -5,8 +5,8 @@ import pytest
 
 from app.vision.geometry.masks import distance_px
 from app.vision.scene.foods_apart import tell_apart
-from app.vision.scene.scene import Scene
 from app.vision.scene.upright_sides import flat_top, with_sides
+from tests.unit.vision.scene.scenes import plain_scene
 
 SHAPE = (240, 320)
 CAMERA_MM = np.array([0.0, -400.0, 400.0])
@@ -42,18 +42,8 @@ def block(top_mm=TOP_MM):
 def scene_of(height_mm):
     plane = meets(0.0).astype(np.float32)
     points = np.concatenate([plane, height_mm[..., None]], axis=-1).astype(np.float32)
-    return Scene(
-        image_bgr=np.zeros((*SHAPE, 3), np.uint8),
-        height_mm=height_mm.astype(np.float32),
-        points_table=points,
-        reach_px=np.full(SHAPE, 2.0, np.float32),
-        is_ignored=np.zeros(SHAPE, bool),
-        plane_xy_mm=plane,
-        camera_mm=CAMERA_MM,
-        pixel_mm=1.1,
-        texture=np.zeros(SHAPE, np.float32),
-        table_correlation=np.full(SHAPE, np.nan, np.float32),
-    )
+    seen = {"height_mm": height_mm.astype(np.float32), "points_table": points, "plane_xy_mm": plane}
+    return plain_scene(SHAPE, camera_mm=CAMERA_MM, pixel_mm=1.1, **seen)
 
 
 def test_unmeasured_side_of_a_block_is_found_below_its_top():
@@ -62,13 +52,7 @@ def test_unmeasured_side_of_a_block_is_found_below_its_top():
     (mask,) = with_sides([top], scene, 0.0, NO_GAP)
     assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)  # the top is taken two pixels too small
     assert np.count_nonzero(mask & ~top & ~side) < 0.03 * np.count_nonzero(mask)  # a pixel all round
-
-
-def test_side_that_was_taken_for_another_food_is_merged():
-    top, side = block()
-    scene = scene_of(np.where(top, TOP_MM, np.where(side, np.nan, 0.0)))
-    masks = with_sides([side, top], scene, 0.0, NO_GAP)
-    assert len(masks) == 1
+    assert len(with_sides([side, top], scene, 0.0, NO_GAP)) == 1  # merged if it was taken for another food
 
 
 def test_dome_has_no_flat_top():
@@ -140,11 +124,7 @@ def two_coloured(height_left_mm, height_right_mm):
     return mask, replace(scene_of(heights), image_bgr=np.clip(colours + noise, 0, 255).astype(np.uint8))
 
 
-def test_pack_printed_in_two_colours_is_one_food():
-    mask, scene = two_coloured(TOP_MM, TOP_MM)
-    assert len(tell_apart(mask, scene)) == 1
-
-
-def test_flat_foods_of_different_heights_are_two():
-    mask, scene = two_coloured(TOP_MM, 20.0)
-    assert len(tell_apart(mask, scene)) == 2
+@pytest.mark.parametrize(("right_mm", "foods"), [(TOP_MM, 1), (20.0, 2)])
+def test_pack_printed_in_two_colours_is_one_food_and_flat_foods_of_different_heights_are_two(right_mm, foods):
+    mask, scene = two_coloured(TOP_MM, right_mm)
+    assert len(tell_apart(mask, scene)) == foods
