@@ -1,15 +1,12 @@
 """The worker's part in an after-meal pair: its own photographs, hints and camera; and the whole way on real pixels."""
 
-import copy
 import io
 import json
 import pathlib
-from typing import ClassVar
 
 import pytest
 from PIL import Image
 
-from app.children.child_pool import ChildResult
 from app.core.errors import Failure
 from app.estimates.estimate_meal import EstimateMeal
 from app.estimates.run_estimate import estimate_task
@@ -17,7 +14,7 @@ from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table, left_of_apple
-from tests.support.estimates import answer
+from tests.integration.uploads.measuring import estimate
 from tests.support.photographs import photograph
 
 RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"
@@ -26,73 +23,24 @@ APPLE = (1092, 620)
 CAMERA = {"width": 640, "height": 480, "fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0}
 
 
-class RecordingChildren:
-    """Answers as a child does, and keeps what it was asked and the photographs' bytes."""
-
-    def __init__(self, *items):
-        self.items = items
-        self.photos = {}
-        self.options = {}
-
-    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
-        on_stage("read")
-        self.options = request.arguments["options"]
-        self.photos = {
-            side: pathlib.Path(request.arguments["photographs"][side]).read_bytes() for side in ("left", "right")
-        }
-        return ChildResult("ok", answer(*self.items))
-
-
-class ChildrenInProcess:
-    """Runs the pipeline here, once for the same photographs and options: it knows no database."""
-
-    done: ClassVar = {}
-
-    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
-        output = pathlib.Path(request.arguments["output_dir"])
-        photos = [pathlib.Path(request.arguments["photographs"][side]).read_bytes() for side in ("left", "right")]
-        key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))
-        if key not in self.done:
-            arguments = json.loads(json.dumps(request.arguments))  # as the pipe to a child gives them
-            found = estimate_task(arguments, on_stage)
-            self.done[key] = (found, {path.name: path.read_bytes() for path in output.iterdir()})
-        found, files = self.done[key]
-        for file_name, content in files.items():
-            (output / file_name).write_bytes(content)
-        return ChildResult("ok", copy.deepcopy(found))
-
-
-def work(state, settings, children, purpose):
-    """Compute and save the newest job of a purpose, as a worker does."""
-    use_case = EstimateMeal(state.database, state.blobs, children, settings)
-    with state.database.read() as session:
-        job_id = session.query(Job).filter(Job.purpose == purpose).order_by(Job.enqueued_at.desc()).first().id
-    key = use_case.compute(job_id)
-    with state.database.write() as session:
-        use_case.save(session, job_id, use_case.load(key))
-    return key
-
-
 def test_after_run_has_the_pairs_own_photographs_hints_and_camera(phone, state, settings):
     table = Table(phone, state).measured()
     table.tell(hints=[{"point": [5, 6], "class": "refuse"}], camera=CAMERA)
     table.send_after()
-    children = RecordingChildren(left_of_apple(hint=0))
-    key = work(state, settings, children, "after")
-    assert children.photos == {"left": photograph(71), "right": photograph(72)}
-    assert children.options["hints"] == [{"point": (5.0, 6.0)}]
+    children = estimate(state, settings, table.id, left_of_apple(hint=0), purpose="after")
+    assert children.photographs == {"left": photograph(71), "right": photograph(72)}
+    assert children.options["hints"] == [{"point": [5.0, 6.0]}]
     assert children.options["camera"]["fx"] == 512.0
     (left,) = table.after["leftovers"]
     assert (left["class"], left["flags"]) == ("refuse", [])
     assert table.get()["stage"] is None
-    assert "/runs/" in key
+    assert "/runs/" in children.key
 
 
 def test_after_run_falls_back_on_the_meals_camera(phone, state, settings):
-    Table(phone, state, camera=CAMERA).measured().send_after()
-    children = RecordingChildren()
-    work(state, settings, children, "after")
-    assert (children.options["camera"]["fx"], children.options["hints"]) == (512.0, [])
+    table = Table(phone, state, camera=CAMERA).measured().send_after()
+    options = estimate(state, settings, table.id, purpose="after").options
+    assert (options["camera"]["fx"], options["hints"]) == (512.0, [])
 
 
 def test_worker_that_begins_or_fails_an_after_job_moves_the_pair_only(phone, state):
@@ -131,7 +79,7 @@ def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
     for slot in ("left", "right"):
         assert phone.put(f"{path}/images/after_{slot}", content=again(slot)).status_code == 202
     for purpose in ("after", "meal"):  # the after-meal pair's worker is quicker
-        work(state, settings, ChildrenInProcess(), purpose)
+        estimate(state, settings, metadata["id"], purpose=purpose, run=estimate_task)
     meal = phone.get(path).json()
     apple = next(item for item in meal["items"] if item["food"] is not None)
     left = next(each for each in meal["after"]["leftovers"] if each["item"] == apple["id"])
@@ -154,7 +102,7 @@ def test_half_an_orange_is_found_again_though_marker_and_phone_stand_elsewhere(p
         content = (RENDERED / f"after_{slot}.jpg").read_bytes()
         assert phone.put(f"{path}/images/after_{slot}", content=content).status_code == 202
     for purpose in ("meal", "after"):
-        work(state, settings, ChildrenInProcess(), purpose)
+        estimate(state, settings, metadata["id"], purpose=purpose, run=estimate_task)
     meal = phone.get(path).json()
     orange, kiwi = (next(i for i in meal["items"] if i["food"]["key"] == hint["food"]) for hint in hints)
     (left,) = meal["after"]["leftovers"]

@@ -12,7 +12,7 @@ from app.estimates.camera_json import camera_to_json, rig_to_json
 from app.estimates.run_estimate import estimate_task
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
-from tests.integration.uploads.test_rigs import estimate
+from tests.integration.uploads.measuring import estimate
 from tests.support.depth_maps import depth_png
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.rigs import rig_of
@@ -22,12 +22,6 @@ from tests.unit.vision.test_pipeline_of_one import on_plain_table
 BALL = Ball((115.0, 15.0), 33.0)
 MIDDLE_MM = np.array([*BALL.centre_mm, BALL.radius_mm])
 DEPTH_SIZE = (256, 192)
-
-
-@pytest.fixture
-def kind():
-    """One kind of database: nothing of this differs between them."""
-    return "sqlite"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from app.uploads.look_after_jobs import failed_pairs, retry_failed
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table, left_of_apple
+from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.commands import run_tada
 from tests.support.deadlocks import deadlock_over_a_meal
@@ -75,63 +76,23 @@ def actions(state):
         return list(session.scalars(sa.select(AuditEvent.action).order_by(AuditEvent.at)))
 
 
-def test_phone_cancels_its_meal_which_fails_with_its_photographs_kept(phone, state, meal):
-    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
+def cancel(phone, meal):
+    return phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
+
+
+def test_phone_cancels_its_meal_which_fails_with_its_photographs_kept(phone, enrol, state, meal):
+    """The worker's transaction asks for the job, as app/jobs/job_runner.py does: no later estimate is written."""
+    assert cancel(enrol("P002"), meal).status_code == 404
+    answer = cancel(phone, meal)
     assert answer.status_code == 200
     body = answer.json()
     assert (body["status"], body["failure"]["code"]) == ("failed", "cancelled")
     assert all(image["durable"] for image in body["images"].values())
     assert answer.headers["ETag"]
-    assert [job.state for job in jobs_of(state, meal)] == ["failed"]
-    assert actions(state)[-1] == "meal.cancel"
-    again = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
+    (job,) = jobs_of(state, meal)
+    assert (job.state, actions(state)[-1]) == ("failed", "meal.cancel")
+    again = cancel(phone, meal)
     assert (again.status_code, again.headers["ETag"]) == (200, answer.headers["ETag"])
-
-
-def test_measured_or_incomplete_meal_has_nothing_to_cancel(phone, state, meal):
-    estimates.save(state, meal, found_item())
-    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
-    assert (answer.status_code, answer.json()["code"]) == (409, "nothing_to_cancel")
-    assert answer.json()["meal_status"] == phone.get(f"/v1/meals/{meal}").json()["status"] == "estimated"
-    told = meal_metadata()
-    incomplete = told.pop("id")
-    phone.put(f"/v1/meals/{incomplete}", json=told)
-    answer = phone.client.post(f"/v1/meals/{incomplete}/cancel", headers=phone.headers)
-    assert (answer.status_code, answer.json()["meal_status"]) == (409, "receiving")
-
-
-def test_meal_that_failed_has_nothing_to_cancel_and_the_answer_tells_its_failure(phone, state, meal):
-    fail(state, meal, JOB_GAVE_UP)
-    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
-    told = answer.json()
-    assert (answer.status_code, told["code"], told["failure_code"]) == (409, "nothing_to_cancel", "job_gave_up")
-    assert "has already failed (job_gave_up)" in told["detail"]
-    assert phone.get(f"/v1/meals/{meal}").json()["failure"]["code"] == "job_gave_up"
-
-
-def test_meal_whose_job_was_lost_is_cancelled_all_the_same(phone, state, meal):
-    """A sweep would queue it again: whoever calls it off before that is obeyed."""
-    with state.database.write() as session:
-        session.execute(sa.update(Job).values(state="failed", finished_at=Job.enqueued_at))
-    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
-    assert answer.status_code == 200
-    assert (answer.json()["status"], answer.json()["failure"]["code"]) == ("failed", "cancelled")
-
-
-def test_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, state):
-    table = Table(phone, state).measured().send_after()
-    with state.database.write() as session:
-        session.execute(
-            sa.update(Job).where(Job.purpose == "after").values(state="failed", finished_at=Job.enqueued_at)
-        )
-    assert phone.client.post(f"/v1/meals/{table.id}/cancel", headers=phone.headers).status_code == 200
-    assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
-
-
-def test_estimate_that_comes_after_the_cancelling_is_not_written(phone, state, meal):
-    """The worker's transaction asks for the job, as app/jobs/job_runner.py does."""
-    job = jobs_of(state, meal)[-1]
-    phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
     with state.database.write() as session:
         assert jobs.lock_live_job(session, job.id) is None
         assert jobs.start_attempt(session, job.id, "w", datetime.now(UTC)) is None
@@ -139,27 +100,40 @@ def test_estimate_that_comes_after_the_cancelling_is_not_written(phone, state, m
         assert jobs.unwanted_jobs(session, [job.id]) == {job.id}
 
 
+def test_measured_incomplete_or_failed_meal_has_nothing_to_cancel_and_the_answer_tells_why(phone, state, meal):
+    announced, failed = meal_metadata(), phone.post(pair(2)).json()["id"]
+    incomplete = announced.pop("id")
+    phone.put(f"/v1/meals/{incomplete}", json=announced)
+    estimates.save(state, meal, found_item())
+    fail(state, failed, JOB_GAVE_UP)
+    for meal_id, status in ((meal, "estimated"), (incomplete, "receiving"), (failed, "failed")):
+        answer = cancel(phone, meal_id)
+        assert (*refusal(answer), answer.json()["meal_status"]) == (409, "nothing_to_cancel", status)
+        assert phone.get(f"/v1/meals/{meal_id}").json()["status"] == status
+    assert answer.json()["failure_code"] == "job_gave_up"
+    assert "has already failed (job_gave_up)" in answer.json()["detail"]
+
+
+def test_meal_or_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, state, meal):
+    """A sweep would queue it again: whoever calls it off before that is obeyed."""
+    table = Table(phone, state).measured().send_after()
+    with state.database.write() as session:
+        waiting = sa.update(Job).where(Job.state == "queued")
+        session.execute(waiting.values(state="failed", finished_at=Job.enqueued_at))
+    answer = cancel(phone, meal).json()
+    assert (answer["status"], answer["failure"]["code"]) == ("failed", "cancelled")
+    assert cancel(phone, table.id).status_code == 200
+    assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
+
+
 def test_cancelled_after_pair_leaves_the_meal_as_it_is(phone, state, reviewer):
     table = Table(phone, state).measured().send_after()
     before = table.get()["status"]
     assert reviewer.post(f"/v1/meals/{table.id}/cancel").status_code == 200
-    after = table.get()
-    assert (after["status"], after["after"]["status"], after["after"]["failure"]["code"]) == (
-        before, "failed", "cancelled"
-    )  # fmt: skip
-    assert all("after_failed" in item["flags"] for item in after["items"])
-
-
-def test_others_cannot_cancel_and_a_phone_cannot_retry(phone, enrol, client, admin, meal):
-    other = enrol("P002")
-    assert client.post(f"/v1/meals/{meal}/cancel", headers=other.headers).status_code == 404
-    viewer = make_staff(client, admin, "huber", pilot="viewer")
-    for call in ("cancel", "retry"):
-        assert viewer.post(f"/v1/meals/{meal}/{call}").json()["code"] == "role_too_low"
-        stranger = make_staff(client, admin, f"weber-{call}")
-        assert stranger.post(f"/v1/meals/{meal}/{call}").status_code == 404
-    answer = client.post(f"/v1/meals/{meal}/retry", headers=phone.headers)
-    assert (answer.status_code, answer.json()["code"]) == (403, "staff_only")
+    meal = table.get()
+    assert meal["status"] == before
+    assert (meal["after"]["status"], meal["after"]["failure"]["code"]) == ("failed", "cancelled")
+    assert all("after_failed" in item["flags"] for item in meal["items"])
 
 
 def test_failed_meal_is_queued_again_with_a_new_job_and_its_new_run_counts(phone, state, reviewer, meal):
@@ -179,12 +153,16 @@ def test_failed_meal_is_queued_again_with_a_new_job_and_its_new_run_counts(phone
         assert set(session.scalars(sa.select(Run.id))) == {first.id, second.id}
 
 
-def test_word_about_a_meal_that_is_retried_does_not_move_its_status_back(phone, state, reviewer, meal):
+def say(phone, meal, kind, **fields):
+    event = {"id": str(uuid.uuid4()), "kind": kind} | fields
+    return phone.client.post(f"/v1/meals/{meal}/events", headers=phone.headers | {"If-Match": "*"}, json=event)
+
+
+def test_comment_on_a_meal_that_is_retried_does_not_move_its_status_back(phone, state, reviewer, meal):
     """Its last run has failed, and says nothing of the one to come."""
     estimates.save(state, meal, **NO_MARKER)
     reviewer.post(f"/v1/meals/{meal}/retry")
-    said = {"id": str(uuid.uuid4()), "kind": "comment", "text": "cold"}
-    answer = phone.client.post(f"/v1/meals/{meal}/events", headers=phone.headers | {"If-Match": "*"}, json=said)
+    answer = say(phone, meal, "comment", text="cold")
     assert (answer.status_code, answer.json()["status"]) == (201, "queued")
     estimates.save(state, meal, **NO_MARKER)
     body = phone.get(f"/v1/meals/{meal}").json()
@@ -210,18 +188,15 @@ def test_confirmed_and_measured_meals_are_not_moved_by_a_retry(phone, state, rev
     estimates.save(state, meal, found_item())
     for status in ("estimated", "confirmed"):
         answer = reviewer.post(f"/v1/meals/{meal}/retry")
-        assert (answer.status_code, answer.json()["code"]) == (409, "nothing_to_retry")
-        assert answer.json()["meal_status"] == status
-        said = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
-        phone.client.post(f"/v1/meals/{meal}/events", headers=phone.headers | {"If-Match": "*"}, json=said)
+        assert (*refusal(answer), answer.json()["meal_status"]) == (409, "nothing_to_retry", status)
+        say(phone, meal, "confirm_meal")
     assert len(jobs_of(state, meal)) == 1
 
 
 def test_failed_after_pair_of_a_confirmed_meal_is_measured_again_and_only_that(phone, state, reviewer):
     table = Table(phone, state).measured().send_after()
     table.after_measured(**NO_MARKER)
-    said = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
-    phone.client.post(f"/v1/meals/{table.id}/events", headers=phone.headers | {"If-Match": "*"}, json=said)
+    say(phone, table.id, "confirm_meal")
     body = reviewer.post(f"/v1/meals/{table.id}/retry").json()
     assert (body["status"], body["after"]["status"], body["after"]["failure"]) == ("confirmed", "queued", None)
     assert not any("after_failed" in item["flags"] for item in body["items"])
@@ -231,22 +206,18 @@ def test_failed_after_pair_of_a_confirmed_meal_is_measured_again_and_only_that(p
     assert len(jobs_of(state, table.id)) == 1
 
 
-def test_meal_whose_photographs_were_erased_is_not_retried(state, reviewer, meal):
-    fail(state, meal)
-    with state.database.write() as session:
-        session.execute(sa.update(MealImage).values(erased_at=datetime.now(UTC)))
-    answer = reviewer.post(f"/v1/meals/{meal}/retry")
-    assert (answer.status_code, answer.json()["code"]) == (410, "photograph_erased")
-    assert len(jobs_of(state, meal)) == 1
-
-
-def test_retried_meal_waits_from_now_on(client, state, reviewer, meal):
+def test_retried_meal_waits_from_now_on_and_one_without_photographs_is_not_retried(client, state, reviewer, meal):
     """/readyz tells how long the oldest waits: not since it was sent, days ago."""
     with state.database.write() as session:
         session.execute(sa.update(Meal).values(submitted_at=datetime.now(UTC) - timedelta(days=3)))
     fail(state, meal)
     reviewer.post(f"/v1/meals/{meal}/retry")
     assert client.get("/readyz").json()["oldest_waiting_seconds"] < 3600
+    fail(state, meal)
+    with state.database.write() as session:
+        session.execute(sa.update(MealImage).values(erased_at=datetime.now(UTC)))
+    assert refusal(reviewer.post(f"/v1/meals/{meal}/retry")) == (410, "photograph_erased")
+    assert len(jobs_of(state, meal)) == 2
 
 
 def test_jobs_list_tells_what_waits_and_what_failed(phone, enrol, state, meal, tada):

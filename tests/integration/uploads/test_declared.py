@@ -6,6 +6,7 @@ import pytest
 
 from app.records.rebuild_records import rebuild_records
 from tests.integration.records.reviewing import Speaker
+from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair
 
 
@@ -42,40 +43,23 @@ def test_declared_meal_is_confirmed_and_its_foods_count_by_what_was_told(declare
     assert rebuild_records(state.database, write=False).different == 0
 
 
-def test_same_meal_again_adds_nothing_and_another_of_its_id_is_refused(declare, phone):
+def test_same_meal_again_adds_nothing_and_another_of_its_id_or_of_an_unknown_food_is_refused(declare, phone):
     body = told()
     first, again = declare(body), declare(body)
     assert (first.status_code, again.status_code) == (201, 200)
     assert again.json() == first.json()
-    other = declare(body | {"items": [{"food": "milk-whole", "amount": {"volume_ml": 100}}]})
-    assert (other.status_code, other.json()["code"]) == (409, "meal_id_reused")
-    photographed = phone.post(pair(), id=body["id"])
-    assert (photographed.status_code, photographed.json()["code"]) == (409, "meal_id_reused")
+    other = body | {"items": [{"food": "milk-whole", "amount": {"volume_ml": 100}}]}
+    assert refusal(declare(other)) == refusal(phone.post(pair(), id=body["id"])) == (409, "meal_id_reused")
+    unknown = told({"food": "no-such-food", "amount": {"mass_g": 10}})
+    assert refusal(declare(unknown)) == (422, "food_unknown")
+    assert phone.get(f"/v1/meals/{unknown['id']}").status_code == 404
 
 
-def test_food_that_is_in_no_table_keeps_nothing(declare, phone):
-    body = told({"food": "no-such-food", "amount": {"mass_g": 10}})
-    answer = declare(body)
-    assert (answer.status_code, answer.json()["code"]) == (422, "food_unknown")
-    assert phone.get(f"/v1/meals/{body['id']}").status_code == 404
-
-
-def test_food_without_an_amount_waits_for_one(declare, client, phone):
+def test_food_without_an_amount_waits_for_one_and_nothing_is_drawn_on_no_photograph(declare, client, phone):
     body = told({"food": "milk-whole"})
     assert declare(body).json()["status"] == "needs_review"
     speaker = Speaker(client, phone.headers, body["id"])
-    meal = speaker.say("set_volume", item=speaker.items()[0]["id"], volume_ml=200)
-    assert meal["status"] == "confirmed"
-
-
-def test_nothing_can_be_drawn_where_there_are_no_photographs(declare, client, phone):
-    body = told()
-    declare(body)
-    speaker = Speaker(client, phone.headers, body["id"])
+    (milk,) = speaker.items()
     polygon = [[0, 0], [10, 0], [10, 10]]
-    refused = speaker.refused("redraw", item=speaker.items()[0]["id"], polygon=polygon)
-    assert refused == (409, "photographs_missing")
-
-
-def test_staff_declare_no_meals(client, admin):
-    assert client.post("/v1/declared-meals", headers=admin, json=told()).status_code == 403
+    assert speaker.refused("redraw", item=milk["id"], polygon=polygon) == (409, "photographs_missing")
+    assert speaker.say("set_volume", item=milk["id"], volume_ml=200)["status"] == "confirmed"

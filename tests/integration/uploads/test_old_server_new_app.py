@@ -9,6 +9,7 @@ import sqlalchemy as sa
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from tests.integration.conftest import meal_metadata
+from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
@@ -51,37 +52,21 @@ def test_field_of_the_after_meal_pair_that_is_not_known_is_kept_aside(phone, cli
 
 
 def test_known_field_that_cannot_be_is_refused_beside_one_that_is_not_known(phone):
-    refused = phone.post(pair(), meal_metadata(mood="happy", time_zone="Nowhere/Land"))
-    assert (refused.status_code, refused.json()["code"]) == (422, "time_zone_unknown")
-    refused = phone.post(pair(), meal_metadata(mood="happy", hints=[{"point": [1]}]))
-    assert (refused.status_code, refused.json()["code"]) == (422, "metadata_invalid")
+    for changes, code in (({"time_zone": "Nowhere/Land"}, "time_zone_unknown"), ({"hints": [{}]}, "metadata_invalid")):
+        assert refusal(phone.post(pair(), meal_metadata(mood="happy", **changes))) == (422, code)
 
 
-@pytest.mark.parametrize(
-    "path", ["/v1/records?studdy=pilot", "/v1/meals?limit=2&page=3", "/v1/me?verbose=1", "/v1/foods?q=a&=1"]
-)
-def test_parameter_that_is_not_known_is_refused(phone, client, path):
-    answer = client.get(path, headers=phone.headers)
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, "parameter_unknown"), problem
-    assert len(problem["parameters"]) == 1
-
-
-def test_parameter_of_one_value_that_is_given_twice_is_refused_and_a_list_is_not(phone, client):
-    answer = client.get("/v1/meals?status=estimated&status=failed&limit=2&limit=3", headers=phone.headers)
-    assert (answer.status_code, answer.json()["code"]) == (422, "parameter_repeated")
-    assert answer.json()["parameters"] == ["limit"]
-    assert client.get("/v1/meals?status=estimated&status=failed", headers=phone.headers).status_code == 200
-
-
-def test_parameters_are_checked_without_the_openapi_document(phone, client, monkeypatch):
-    monkeypatch.setattr(client.app, "openapi_schema", None)
-    monkeypatch.setattr(client.app, "openapi", None)
-    assert client.get("/v1/records?limit=2", headers=phone.headers).status_code == 200
-
-
-def test_caller_who_is_not_known_hears_that_first(client):
+def test_parameter_that_is_not_known_or_given_twice_is_refused_and_a_list_is_not(phone, client, monkeypatch):
+    for path in ("/v1/records?studdy=pilot", "/v1/meals?limit=2&page=3", "/v1/me?verbose=1", "/v1/foods?q=a&=1"):
+        answer = client.get(path, headers=phone.headers)
+        assert refusal(answer) == (422, "parameter_unknown"), path
+        assert len(answer.json()["parameters"]) == 1
     assert client.get("/v1/records?studdy=pilot").status_code == 401
+    answer = client.get("/v1/meals?status=estimated&status=failed&limit=2&limit=3", headers=phone.headers)
+    assert (*refusal(answer), answer.json()["parameters"]) == (422, "parameter_repeated", ["limit"])
+    monkeypatch.setattr(client.app, "openapi_schema", None)  # they are checked without the document
+    monkeypatch.setattr(client.app, "openapi", None)
+    assert client.get("/v1/meals?status=estimated&status=failed", headers=phone.headers).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from app.people.privacy_models import AuditEvent
 from app.uploads import partial_uploads
 from app.uploads.partial_uploads import KEPT_SECONDS, MOST_PER_PARTICIPANT, PartialUploads, UploadKey
 from tests.integration.conftest import meal_metadata
+from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair, photograph
 
 TUS = {"Tus-Resumable": "1.0.0"}
@@ -56,45 +57,40 @@ def images_of(phone, meal):
     return phone.get(f"/v1/meals/{meal}").json()["images"]
 
 
-def test_photograph_in_three_pieces_is_the_photograph(phone, meal):
-    content = photograph()
-    upload = Upload(phone, meal)
+def test_photograph_in_three_pieces_is_the_photograph_and_noted_as_a_whole_one_is(phone, meal, state):
+    def actions():
+        with state.database.read() as session:
+            return list(session.scalars(sa.select(AuditEvent.action).order_by(AuditEvent.id)))
+
+    whole, content = pair().values()
+    before = len(actions())
+    phone.put(f"/v1/meals/{meal}/images/left", content=whole, headers={"Content-Type": "image/jpeg"})
+    of_whole = actions()[before:]
+    upload = Upload(phone, meal, "right")
     created = upload.create(len(content))
     assert (created.status_code, created.headers["location"]) == (201, upload.path)
     for start, end in ((0, 1000), (1000, 1001), (1001, len(content))):
         answer = upload.patch(start, content[start:end])
         assert (answer.status_code, answer.headers["upload-offset"]) == (204, str(end))
-    image = images_of(phone, meal)["left"]
+    image = images_of(phone, meal)["right"]
     assert image["durable"]
     assert image["received_sha256"] == hashlib.sha256(content).hexdigest()
     assert upload.head().status_code == 404  # nothing is unfinished
-
-
-def test_both_photographs_in_pieces_queue_the_meal(phone, meal):
-    for slot, content in pair().items():
-        upload = Upload(phone, meal, slot)
-        upload.create(len(content))
-        assert upload.patch(0, content).status_code == 204
     assert phone.get(f"/v1/meals/{meal}").json()["status"] == "queued"
+    assert actions()[before + len(of_whole) :] == of_whole != []
 
 
-def test_photograph_in_pieces_is_noted_in_the_audit_log_as_a_whole_one_is(phone, meal, state):
-    def kinds():
-        with state.database.read() as session:
-            return list(session.scalars(sa.select(AuditEvent.action).order_by(AuditEvent.id)))
-
-    left, right = pair().values()
-    before = len(kinds())
-    phone.put(f"/v1/meals/{meal}/images/left", content=left, headers={"Content-Type": "image/jpeg"})
-    whole = kinds()[before:]
-    upload = Upload(phone, meal, "right")
-    upload.create(len(right))
-    upload.patch(0, right)
-    assert kinds()[before + len(whole) :] == whole != []
+@pytest.fixture
+def uploads(tmp_path):
+    return PartialUploads(tmp_path)
 
 
-def test_what_came_before_the_connection_broke_is_kept(tmp_path):
-    uploads, key = PartialUploads(tmp_path), UploadKey(uuid.uuid4(), uuid.uuid4(), "left")
+@pytest.fixture
+def key():
+    return UploadKey(uuid.uuid4(), uuid.uuid4(), "left")
+
+
+def test_what_came_before_the_connection_broke_is_kept(uploads, key):
     uploads.create(key, 300_000)
 
     async def broken():
@@ -111,20 +107,22 @@ def test_what_came_before_the_connection_broke_is_kept(tmp_path):
     assert uploads.state(key).offset == 201_000
 
 
-def test_piece_at_another_place_is_refused_and_changes_nothing(phone, meal):
-    upload = Upload(phone, meal)
+def test_piece_at_another_place_or_too_long_is_refused_and_an_upload_begun_anew_starts_at_nothing(phone, meal, enrol):
+    upload, other = Upload(phone, meal), Upload(enrol("P002"), meal)
+    for length in ("0", "x"):
+        assert refusal(upload.create(length)) == (422, "invalid_input")
+    assert refusal(upload.create("1000000000")) == (413, "image_too_large")
     upload.create(9000)
     upload.patch(0, b"a" * 100)
     answer = upload.patch(50, b"b" * 10)
-    assert (answer.status_code, answer.json()["code"], answer.json()["offset"]) == (409, "upload_offset_differs", 100)
+    assert (*refusal(answer), answer.json()["offset"]) == (409, "upload_offset_differs", 100)
     assert upload.head().headers["upload-offset"] == "100"
-
-
-def test_more_bytes_than_announced_are_refused(phone, meal):
-    upload = Upload(phone, meal)
-    upload.create(100)
-    answer = upload.patch(0, b"a" * 101)
-    assert (answer.status_code, answer.json()["code"]) == (400, "upload_too_long")
+    assert other.head().status_code == other.patch(0, b"a").status_code == 404
+    assert Upload(phone, uuid.uuid4()).create(100).status_code == 404
+    upload.create(200)
+    head = upload.head().headers
+    assert (head["upload-offset"], head["upload-length"]) == ("0", "200")
+    assert refusal(upload.patch(0, b"a" * 201)) == (400, "upload_too_long")
 
 
 def test_bytes_that_are_no_photograph_end_the_upload(phone, meal):
@@ -156,26 +154,22 @@ def repr_digest(content):
     return {"Repr-Digest": f"sha-256=:{base64.b64encode(hashlib.sha256(content).digest()).decode()}:"}
 
 
-def test_two_halves_of_different_photographs_are_refused_by_the_digest(phone, meal):
+def test_two_halves_of_different_photographs_are_refused_by_the_digest_and_other_digests_ignored(phone, meal):
     first, second = pair().values()
     upload, half = Upload(phone, meal), len(second) // 2
     upload.create(len(second))
     upload.patch(0, first[:half])
-    answer = upload.patch(half, second[half:], **repr_digest(second))
-    assert (answer.status_code, answer.json()["code"]) == (409, "upload_digest_differs")
+    assert refusal(upload.patch(half, second[half:], **repr_digest(second))) == (409, "upload_digest_differs")
     assert upload.head().status_code == 404
     assert images_of(phone, meal) == {}
     upload.create(len(second))
-    assert upload.patch(0, second, **repr_digest(second)).status_code == 204
+    assert upload.patch(0, second[:50], **{"Repr-Digest": "sha-256=x"}).status_code == 204
+    assert upload.patch(50, second[50:100], **{"Repr-Digest": ""}).status_code == 204
+    assert upload.patch(100, second[100:], **repr_digest(second)).status_code == 204
     assert images_of(phone, meal)["left"]["durable"]
-
-
-@pytest.mark.parametrize("digest", ["md5=:AAAA:", "sha-256=x", "", "sha-512=:" + "A" * 43 + "=:"])
-def test_digests_that_say_nothing_about_sha_256_are_ignored(phone, meal, digest):
-    content = photograph()
-    upload = Upload(phone, meal)
-    upload.create(len(content))
-    assert upload.patch(0, content, **{"Repr-Digest": digest}).status_code == 204
+    right = Upload(phone, meal, "right")
+    right.create(len(first))
+    assert right.patch(0, first, **{"Repr-Digest": "sha-512=:" + "A" * 43 + "=:"}).status_code == 204
 
 
 def test_upload_is_continued_after_a_restart(phone, meal, state):
@@ -191,15 +185,6 @@ def test_upload_is_continued_after_a_restart(phone, meal, state):
     assert (again.state(key).offset, again.state(key).length) == (5000, len(content))
 
 
-@pytest.mark.parametrize(
-    ("length", "status", "code"),
-    [("0", 422, "invalid_input"), ("x", 422, "invalid_input"), (str(10**9), 413, "image_too_large")],
-)
-def test_impossible_length_is_refused(phone, meal, length, status, code):
-    answer = Upload(phone, meal).create(length)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-
-
 def test_calls_that_tus_does_not_know_are_refused(phone, meal):
     upload = Upload(phone, meal)
     assert upload.patch(0, b"a").json()["code"] == "upload_unknown"
@@ -210,37 +195,18 @@ def test_calls_that_tus_does_not_know_are_refused(phone, meal):
     assert upload.head().status_code == 404
 
 
-def test_meal_that_was_not_announced_has_no_upload(phone):
-    assert Upload(phone, uuid.uuid4()).create(100).status_code == 404
-
-
-def test_another_phone_sees_nothing_of_an_upload(phone, meal, enrol):
-    Upload(phone, meal).create(100)
-    other = enrol("P002")
-    assert Upload(other, meal).head().status_code == 404
-    assert Upload(other, meal).patch(0, b"a").status_code == 404
-
-
-def test_begun_anew_it_starts_at_nothing(phone, meal):
-    upload = Upload(phone, meal)
-    upload.create(100)
-    upload.patch(0, b"a" * 50)
-    upload.create(200)
-    head = upload.head().headers
-    assert (head["upload-offset"], head["upload-length"]) == ("0", "200")
-
-
-def test_upload_whose_beginning_a_crash_prevented_is_none(tmp_path):
-    uploads, key = PartialUploads(tmp_path), UploadKey(uuid.uuid4(), uuid.uuid4(), "left")
+def test_upload_whose_beginning_a_crash_prevented_is_none_and_a_second_request_at_once_waits(uploads, key, tmp_path):
     uploads.create(key, 10)
     (tmp_path / key.participant.hex / f"{key.meal.hex}.left").write_bytes(b"")
     with pytest.raises(partial_uploads.NotFoundError):
         uploads.state(key)
     assert uploads.create(key, 10).offset == 0
+    with uploads.opened(key, 0), pytest.raises(partial_uploads.UnavailableError) as busy, uploads.opened(key, 0):
+        pass
+    assert busy.value.code == "upload_busy"
 
 
-def test_copy_that_fails_leaves_no_file(tmp_path, monkeypatch):
-    uploads, key = PartialUploads(tmp_path), UploadKey(uuid.uuid4(), uuid.uuid4(), "left")
+def test_copy_that_fails_leaves_no_file(uploads, key, tmp_path, monkeypatch):
     staging = tmp_path / "staging"
     staging.mkdir()
     uploads.create(key, 10)
@@ -255,16 +221,9 @@ def test_copy_that_fails_leaves_no_file(tmp_path, monkeypatch):
     assert list(staging.iterdir()) == []
 
 
-def test_second_request_at_once_waits(tmp_path):
-    uploads, key = PartialUploads(tmp_path), UploadKey(uuid.uuid4(), uuid.uuid4(), "left")
-    uploads.create(key, 10)
-    with uploads.opened(key, 0), pytest.raises(partial_uploads.UnavailableError) as busy, uploads.opened(key, 0):
-        pass
-    assert busy.value.code == "upload_busy"
-
-
-def test_unfinished_uploads_are_bounded_and_end_after_a_day(tmp_path):
-    uploads, participant = PartialUploads(tmp_path), uuid.uuid4()
+def test_unfinished_uploads_are_bounded_and_end_after_a_day(uploads, tmp_path):
+    assert UPLOAD_PATHS.match(f"/v1/meals/{uuid.uuid4()}/images/left/upload")  # pieces count as uploads
+    participant = uuid.uuid4()
     keys = [UploadKey(participant, uuid.uuid4(), "left") for _ in range(MOST_PER_PARTICIPANT)]
     for key in keys:
         uploads.create(key, 10)
@@ -276,7 +235,3 @@ def test_unfinished_uploads_are_bounded_and_end_after_a_day(tmp_path):
     assert uploads.create(another, 10).offset == 0
     with pytest.raises(partial_uploads.NotFoundError):
         uploads.state(keys[0])
-
-
-def test_pieces_count_as_uploads():
-    assert UPLOAD_PATHS.match(f"/v1/meals/{uuid.uuid4()}/images/left/upload")
