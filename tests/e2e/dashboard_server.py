@@ -10,8 +10,8 @@ import httpx2
 
 from app.db.session import Database
 from app.storage.local import LocalBlobStore
-from tests.support import estimates
 from tests.e2e.processes import Server
+from tests.support import estimates
 from tests.support.photographs import pair
 from tests.support.waiting import PATIENCE_SECONDS
 

@@ -6,8 +6,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
-from tests.support import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.waiting import wait_until
 

@@ -8,9 +8,9 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from app.vision.hand_form import hand_form_ml
-from tests.support import estimates
 from tests.e2e.dashboard_server import PASSWORD
 from tests.e2e.measured_ball import BALL, measured_ball
+from tests.support import estimates
 from tests.support.estimates import found_item, scene_artefact
 from tests.support.waiting import wait_until
 

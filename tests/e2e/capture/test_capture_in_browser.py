@@ -7,7 +7,6 @@ from contextlib import suppress
 import pytest
 from playwright.sync_api import Error, expect
 
-from tests.support import estimates
 from tests.e2e.browser import WatchedPage
 from tests.e2e.capture.capture_page import (
     both_photographs,
@@ -21,6 +20,7 @@ from tests.e2e.capture.capture_page import (
 )
 from tests.e2e.clients.lossy_line import lossy_line
 from tests.e2e.dashboard_server import PASSWORD, require
+from tests.support import estimates
 from tests.support.estimates import identified_item
 from tests.support.waiting import wait_until
 

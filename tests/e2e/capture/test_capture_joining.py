@@ -9,12 +9,12 @@ import zxingcpp
 from playwright.sync_api import expect
 
 from app.people.enrolment_qr import capture_link, enrolment_text, qr_png
-from tests.support import estimates
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WatchedPage
 from tests.e2e.capture.capture_page import first_photograph, send
 from tests.e2e.capture.fake_camera import camera_arguments, write_video
 from tests.e2e.dashboard_server import PASSWORD, require
 from tests.e2e.processes import REPOSITORY
+from tests.support import estimates
 from tests.support.estimates import identified_item
 from tests.support.waiting import wait_until
 

@@ -6,10 +6,10 @@ import pytest
 from playwright.sync_api import expect
 
 from app.capture.files import STATIC
-from tests.support import estimates
 from tests.e2e.browser import WatchedPage
 from tests.e2e.capture.capture_page import enrolled, sent_meal
 from tests.e2e.static_modules import open_modules
+from tests.support import estimates
 from tests.support.estimates import identified_item
 
 pytestmark = pytest.mark.slow
