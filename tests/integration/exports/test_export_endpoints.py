@@ -19,6 +19,7 @@ from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair
 
 TABLES = {
@@ -71,34 +72,30 @@ def asked(rows, layout, components):
     return {} if rows == "photographs" else {"layout": layout, "components": components}
 
 
-def test_dictionary_tells_every_column_of_every_table_with_its_meaning(study, client, admin):
+def test_dictionary_tells_every_column_of_every_table_and_its_key_tells_rows_apart(study, client, admin):
     for rows, layout, components in COMBINATIONS:
         params = {"rows": rows, "layout": layout, "components": components}
+        of_table = asked(rows, layout, components)
         told = client.get("/v1/data-dictionary", headers=admin, params=params).json()
-        header = client.get(
-            TABLES[rows], headers=admin, params=asked(rows, layout, components) | {"format": "csv"}
-        ).text.splitlines()[0]
-        assert ",".join(column["name"] for column in told["columns"]) == header
+        text = client.get(TABLES[rows], headers=admin, params=of_table | {"format": "csv"}).text
+        names = [column["name"] for column in told["columns"]]
+        assert ",".join(names) == text.splitlines()[0]
         for column in told["columns"]:
             assert column["meaning"].endswith("."), column
             assert column["empty"] is None or column["empty"].endswith("."), column
-        assert set(told["key"]) <= {column["name"] for column in told["columns"]}
         as_csv = read_csv(client, admin, "/v1/data-dictionary", **params)
         assert [(row["name"], row["unit"], row["meaning"]) for row in as_csv] == [
             (column["name"], column["unit"] or "", column["meaning"]) for column in told["columns"]
         ]
         schema = client.get("/v1/data-dictionary", headers=admin, params=params | {"format": "table-schema"}).json()
-        assert [field["name"] for field in schema["fields"]] == [column["name"] for column in told["columns"]]
+        assert [field["name"] for field in schema["fields"]] == names
         assert schema["primaryKey"] == told["key"]
-
-
-def test_key_of_the_dictionary_tells_rows_apart(study, client, admin):
-    for rows, layout, components in COMBINATIONS:
-        params = {"rows": rows, "layout": layout, "components": components}
-        key = client.get("/v1/data-dictionary", headers=admin, params=params).json()["key"]
-        found = read_ndjson(client, admin, TABLES[rows], **asked(rows, layout, components))
+        found = read_ndjson(client, admin, TABLES[rows], **of_table)
         assert found
-        assert len({tuple(row[name] for name in key) for row in found}) == len(found)
+        assert len({tuple(row[name] for name in told["key"]) for row in found}) == len(found)
+        cells = [cell for row in csv.reader(io.StringIO(text, newline="")) for cell in row]
+        assert not [cell for cell in cells if cell.startswith(("=", "+", "@", "\t", "\r"))]  # none is a formula
+        assert rows == "photographs" or "'=1+2" in cells
 
 
 def test_values_that_the_dictionary_lists_are_those_of_the_models():
@@ -109,14 +106,6 @@ def test_values_that_the_dictionary_lists_are_those_of_the_models():
     assert meal_columns.MEAL_ORIGINS == MEAL_ORIGINS
     assert meal_columns.AFTER_STATUSES == AFTER_STATUSES
     assert tuple(column.name for column in record_columns.HEADLINES) == HEADLINE_COLUMNS
-
-
-def test_no_text_cell_of_any_table_is_a_formula(study, client, admin):
-    for rows, layout, components in COMBINATIONS:
-        told = client.get(TABLES[rows], headers=admin, params=asked(rows, layout, components) | {"format": "csv"}).text
-        cells = [cell for row in csv.reader(io.StringIO(told, newline="")) for cell in row]
-        assert not [cell for cell in cells if cell.startswith(("=", "+", "@", "\t", "\r"))]
-        assert rows == "photographs" or "'=1+2" in cells
 
 
 def test_components_of_the_foods_in_use_are_columns_and_unknown_ones_are_empty(study, client, admin, state):
@@ -159,6 +148,13 @@ def test_geojson_has_a_point_where_the_study_keeps_locations_and_null_elsewhere(
             assert feature["properties"] == {
                 name: value for name, value in row.items() if name not in ("longitude", "latitude")
             }
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 2))).one()
+        meal.details = meal.details | {"location": {"latitude": -33.5, "longitude": -70.25}}
+    told = client.get("/v1/records", headers=admin, params={"format": "geojson"}).json()
+    assert [feature["geometry"]["coordinates"] for feature in told["features"]] == [[-70.25, -33.5]] * 2
+    nothing = client.get("/v1/records", headers=admin, params={"format": "geojson", "study": "none"}).json()
+    assert nothing == {"type": "FeatureCollection", "features": []}
     (meal,) = [row for row in read_ndjson(client, admin, "/v1/meals") if row["participant"] == "P001"]
     assert (meal["longitude"], meal["latitude"]) == (PLACE["longitude"], PLACE["latitude"])
     with state.database.write() as session:
@@ -168,38 +164,23 @@ def test_geojson_has_a_point_where_the_study_keeps_locations_and_null_elsewhere(
     assert {row["longitude"] for row in read_csv(client, admin, "/v1/meals")} == {""}
 
 
-def test_geojson_of_items_has_their_meals_place(study, client, admin, state):
-    with state.database.write() as session:
-        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 2))).one()
-        meal.details = meal.details | {"location": {"latitude": -33.5, "longitude": -70.25}}
-    told = client.get("/v1/records", headers=admin, params={"format": "geojson"}).json()
-    assert [feature["geometry"]["coordinates"] for feature in told["features"]] == [[-70.25, -33.5]] * 2
-    nothing = client.get("/v1/records", headers=admin, params={"format": "geojson", "study": "none"}).json()
-    assert nothing == {"type": "FeatureCollection", "features": []}
-
-
-@pytest.mark.parametrize(
-    ("path", "params"),
-    [
-        ("/v1/records", {"layout": "long"}),
-        ("/v1/meals", {"components": "all"}),
-        ("/v1/days", {"format": "geojson"}),
-        ("/v1/records", {"format": "geojson", "layout": "long"}),
-        ("/v1/studies/pilot/photographs", {"format": "geojson"}),
-        ("/v1/data-dictionary", {"rows": "photographs", "layout": "long"}),
-    ],
-)
-def test_what_no_table_has_is_refused_by_name(study, client, admin, path, params):
-    answer = client.get(path, headers=admin, params=params)
-    assert (answer.status_code, answer.json()["code"]) == (422, "export_not_offered")
-
-
-def test_days_reversed_are_refused_in_every_format(study, client, admin):
-    for path in TABLES.values():
-        for output in ("json", "csv"):
-            params = {"from": "2026-11-03", "to": "2026-11-02", "format": output}
-            answer = client.get(path, headers=admin, params=params)
-            assert (answer.status_code, answer.json()["code"]) == (422, "days_reversed"), path
+def test_what_no_table_has_is_refused_by_name_and_reversed_days_in_every_format(study, client, admin):
+    reversed_days = {"from": "2026-11-03", "to": "2026-11-02"}
+    refusals = [
+        ("/v1/records", {"layout": "long"}, "export_not_offered"),
+        ("/v1/meals", {"components": "all"}, "export_not_offered"),
+        ("/v1/days", {"format": "geojson"}, "export_not_offered"),
+        ("/v1/records", {"format": "geojson", "layout": "long"}, "export_not_offered"),
+        ("/v1/studies/pilot/photographs", {"format": "geojson"}, "export_not_offered"),
+        ("/v1/data-dictionary", {"rows": "photographs", "layout": "long"}, "export_not_offered"),
+    ]
+    refusals += [
+        (path, reversed_days | {"format": form}, "days_reversed")
+        for path in TABLES.values()
+        for form in ("json", "csv")
+    ]
+    for path, params, code in refusals:
+        assert refusal(client.get(path, headers=admin, params=params)) == (422, code), (path, params)
 
 
 def test_filters_of_meals_choose_the_same_in_pages_and_files(study, client, admin):

@@ -43,8 +43,7 @@ def two_studies(enrol, state):
     return phones
 
 
-@pytest.mark.usefixtures("two_studies")
-def test_pages_hold_every_record_once_in_the_order_of_capture(client, admin):
+def test_pages_hold_every_record_once_in_the_order_of_capture_and_100_at_most(client, admin, state, two_studies):
     (everything,) = crawl(client, admin)
     assert everything == record_ids(client, admin)
     assert len(everything) == 27
@@ -55,6 +54,10 @@ def test_pages_hold_every_record_once_in_the_order_of_capture(client, admin):
             pages = crawl(client, admin, f"{query}&_count={count}".lstrip("&"))
             assert [key for page in pages for key in page] == whole
             assert all(len(page) == count for page in pages[:-1])
+    for day in (1, 2):
+        add_meal(state, "P001", f"2026-12-{day:02d}", *(eaten_item() for _ in range(45)))
+    assert [len(page) for page in crawl(client, admin, "_count=1000")] == [100, 17]
+    assert len(crawl(client, admin)[0]) == 50
 
 
 @pytest.mark.usefixtures("two_studies")
@@ -68,7 +71,6 @@ def test_more_studies_than_a_statement_has_branches_give_the_same(client, admin,
 
 DAYS = [
     (["date=2026-11-01"], {"from": "2026-11-01", "to": "2026-11-01"}),
-    (["date=eq2026-11-01"], {"from": "2026-11-01", "to": "2026-11-01"}),
     (["date=2026-11"], {"from": "2026-11-01", "to": "2026-11-30"}),
     (["date=2026"], {"from": "2026-01-01", "to": "2026-12-31"}),
     (["date=ge2026-11-01"], {"from": "2026-11-01"}),
@@ -119,7 +121,6 @@ FORMS = [
     "patient=pilot.P002",
     "subject:Patient=pilot.P002",
     "subject=http://testserver/fhir/Patient/pilot.P002",
-    "subject=P002",
     "subject=Patient/P002",
     "subject=pilot|P002",
     "subject:identifier=pilot|P002",
@@ -184,20 +185,14 @@ def test_ids_find_what_they_name_within_the_other_filters(client, admin, two_stu
 
 def test_each_sees_their_own_and_what_is_not_theirs_is_not_found(client, admin, two_studies):
     viewer = make_staff(client, admin, "eve", my_study="viewer")
-    stranger = make_staff(client, admin, "mallory")
     phone = two_studies["P002", "pilot"]
-    seen = {
-        "viewer": ids(viewer.get(URL)),
-        "phone": ids(phone.get(URL)),
-        "stranger": ids(stranger.get(URL)),
-    }
-    assert seen["viewer"] == record_ids(client, admin, study="my_study")
-    assert seen["phone"] == record_ids(client, admin, study="pilot", participant="P002")
-    assert seen["stranger"] == []
+    assert ids(viewer.get(URL)) == record_ids(client, admin, study="my_study")
+    assert ids(phone.get(URL)) == record_ids(client, admin, study="pilot", participant="P002")
+    assert ids(make_staff(client, admin, "mallory").get(URL)) == []
     assert ids(viewer.get(f"{URL}?subject=Patient/pilot.P002")) == []
     assert ids(phone.get(URL, subject="Patient/pilot.P001")) == []
     own = record_ids(client, admin, study="pilot", participant="P001")[0]
-    for caller in (viewer, stranger, phone):
+    for caller in (viewer, phone):
         for path in (f"{URL}/{own}", "/fhir/Patient/pilot.P001", "/fhir/Patient/pilot.P777", f"{URL}/x"):
             assert error_of(caller.get(path)) == (404, "not_found")
     assert valid(phone.get("/fhir/Patient/pilot.P002"))["id"] == "pilot.P002"
@@ -229,20 +224,15 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.usefixtures("phone")
-def test_a_value_that_cannot_be_read_is_refused(client, admin):
+@pytest.mark.usefixtures("two_studies")
+def test_a_value_that_cannot_be_read_is_refused_and_one_at_the_end_of_its_range_answered(client, admin):
     for query in BAD:
         code = "cursor_invalid" if "_cursor" in query else "search_parameter_invalid"
         assert error_of(client.get(f"{URL}?{query}", headers=admin)) == (400, code), query
-
-
-EXTREME = ["date=0001", "date=9999", "date=ge0001-01-01", "date=le9999-12-31", "date=lt9999-12-31T23:00:00Z",
-           "date=ge0001-01-02T00:00:00Z", "_count=99999999999999999999", "subject=Patient/" + "x" * 300]  # fmt: skip
-
-
-@pytest.mark.usefixtures("two_studies")
-def test_values_at_the_ends_are_answered(client, admin):
-    for query in EXTREME:
+    for query in (
+        "date=0001", "date=9999", "date=ge0001-01-01", "date=le9999-12-31", "date=lt9999-12-31T23:00:00Z",
+        "date=ge0001-01-02T00:00:00Z", "_count=99999999999999999999", "subject=Patient/" + "x" * 300,
+    ):  # fmt: skip
         valid(client.get(f"{URL}?{query}", headers=admin))
 
 
@@ -252,13 +242,6 @@ def test_a_cursor_is_bound_to_its_filters(client, admin):
     assert "date=2026-11-01" in following
     assert error_of(client.get(f"{following}&status=completed", headers=admin)) == (400, "cursor_of_other_filters")
     assert len(ids(client.get(following.replace("_count=1", "_count=3"), headers=admin))) == 3
-
-
-def test_a_page_has_100_resources_at_most(client, admin, phone, state):
-    for day in range(1, 6):
-        add_meal(state, "P001", f"2026-11-{day:02d}", *(eaten_item() for _ in range(45)))
-    assert [len(page) for page in crawl(client, admin, "_count=1000")] == [100, 100, 25]
-    assert len(crawl(client, admin)[0]) == 50
 
 
 FORMATS = [

@@ -11,22 +11,18 @@ import sqlalchemy as sa
 
 from app.exports.lists import meal_page_queries as meal_pages
 from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
-from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
-from app.people.models import Device, Participant, Study
+from app.people.models import Study
 from app.records import streams as meal_streams
 from app.records.page_queries import MOST_BRANCHES
-from tests.integration.exports.test_record_pages import plan_of
+from tests.integration.exports.page_data import FIRST_DAY, FOODS, NOW, lay_ground, plan_of, some_id
 from tests.support.filled_databases import fill_once
 
-NOW = datetime(2026, 11, 1, tzinfo=UTC)
-FIRST_DAY = date(2026, 10, 1)
 FLAGS = ([], ["low_texture"], ["food_doubtful", "low_texture"], ["low_texture_too"], ["inside_guessed"])
 CODES = (None, "marker_not_found", "baseline_too_small")
-FOODS = {None: None, 10: "apple", 11: "pear", 20: "apple", 21: "pear"}
 
 
 @pytest.fixture
@@ -40,27 +36,6 @@ def lay_meals(database):
     with database.write() as session:
         people = [*lay_ground(session, drawn)]
         return [lay_meal(session, drawn, *drawn.choice(people)) for _ in range(90)]
-
-
-def lay_ground(session, drawn):
-    for number in (1, 2):
-        session.add(FoodRelease(id=number, source="test", name="table", version=str(number), released_on=FIRST_DAY,
-                                checksum=str(number) * 64, imported_at=NOW, completed_at=NOW))  # fmt: skip
-        session.flush()
-        for food, key in enumerate(("apple", "pear")):
-            session.add(Food(id=10 * number + food, release_id=number, key=key, name=key, aliases=[],
-                             food_group="all", form="ball", refuse=[], probes=[], source_ids={}))  # fmt: skip
-    for study_code in ("a", "b", "c"):
-        study = Study(id=some_id(drawn), code=study_code, name=study_code, created_at=NOW)
-        session.add(study)
-        session.flush()
-        for code in ("P001", f"P-{study_code}"):
-            person = Participant(id=some_id(drawn), study_id=study.id, code=code, created_at=NOW)
-            device = Device(id=some_id(drawn), participant_id=person.id, name="phone", enrolled_at=NOW)
-            for row in (person, device):
-                session.add(row)
-                session.flush()
-            yield study, person, device
 
 
 def lay_meal(session, drawn, study, person, device):
@@ -124,10 +99,6 @@ def lay_words(session, drawn, meal):
         if told == "answer undone":
             say("undo", event=answer)
     return told in ("asked", "answer undone", "two")
-
-
-def some_id(drawn):
-    return uuid.UUID(int=drawn.getrandbits(128))
 
 
 VALUES = {

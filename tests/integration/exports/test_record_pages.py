@@ -17,16 +17,13 @@ from app.http.row_filter import RowFilter
 from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
-from app.people.models import Device, Participant, Study
 from app.records import page_queries as record_pages
 from app.records.page_queries import search_of
 from app.records.queries import page_of_records
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, page_of_queue, queue_keys
+from tests.integration.exports.page_data import FIRST_DAY, FOODS, NOW, lay_ground, plan_of, some_id
 from tests.support.filled_databases import fill_once
-
-NOW = datetime(2026, 11, 1, tzinfo=UTC)
-FIRST_DAY = date(2026, 10, 1)
 
 
 @pytest.fixture
@@ -38,71 +35,36 @@ def lay_records(database):
     """60 records of three studies, two people of one code, foods in two releases, zones at both ends of the day."""
     drawn = random.Random(7)
     with database.write() as session:
-        for number in (1, 2):
-            session.add(FoodRelease(id=number, source="test", name="table", version=str(number), released_on=FIRST_DAY,
-                                    checksum=str(number) * 64, imported_at=NOW, completed_at=NOW))  # fmt: skip
-            session.flush()
-            for food, key in enumerate(("apple", "pear", "rice")):
-                session.add(Food(id=10 * number + food, release_id=number, key=key, name=key, aliases=[],
-                                 food_group="all", form="ball", refuse=[], probes=[], source_ids={}))  # fmt: skip
-        session.flush()
-        people = []
-        for study_code in ("a", "b", "c"):
-            study = Study(id=uuid.UUID(int=drawn.getrandbits(128)), code=study_code, name=study_code, created_at=NOW)
-            session.add(study)
-            session.flush()
-            for code in ("P001", f"P-{study_code}"):
-                person = Participant(
-                    id=uuid.UUID(int=drawn.getrandbits(128)), study_id=study.id, code=code, created_at=NOW
-                )
-                session.add(person)
-                session.flush()
-                device = Device(id=uuid.uuid4(), participant_id=person.id, name="phone", enrolled_at=NOW)
-                session.add(device)
-                people.append((study, person, device))
-        session.flush()
-        rows = []
-        for _ in range(60):
-            study, person, device = drawn.choice(people)
-            day, offset = FIRST_DAY + timedelta(days=drawn.randrange(4)), drawn.choice((-12, 0, 14))
-            captured_at = datetime(day.year, day.month, day.day, drawn.randrange(24), tzinfo=UTC) - timedelta(
-                hours=offset
-            )
-            meal = Meal(id=uuid.uuid4(), client_id=uuid.uuid4(), study_id=study.id, participant_id=person.id,
-                        device_id=device.id, captured_at=captured_at, utc_offset_minutes=60 * offset, time_zone="UTC",
-                        local_date=day, details={}, status="estimated", received_at=captured_at)  # fmt: skip
-            session.add(meal)
-            session.flush()
-            item = Item(id=uuid.UUID(int=drawn.getrandbits(128)), meal_id=meal.id, origin="declared", position=0,
-                        rings=[], relative_sd={}, flags=[])  # fmt: skip
-            session.add(item)
-            session.flush()
-            food = drawn.choice((None, 10, 11, 20, 21))
-            status = drawn.choice(RECORD_STATUSES)
-            doubt, reviewed, provisional = drawn.choice((0.0, 0.5, 1.0)), drawn.random() < 0.3, drawn.random() < 0.3
-            session.add(EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=study.id, participant_id=person.id,
-                                        captured_at=captured_at, local_date=day, status=status, food_id=food,
-                                        flags=[], details={}, change_seq=1, doubt=doubt, reviewed=reviewed,
-                                        provisional=provisional))  # fmt: skip
-            rows.append(
-                {
-                    "key": (captured_at, item.id),
-                    "study": study.code,
-                    "study_id": study.id,
-                    "person": person.code,
-                    "person_id": person.id,
-                    "day": day,
-                    "food": {None: None, 0: "apple", 1: "pear"}[food and food % 10],
-                    "status": status,
-                    "doubt": doubt,
-                    "reviewed": reviewed,
-                    "provisional": provisional,
-                }
-            )
-        session.add(DiaryDay(participant_id=people[0][1].id, local_date=FIRST_DAY - timedelta(days=1), id=uuid.uuid4(),
-                             study_id=people[0][0].id, status="closed", version=1, changed_at=NOW, change_seq=1,
+        people = [*lay_ground(session, drawn)]
+        rows = [lay_record(session, drawn, *drawn.choice(people)) for _ in range(60)]
+        study, person, _ = people[0]
+        session.add(DiaryDay(participant_id=person.id, local_date=FIRST_DAY - timedelta(days=1), id=uuid.uuid4(),
+                             study_id=study.id, status="closed", version=1, changed_at=NOW, change_seq=1,
                              ate_nothing=True))  # fmt: skip
     return rows
+
+
+def lay_record(session, drawn, study, person, device):
+    """A record of a meal of its own, as the reference sees it."""
+    day, offset = FIRST_DAY + timedelta(days=drawn.randrange(4)), drawn.choice((-12, 0, 14))
+    captured_at = datetime(day.year, day.month, day.day, drawn.randrange(24), tzinfo=UTC) - timedelta(hours=offset)
+    meal = Meal(id=uuid.uuid4(), client_id=uuid.uuid4(), study_id=study.id, participant_id=person.id,
+                device_id=device.id, captured_at=captured_at, utc_offset_minutes=60 * offset, time_zone="UTC",
+                local_date=day, details={}, status="estimated", received_at=captured_at)  # fmt: skip
+    session.add(meal)
+    session.flush()
+    item = Item(id=some_id(drawn), meal_id=meal.id, origin="declared", position=0, rings=[], relative_sd={}, flags=[])
+    session.add(item)
+    session.flush()
+    food, told = drawn.choice(list(FOODS)), {"status": drawn.choice(RECORD_STATUSES)}
+    told |= {"doubt": drawn.choice((0.0, 0.5, 1.0)), "reviewed": drawn.random() < 0.3}
+    told |= {"provisional": drawn.random() < 0.3}
+    session.add(EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=study.id, participant_id=person.id,
+                                captured_at=captured_at, local_date=day, food_id=food, flags=[], details={},
+                                change_seq=1, **told))  # fmt: skip
+    key = {"key": (captured_at, item.id), "day": day, "food": FOODS[food]}
+    person = {"study": study.code, "study_id": study.id, "person": person.code, "person_id": person.id}
+    return key | person | told
 
 
 VALUES = {
@@ -164,28 +126,6 @@ def test_pages_follow_each_other_without_gap_or_repeat(database, eaten):
             after = (page[-1].record.captured_at, page[-1].record.item_id)
             seen += [(row.record.captured_at, row.record.item_id) for row in page]
     assert seen == reference(eaten, chosen)
-
-
-def plan_of(session, query):
-    """The database's plan, where it may not sort and not read whole tables if it can do without."""
-    statement = query.compile(session.connection().engine, compile_kwargs={"render_postcompile": True})
-    if session.connection().dialect.name == "sqlite":
-        rows = session.connection().exec_driver_sql(
-            f"EXPLAIN QUERY PLAN {statement}", tuple(_stored(statement, name) for name in statement.positiontup)
-        )
-        return [row[-1] for row in rows]
-    for name in ("enable_seqscan", "enable_sort", "enable_incremental_sort", "enable_bitmapscan"):
-        session.execute(sa.text(f"SET LOCAL {name} = off"))
-    rows = session.connection().exec_driver_sql(
-        f"EXPLAIN (COSTS OFF) {statement}", {name: _stored(statement, name) for name in statement.params}
-    )
-    return [row[0].strip() for row in rows]
-
-
-def _stored(statement, name):
-    value = statement.params[name]
-    process = statement._bind_processors.get(name)
-    return process(value) if process else value
 
 
 @pytest.mark.usefixtures("eaten")
