@@ -3,13 +3,14 @@
 Rays are cast pixel by pixel, so that what the tests know of it is exact: poses, depths, the ball's place and volume.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
 import numpy as np
 
 from app.vision.board.pose import board_points
+from app.vision.board.print_layout import sheet_half_mm
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, View
@@ -30,6 +31,9 @@ class Ball:
     @property
     def volume_ml(self) -> float:
         return 4 / 3 * np.pi * self.radius_mm**3 / 1000
+
+
+BALL = Ball((115.0, 15.0), 33.0)
 
 
 def look_at(centre_mm, target_mm, roll_deg=0.0):
@@ -166,3 +170,45 @@ def true_depth(pair_rotation, pair_centre, focal, centre_px, shape, ball: Ball |
         hit = root > 0
         depth[hit] = (-b[hit] - np.sqrt(root[hit])) / a[hit]
     return depth
+
+
+def true_parallax(pair, ball: Ball | None):
+    """(H, W) float32 parallax on a rectified pair's grid of table and ball, px."""
+    depth = true_depth(pair.rotation, pair.first_centre_mm, pair.focal_px, pair.centre_px, pair.shape, ball)
+    return pair.parallax_from_disparity((pair.focal_px * pair.baseline_mm / depth).astype(np.float32))
+
+
+def ball_in(view: View):
+    """(H, W) where a photograph shows BALL."""
+    camera = view.camera
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], -1)
+    middle = view.rotation @ [*BALL.centre_mm, BALL.radius_mm] + view.translation_mm
+    return (rays @ middle) ** 2 > (rays**2).sum(-1) * (middle @ middle - BALL.radius_mm**2)
+
+
+def overlap(rings, mask) -> float:
+    """Intersection over union of what rings enclose, px, and a mask."""
+    drawn = np.zeros(mask.shape, np.uint8)
+    cv2.fillPoly(drawn, [np.rint(np.array(ring)).astype(np.int32) for ring in rings], 1)
+    return np.count_nonzero((drawn > 0) & mask) / np.count_nonzero((drawn > 0) | mask)
+
+
+def on_plain_table(photo: Photo) -> Photo:
+    """BALL's left photograph with a ball that a single view tells from the table by its colour."""
+    left, bare = rendered_views(BALL)[0], rendered_views(None)[0]
+    shown = np.abs(left.photo.pixels_bgr.astype(int) - bare.photo.pixels_bgr.astype(int)).max(axis=-1) > 3
+    ball = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
+    pixels = photo.pixels_bgr.copy()
+    pixels[ball] = np.clip(pixels[ball] * np.array([0.3, 0.5, 1.2]), 0, 255).astype(np.uint8)
+    return Photo(pixels)
+
+
+def covered(view: View) -> View:
+    """The view with a plain cloth over the sheet."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [*(np.array(sheet_half_mm(SPEC)) + 3.0), 0]
+    x, y, z = (corners @ view.rotation.T + view.translation_mm).T
+    outline = np.column_stack([x, y]) / z[:, None] * view.camera.fx + [view.camera.cx, view.camera.cy]
+    pixels = view.photo.pixels_bgr.copy()
+    cv2.fillConvexPoly(pixels, np.rint(outline).astype(np.int32), (90, 90, 90))
+    return replace(view, photo=replace(view.photo, pixels_bgr=pixels))

@@ -9,18 +9,11 @@ import pytest
 from app.vision.board.pose import project
 from app.vision.model import DepthMap, EstimateOptions, PhotoPair
 from app.vision.pipeline import MARKER_UNSEEN, estimate_meal
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
-from tests.unit.vision.test_pipeline_of_one import on_plain_table
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, covered, on_plain_table, true_depth
 
-BALL = Ball((115.0, 15.0), 33.0)
 OPTIONS = EstimateOptions(SPEC, CAMERA)
 NOISE_SHARE = 0.01  # a phone's sensor
 TOLERANCE = 0.12  # half of what one photograph alone may err by
-
-
-@pytest.fixture(scope="module")
-def views():
-    return rendered_views(BALL)
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +33,11 @@ def by_marker(photo):
     return estimate_meal(PhotoPair(photo), OPTIONS)
 
 
-def test_depth_and_marker_measure_the_ball_with_less_doubt_than_the_photograph_alone(photo, by_marker):
+def test_depth_and_marker_measure_the_ball_with_less_doubt_than_the_photograph_alone(by_marker, single):
     [item] = by_marker.items
     assert abs(item.volume_ml / BALL.volume_ml - 1) < TOLERANCE
     assert item.volume_interval_ml[0] < BALL.volume_ml < item.volume_interval_ml[1]
-    [alone] = estimate_meal(PhotoPair(replace(photo, depth=None)), OPTIONS).items
-    assert item.relative_sd["item"] < alone.relative_sd["item"]
+    assert item.relative_sd["item"] < single.items[0].relative_sd["item"]
 
 
 def volumes_ml(estimate):
@@ -57,6 +49,7 @@ def by_map(photo):
     return estimate_meal(PhotoPair(photo), replace(OPTIONS, marker=None), want_artefacts=True)
 
 
+@pytest.mark.slow
 def test_depth_without_a_marker_gives_the_scale(by_map, by_marker):
     assert by_map.failure is None
     measured = [item for item in by_map.items if item.volume_ml is not None]  # the board is an item, too
@@ -66,23 +59,16 @@ def test_depth_without_a_marker_gives_the_scale(by_map, by_marker):
     assert "scale_from_depth" not in by_marker.items[0].flags
 
 
-def with_covered_marker(photo):
-    """The photograph with a napkin over the board's squares."""
-    pixels = photo.pixels_bgr.copy()
-    corners = np.rint(rendered_views(BALL)[0].required_marker.corners_px).astype(np.int32)
-    cv2.fillConvexPoly(pixels, cv2.convexHull(corners), (90, 110, 130))
-    return replace(photo, pixels_bgr=pixels)
-
-
-def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo):
-    covered = with_covered_marker(photo)
-    assert estimate_meal(PhotoPair(replace(covered, depth=None)), OPTIONS).failure.code in MARKER_UNSEEN
-    estimate = estimate_meal(PhotoPair(covered), OPTIONS)
+@pytest.mark.slow
+def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo, views):
+    hidden = covered(replace(views[0], photo=photo)).photo
+    estimate = estimate_meal(PhotoPair(hidden), OPTIONS)
     assert volumes_ml(estimate)
-    assert volumes_ml(estimate) == volumes_ml(estimate_meal(PhotoPair(covered), replace(OPTIONS, marker=None)))
+    assert volumes_ml(estimate) == volumes_ml(estimate_meal(PhotoPair(hidden), replace(OPTIONS, marker=None)))
     assert all("scale_from_depth" in item.flags for item in estimate.items if item.volume_ml is not None)
 
 
+@pytest.mark.slow
 def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo, by_map):
     far = replace(photo, depth=replace(photo.depth, depth_mm=photo.depth.depth_mm * 2))
     by_far_map = estimate_meal(PhotoPair(far), replace(OPTIONS, marker=None))
@@ -93,25 +79,9 @@ def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo,
     assert far_ml / near_ml == pytest.approx(8.0, rel=0.2)  # priors in mm, of supports and heights, do not scale
 
 
-def test_depth_map_of_chance_has_no_table(photo):
-    noise = np.random.default_rng(1).uniform(200.0, 2000.0, photo.depth.depth_mm.shape).astype(np.float32)
-    chaos = replace(photo, depth=replace(photo.depth, depth_mm=noise))
-    assert estimate_meal(PhotoPair(chaos), replace(OPTIONS, marker=None)).failure.code == "table_not_found"
-
-
-def error(estimate):
-    [item] = estimate.items
-    return abs(item.volume_ml / BALL.volume_ml - 1)
-
-
 @pytest.fixture(scope="module")
-def pair(photo, views):
-    return PhotoPair(replace(views[0].photo, depth=photo.depth), views[1].photo)
-
-
-@pytest.fixture(scope="module")
-def by_pair(pair):
-    return estimate_meal(PhotoPair(replace(pair.left, depth=None), pair.right), OPTIONS)
+def pair_with_map(photo, pair):
+    return replace(pair, left=replace(pair.left, depth=photo.depth))
 
 
 def scaled(pair, factor):
@@ -120,19 +90,20 @@ def scaled(pair, factor):
 
 
 @pytest.mark.slow
-def test_pair_with_a_depth_map_is_no_worse_than_the_pair_and_takes_its_scale(pair, by_pair):
-    both, off_scale = estimate_meal(pair, OPTIONS), estimate_meal(scaled(pair, 1.05), OPTIONS)
-    assert error(both) < max(error(by_pair), 0.03)  # of a ball whose lower third no view shows
-    assert both.items[0].relative_sd["item"] <= by_pair.items[0].relative_sd["item"] * 1.05
+def test_pair_with_a_depth_map_is_no_worse_than_the_pair_and_takes_its_scale(pair_with_map, estimate):
+    both, off_scale = (estimate_meal(each, OPTIONS) for each in (pair_with_map, scaled(pair_with_map, 1.05)))
+    errors = [abs(each.items[0].volume_ml / BALL.volume_ml - 1) for each in (both, estimate)]
+    assert errors[0] < max(errors[1], 0.03)  # of a ball whose lower third no view shows
+    assert both.items[0].relative_sd["item"] <= estimate.items[0].relative_sd["item"] * 1.05
     assert off_scale.items[0].volume_ml == pytest.approx(both.items[0].volume_ml, rel=0.005)
     assert "depth_ignored" not in off_scale.items[0].flags
 
 
 @pytest.mark.slow
-def test_map_that_contradicts_the_marker_is_left_out_with_a_flag(pair, by_pair):
-    estimate = estimate_meal(scaled(pair, 1.3), OPTIONS)
-    assert estimate.items[0].volume_ml == by_pair.items[0].volume_ml
-    assert estimate.items[0].flags == (*by_pair.items[0].flags, "depth_ignored")
+def test_map_that_contradicts_the_marker_is_left_out_with_a_flag(pair_with_map, estimate):
+    without_map = estimate_meal(scaled(pair_with_map, 1.3), OPTIONS)
+    assert without_map.items[0].volume_ml == estimate.items[0].volume_ml
+    assert without_map.items[0].flags == (*estimate.items[0].flags, "depth_ignored")
 
 
 @pytest.mark.slow
@@ -151,6 +122,7 @@ def without_all_but_the_sheet(photo, view):
     return replace(photo, pixels_bgr=np.where(kept[..., None] > 0, photo.pixels_bgr, 120).astype(np.uint8))
 
 
+@pytest.mark.slow
 def test_left_photograph_with_a_depth_map_is_measured_where_the_pair_fails(photo, views, by_marker):
     failing = PhotoPair(photo, without_all_but_the_sheet(views[1].photo, views[1]))
     assert estimate_meal(replace(failing, left=replace(photo, depth=None)), OPTIONS).failure is not None
@@ -165,6 +137,7 @@ def as_of_two_cameras(photo, scale=0.62, offset=-0.4e-3):
     return replace(photo, depth=replace(photo.depth, depth_mm=depth_mm, is_aligned=True, is_relative=True))
 
 
+@pytest.mark.slow
 def test_relative_map_takes_scale_and_offset_from_the_markers_table(photo, by_marker):
     [item] = estimate_meal(PhotoPair(as_of_two_cameras(photo)), OPTIONS).items
     assert item.volume_ml == pytest.approx(by_marker.items[0].volume_ml, rel=0.03)  # of the same noise
@@ -173,18 +146,18 @@ def test_relative_map_takes_scale_and_offset_from_the_markers_table(photo, by_ma
     assert other.volume_ml == pytest.approx(item.volume_ml, rel=0.03)
 
 
-def test_relative_map_gives_no_scale_where_the_marker_is_not_seen(photo):
-    covered = with_covered_marker(as_of_two_cameras(photo))
-    assert estimate_meal(PhotoPair(covered), OPTIONS).failure.code in MARKER_UNSEEN
-
-
-def test_relative_map_alone_gives_no_scale_and_says_so(photo):
-    estimate = estimate_meal(PhotoPair(as_of_two_cameras(photo)), replace(OPTIONS, marker=None))
-    assert estimate.failure.code == "scale_missing"
-
-
 @pytest.mark.slow
-def test_map_inside_a_heic_takes_no_part_beside_a_usable_pair(pair, by_pair):
-    both = estimate_meal(replace(pair, left=as_of_two_cameras(pair.left)), OPTIONS)
-    assert both.items[0].volume_ml == by_pair.items[0].volume_ml
-    assert both.items[0].flags == by_pair.items[0].flags
+def test_map_inside_a_heic_takes_no_part_beside_a_usable_pair(pair_with_map, estimate):
+    both = estimate_meal(replace(pair_with_map, left=as_of_two_cameras(pair_with_map.left)), OPTIONS)
+    assert both.items[0].volume_ml == estimate.items[0].volume_ml
+    assert both.items[0].flags == estimate.items[0].flags
+
+
+def test_maps_that_give_no_scale_say_so(photo, views):
+    noise = np.random.default_rng(1).uniform(200.0, 2000.0, photo.depth.depth_mm.shape).astype(np.float32)
+    of_chance, no_marker = replace(photo, depth=replace(photo.depth, depth_mm=noise)), replace(OPTIONS, marker=None)
+    assert estimate_meal(PhotoPair(of_chance), no_marker).failure.code == "table_not_found"
+    assert estimate_meal(PhotoPair(as_of_two_cameras(photo)), no_marker).failure.code == "scale_missing"
+    for shown in (as_of_two_cameras(photo), replace(photo, depth=None)):
+        hidden = covered(replace(views[0], photo=shown)).photo
+        assert estimate_meal(PhotoPair(hidden), OPTIONS).failure.code in MARKER_UNSEEN

@@ -9,44 +9,36 @@ import pytest
 from app.vision.model import EstimateOptions, PhotoPair
 from app.vision.pipeline import estimate_meal
 from tests.unit.vision.rigs import rig_of
-from tests.unit.vision.stereo_scene import Ball, rendered_views
+from tests.unit.vision.stereo_scene import BALL
 
-BALL = Ball((115.0, 15.0), 33.0)
 TOLERANCE = 0.06  # the bar of rendered meals by a rig of 60 mm
 
 
 @pytest.fixture(scope="module")
-def views():
-    return rendered_views(BALL)
-
-
-@pytest.fixture(scope="module")
-def estimate(views):
-    pair = PhotoPair(*(view.photo for view in views))
+def by_rig(views, pair):
     return estimate_meal(pair, EstimateOptions(None, rig=rig_of(*views)), want_artefacts=True)
 
 
-def test_ball_has_its_volume_without_a_marker(estimate):
-    assert estimate.failure is None
-    ball = max(estimate.items, key=lambda item: item.volume_ml)
+def test_ball_has_its_volume_without_a_marker_and_colours_stay_as_taken(by_rig):
+    assert by_rig.failure is None
+    ball = max(by_rig.items, key=lambda item: item.volume_ml)
     assert abs(ball.volume_ml / BALL.volume_ml - 1) < TOLERANCE
     assert ball.volume_interval_ml[0] < BALL.volume_ml < ball.volume_interval_ml[1]
+    assert [colour.kind for colour in by_rig.colours] == ["none", "none"]
+    assert all("colour_uncorrected" in colour.flags for colour in by_rig.colours)
+    assert "marker_thick_mm" not in by_rig.parameters
+    assert {"overlay.jpg", "points.ply", "rectified.jpg"} <= {artefact.name for artefact in by_rig.artefacts}
 
 
-def test_colours_stay_as_taken_and_say_so(estimate):
-    assert [colour.kind for colour in estimate.colours] == ["none", "none"]
-    assert all("colour_uncorrected" in colour.flags for colour in estimate.colours)
-    assert "marker_thick_mm" not in estimate.parameters
-    assert {"overlay.jpg", "points.ply", "rectified.jpg"} <= {artefact.name for artefact in estimate.artefacts}
-
-
-def test_cameras_in_the_other_order_give_the_same_volume(views, estimate):
+@pytest.mark.slow
+def test_cameras_in_the_other_order_give_the_same_volume(views, by_rig):
     left, right = views
     swapped = estimate_meal(PhotoPair(right.photo, left.photo), EstimateOptions(None, rig=rig_of(right, left)))
-    volumes = [max(item.volume_ml for item in each.items) for each in (estimate, swapped)]
+    volumes = [max(item.volume_ml for item in each.items) for each in (by_rig, swapped)]
     assert volumes[1] == pytest.approx(volumes[0], rel=0.03)  # the table is found from the other photograph
 
 
+@pytest.mark.slow
 def test_calibration_of_another_rig_is_refused(views):
     left, right = views
     turn = cv2.Rodrigues(np.radians([2.0, 0.0, 0.0]))[0]
@@ -54,8 +46,3 @@ def test_calibration_of_another_rig_is_refused(views):
     refused = estimate_meal(PhotoPair(left.photo, right.photo), EstimateOptions(None, rig=rig_of(left, other)))
     assert refused.failure.code in ("rig_mismatch", "table_not_found")
     assert refused.items == ()
-
-
-def test_options_without_marker_and_rig_are_a_mistake(views):
-    with pytest.raises(ValueError, match="marker or a rig"):
-        estimate_meal(PhotoPair(*(view.photo for view in views)), EstimateOptions(None))

@@ -4,59 +4,25 @@ import base64
 import json
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
-from app.vision.figures import draw_artefacts
 from app.vision.geometry.mesh import enclosed_mm3
-from app.vision.model import EstimateOptions, ItemEstimate, Photo, PhotoPair
+from app.vision.model import EstimateOptions, ItemEstimate
 from app.vision.pipeline import estimate_meal
 from app.vision.scene.segmentation import Region
 from app.vision.scene_file import MAX_BYTES, write_scene
 from app.vision.shape.measure import MeasuredItem
 from tests.unit.vision.meshes import assert_watertight
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, ball_in, overlap
 
-BALL = Ball((115.0, 15.0), 33.0)
 MIDDLE = np.array([*BALL.centre_mm, BALL.radius_mm])
 TYPES = {"int16": "<i2", "uint16": "<u2", "uint8": "u1"}
 
 
-def scene_of(pair, method="shape"):
-    """The scene that a run leaves, and the run's answer."""
-    estimate = estimate_meal(pair, EstimateOptions(SPEC, CAMERA, method), want_artefacts=True)
-    (content,) = [each.content for each in estimate.artefacts if each.name == "scene.json"]
-    return json.loads(content), estimate
-
-
-def pair_of(views):
-    return PhotoPair(views[0].photo, views[1].photo)
-
-
 @pytest.fixture(scope="module")
-def views():
-    return rendered_views(BALL)
-
-
-@pytest.fixture(scope="module")
-def found(views):
-    """The scene, the run's answer, and what the scene was drawn of."""
-    drawn = []
-
-    def draw_and_keep(*arguments):
-        drawn.append(arguments)
-        return draw_artefacts(*arguments)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.vision.pipeline.draw_artefacts", draw_and_keep)
-        scene, estimate = scene_of(pair_of(views))
-    return scene, estimate, drawn[0]
-
-
-@pytest.fixture(scope="module")
-def scene(found):
-    return found[0]
+def scene(estimate, scene_of):
+    return scene_of(estimate)
 
 
 def unpack(packed):
@@ -70,23 +36,7 @@ def mesh_of(scene, item):
     return unpack(item["shape"]["vertices"]), faces
 
 
-def ball_in(view):
-    """(H, W) where a photograph shows the ball."""
-    x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
-    rays = np.stack([(x - CAMERA.cx) / CAMERA.fx, (y - CAMERA.cy) / CAMERA.fy, np.ones(x.shape)], -1)
-    middle = view.rotation @ MIDDLE + view.translation_mm
-    along = rays @ middle
-    return along**2 > (rays**2).sum(-1) * (middle @ middle - BALL.radius_mm**2)
-
-
-def overlap(rings, mask):
-    drawn = np.zeros(mask.shape, np.uint8)
-    cv2.fillPoly(drawn, [np.rint(np.array(ring)).astype(np.int32) for ring in rings], 1)
-    return np.count_nonzero((drawn > 0) & mask) / np.count_nonzero((drawn > 0) | mask)
-
-
-def test_shape_is_closed_and_holds_the_volume_that_the_file_tells(found):
-    scene, estimate, _ = found
+def test_shape_is_closed_and_holds_the_volume_that_the_file_tells(scene, estimate):
     (item,) = scene["items"]
     vertices, faces = mesh_of(scene, item)
     assert_watertight(faces)
@@ -116,26 +66,16 @@ def test_shape_slices_and_points_lie_on_the_ball(scene):
     assert red > green > blue  # the ball is orange
 
 
-def test_table_lies_at_zero_and_points_are_few(scene):
+def test_table_lies_at_zero_points_are_few_and_the_outline_in_the_right_photograph_is_the_balls(scene, views):
     points = unpack(scene["points"]["positions"])
     table = points[sum(item["points"]["count"] for item in scene["items"]) :]
     # Some in the ball's shadow lie across its outline.
     assert abs(np.median(table[:, 2])) < 0.3
     assert 20_000 < len(points) <= 40_000
     assert len(json.dumps(scene)) < MAX_BYTES
-
-
-def test_outline_in_the_right_photograph_is_the_balls(scene, views):
     (item,) = scene["items"]
     assert item["right_rings_from"] == "shape"
     assert overlap(item["right_rings_px"], ball_in(views[1])) > 0.93
-
-
-def test_swapped_photographs_have_the_outline_that_was_measured(views):
-    swapped, _ = scene_of(pair_of(views[::-1]))
-    (item,) = swapped["items"]
-    assert item["right_rings_from"] == "mask"
-    assert overlap(item["right_rings_px"], ball_in(views[0])) > 0.93
 
 
 def test_board_has_its_size_and_is_where_the_cameras_see_it(scene, views):
@@ -154,8 +94,9 @@ def test_board_has_its_size_and_is_where_the_cameras_see_it(scene, views):
         assert camera["centre_mm"] == pytest.approx(view.centre_mm, abs=3.0)
 
 
-def test_the_papers_stack_of_slices_is_closed_and_holds_exactly_the_volume(views):
-    scene, _ = scene_of(pair_of(views), "paper")
+@pytest.mark.slow
+def test_the_papers_stack_of_slices_is_closed_and_holds_exactly_the_volume(pair, views, scene_of):
+    scene = scene_of(estimate_meal(pair, EstimateOptions(SPEC, CAMERA, "paper"), want_artefacts=True))
     (item,) = scene["items"]
     vertices, faces = mesh_of(scene, item)
     assert_watertight(faces)
@@ -163,31 +104,10 @@ def test_the_papers_stack_of_slices_is_closed_and_holds_exactly_the_volume(views
     assert overlap(item["right_rings_px"], ball_in(views[1])) > 0.85
 
 
-def test_table_without_food_has_its_points_and_no_items():
-    scene, estimate = scene_of(pair_of(rendered_views(None)))
-    assert estimate.failure.code == "no_food_found"
-    assert scene["items"] == []
-    assert scene["points"]["positions"]["shape"][0] > 10_000
-
-
-def test_marker_in_one_photograph_only_is_all_that_is_told(views):
-    left = views[0].photo
-    scene, _ = scene_of(PhotoPair(left, Photo(np.full_like(left.pixels_bgr, 128))))
-    assert set(scene) == {"version", "units", "photographs", "board"}
-    assert set(scene["photographs"]["left"]) == {"width", "height", "marker_corners_px"}
-    assert set(scene["photographs"]["right"]) == {"width", "height"}
-
-
-def test_no_marker_no_scene(views):
-    nothing = Photo(np.full_like(views[0].photo.pixels_bgr, 128))
-    estimate = estimate_meal(PhotoPair(nothing, nothing), EstimateOptions(SPEC, CAMERA), want_artefacts=True)
-    assert estimate.artefacts == []
-
-
 @pytest.fixture
-def run(found):
+def run(ball_run):
     """Arguments of write_scene for the run: (trace, pair, items). The trace is a copy that a test may change."""
-    trace, pair, items = found[2]
+    trace, pair, items = ball_run[1]
     return replace(trace), pair, items
 
 
@@ -200,11 +120,7 @@ def test_board_that_gave_no_scale_is_not_in_the_scene_but_the_points_are(run):
     points = unpack(scene["points"]["positions"])
     assert len(points) > 20_000
     assert np.abs(points[:, :2] - BALL.centre_mm).max() < BALL.radius_mm + 65.0  # and no longer as far as the board
-
-
-def test_scene_without_board_and_food_has_the_points_around_its_origin(run):
-    trace, pair, _ = run
-    trace.items, trace.scale = [], "rig"
+    trace.items, trace.scale = [], "rig"  # without food, the points around the origin
     points = unpack(json.loads(write_scene(trace, pair, []))["points"]["positions"])
     assert len(points) > 10_000
     assert 200.0 < np.abs(points[:, :2]).max() < 251.0

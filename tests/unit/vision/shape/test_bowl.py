@@ -137,14 +137,10 @@ def test_shape_is_closed_and_holds_the_volume(name, heap_mm):
     assert_watertight(found.shape.faces)
     held_ml = ml_from_mm3(enclosed_mm3(found.shape.vertices_mm, found.shape.faces))
     assert held_ml == pytest.approx(found.volume_ml, rel=0.01)  # steps of 1 mm, and of the vault's rings
-
-
-def test_slices_reach_from_floor_to_level_around_the_middle():
-    bowl = straight()
-    slices = measured(bowl, bowl.top(40.0)).slices
-    assert slices[0].low_mm == 0.0
-    assert slices[-1].high_mm == pytest.approx(40.0 - FLOOR_MM, abs=0.5)  # the level, as it was measured
-    assert all(np.array_equal(each.centre_mm, CENTRE_MM) for each in slices)
+    assert found.slices[0].low_mm == 0.0
+    assert all(np.array_equal(each.centre_mm, CENTRE_MM) for each in found.slices)
+    if heap_mm == 0.0:
+        assert found.slices[-1].high_mm == pytest.approx(40.0 - FLOOR_MM, abs=0.5)  # the level, as it was measured
 
 
 def test_too_few_points_are_no_measurement():

@@ -10,26 +10,10 @@ import pytest
 from app.vision.geometry.masks import filled
 from app.vision.geometry.mesh import faces_towards, ring, sphere
 from app.vision.geometry.nearest import Nearest
+from app.vision.shape.families import _RING, _UPRIGHT
 from app.vision.shape.form_average import likely_fits
 from app.vision.shape.form_fit import Seen, _solved, fit_form, form_at
-from app.vision.shape.forms import (
-    COARSE,
-    E1,
-    E2,
-    FINE,
-    SUPPORT,
-    TAPER,
-    TURN_X,
-    TURN_Y,
-    TURN_Z,
-    A,
-    B,
-    C,
-    Ring,
-    Superellipsoid,
-    X,
-    Y,
-)
+from app.vision.shape.forms import COARSE, FINE, SUPPORT, A, B, C, Ring, Superellipsoid, X, Y
 from app.vision.shape.shape import begin_fit, nearest_starts
 from app.vision.shape.surface_match import SurfaceParallax, draw_mask, draw_parallax
 from app.vision.shape.tuning import TUNING
@@ -46,8 +30,6 @@ SHAPE = SIGHT.pair.shape
 SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
 MIDDLE_MM = np.array([60.0, 5.0])
 MIDDLE = (*MIDDLE_MM, 20.0)
-UPRIGHT = (X, Y, SUPPORT, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER)
-FLAT_RING = (X, Y, SUPPORT, A, B, C, E1, TURN_X, TURN_Y, TURN_Z)
 ROUNDS = 30
 FINER = 6
 
@@ -112,13 +94,13 @@ def seen_of_mesh(vertices, mesh, noise_px=0.1, seed=0, *, is_along=True):
 def ball(half_mm=(25.0, 25.0, 25.0), off_mm=(6.0, -5.0), **changes):
     p = np.zeros(14)
     p[[X, Y]], p[SUPPORT], p[[A, B, C]] = MIDDLE_MM + off_mm, SUPPORT_MM, np.log(half_mm)
-    return replace(Superellipsoid("ball", p, UPRIGHT, np.eye(3), SUPPORT_SD_MM), **changes)
+    return replace(Superellipsoid("ball", p, _UPRIGHT, np.eye(3), SUPPORT_SD_MM), **changes)
 
 
 def flat_ring():
     p = np.zeros(14)
     p[[X, Y]], p[SUPPORT], p[[A, B, C]] = MIDDLE_MM + 3.0, SUPPORT_MM, np.log([28.0, 15.0, 15.0])
-    return Ring("ring", p, FLAT_RING, np.eye(3), SUPPORT_SD_MM)
+    return Ring("ring", p, _RING, np.eye(3), SUPPORT_SD_MM)
 
 
 every_ellipsoid = pytest.mark.parametrize(
@@ -139,7 +121,7 @@ def test_ellipsoid_has_its_volume_from_outlines_and_parallax(half_mm, heading):
     plain = fit_form(ball(begun, has_displacement=False), seen, FINE, ROUNDS)
     assert np.isclose(plain.volume_ml, volume_ml(half_mm), rtol=0.015)
     start = ball(begun).start
-    start[: len(UPRIGHT)] = plain.unknowns
+    start[: len(_UPRIGHT)] = plain.unknowns
     free = fit_form(ball(begun), seen, FINE, 10, start)
     # What no view shows, the displacement may move: its prior alone holds it.
     assert np.isclose(free.volume_ml, volume_ml(half_mm), rtol=0.03)

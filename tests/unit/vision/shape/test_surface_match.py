@@ -6,29 +6,20 @@ from app.vision.geometry.mesh import faces_towards, sphere
 from app.vision.shape.surface_match import draw_mask, draw_parallax, measure_along
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.sight import Sight
-from tests.unit.vision.stereo_scene import blank_views
+from tests.unit.vision.stereo_scene import Ball, blank_views, true_parallax
 
 SIGHT = Sight(rectify_by_poses(*blank_views()))
 SHAPE = SIGHT.pair.shape
 MESH = sphere(16)
-MIDDLE_MM, RADIUS_MM = np.array([60.0, 0.0, 30.0]), 28.0
+MIDDLE_MM, RADIUS_MM = np.array([60.0, 0.0, 30.0]), 30.0
 BALL = MIDDLE_MM + RADIUS_MM * MESH.places
 RIM_PX = 3  # a pixel drawn at the rim may be the other side's
 
 
-def true_parallax():
+def ball_parallax():
     """(H, W) of the ball by casting rays, NaN beside it."""
-    pair = SIGHT.pair
-    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
-    rays = np.stack(
-        [(x - pair.centre_px[0]) / pair.focal_px, (y - pair.centre_px[1]) / pair.focal_px, np.ones(SHAPE)], -1
-    )
-    rays, towards = rays @ pair.rotation, MIDDLE_MM - pair.first_centre_mm
-    a, b = (rays**2).sum(-1), rays @ towards
-    root = b * b - a * (towards @ towards - RADIUS_MM**2)
-    depth = (b - np.sqrt(np.where(root > 0, root, np.nan))) / a
-    p, q, r = pair.plane_px
-    return (pair.focal_px * pair.baseline_mm / depth - p * x - q * y - r) / (1 - p)
+    with_ball, without = true_parallax(SIGHT.pair, Ball((60.0, 0.0), RADIUS_MM)), true_parallax(SIGHT.pair, None)
+    return np.where(with_ball > without + 1e-3, with_ball, np.nan)
 
 
 def textures(parallax, offset_px, noise=0.5, contrast=25.0, seed=0):
@@ -46,7 +37,7 @@ def covered_in(view):
     return draw_mask(pixels, MESH.faces[faces_towards(BALL, MESH.faces, SIGHT.cameras_mm[view])], SHAPE)
 
 
-TRUTH, SECOND = true_parallax(), covered_in(1)
+TRUTH, SECOND = ball_parallax(), covered_in(1)
 
 
 MASK = np.isfinite(TRUTH)

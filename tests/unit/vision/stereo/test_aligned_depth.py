@@ -10,9 +10,8 @@ from app.vision.geometry.projective import homogeneous
 from app.vision.model import DepthMap
 from app.vision.stereo.aligned_depth import depth_in_view, follow_camera
 from app.vision.stereo.features import undistort_to_rays
-from tests.unit.vision.stereo_scene import CAMERA, Ball, blank_views, true_depth
+from tests.unit.vision.stereo_scene import BALL, CAMERA, blank_views, true_depth
 
-BALL = Ball((115.0, 15.0), 33.0)
 SIZE = (200, 150)
 VIEW = blank_views()[0]
 PER_PX = CAMERA.width / SIZE[0]
@@ -38,10 +37,7 @@ def test_aligned_map_takes_the_cameras_intrinsics():
     assert (depth.cx, depth.cy) == pytest.approx(CENTRE)
     assert not depth.is_aligned
     assert np.array_equal(depth.depth_mm, metric().depth_mm)
-
-
-def test_map_of_a_pinhole_of_its_own_stays_as_it_is():
-    own = replace(metric(), is_aligned=False)
+    own = replace(metric(), is_aligned=False)  # of a pinhole of its own
     assert follow_camera(own, CAMERA) is own
 
 
@@ -75,16 +71,10 @@ def test_noise_of_a_relative_map_becomes_that_of_its_depth():
     assert abs(np.nanmedian(depth.depth_mm / TRUE_MM) - 1) < 0.005
 
 
-def test_map_that_grows_with_depth_is_no_disparity():
+def test_maps_that_grow_with_depth_of_chance_or_without_a_marker_are_left_out():
     assert depth_in_view(relative(-0.3, 5e-3), VIEW) is None
-
-
-def test_map_of_chance_is_left_out():
     noise = np.random.default_rng(1).uniform(400.0, 800.0, TRUE_MM.shape).astype(np.float32)
     assert depth_in_view(replace(relative(), depth_mm=noise), VIEW) is None
-
-
-def test_relative_map_without_a_marker_is_left_out():
     assert depth_in_view(relative(), replace(VIEW, marker=None)) is None
 
 

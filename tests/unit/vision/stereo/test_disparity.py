@@ -4,7 +4,7 @@ import pytest
 
 from app.vision.stereo.disparity import looks_alike, match_dense
 from app.vision.stereo.rectification import rectify_by_poses
-from tests.unit.vision.stereo_scene import Ball, rendered_views, true_depth
+from tests.unit.vision.stereo_scene import BALL, rendered_views, true_depth
 
 
 def texture(height=180, width=240, seed=0):
@@ -24,29 +24,18 @@ def as_bgr(image):
     return np.repeat(np.clip(image + 0.5, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def test_constant_sub_pixel_shift_is_found():
+@pytest.mark.parametrize("shift", [6.0, 6.25, 6.5, 7.3])
+def test_no_part_of_a_pixel_is_preferred_whatever_the_light(shift):
     image = texture()
-    found = match_dense(as_bgr(image), as_bgr(shifted(image, 7.3)), (-2.0, 24.0)).parallax_px
-    inner = found[30:-30, 50:-50]
-    assert np.isfinite(inner).mean() > 0.95
-    # A tenth of a pixel: linear interpolation and 8 bits.
-    assert abs(np.nanmedian(inner) - 7.3) < 0.1
-
-
-@pytest.mark.parametrize("shift", [6.0, 6.25, 6.5, 6.75])
-def test_no_part_of_a_pixel_is_preferred(shift):
-    image = texture()
-    found = match_dense(as_bgr(image), as_bgr(shifted(image, shift)), (-2.0, 24.0)).parallax_px[30:-30, 50:-50]
+    bgr, before = as_bgr(image), as_bgr(image)
+    found = match_dense(bgr, as_bgr(shifted(image, shift)), (-2.0, 24.0)).parallax_px[30:-30, 50:-50]
+    assert np.array_equal(bgr, before)
+    assert np.isfinite(found).mean() > 0.95
     assert abs(np.nanmedian(found) - shift) < 0.03
     assert np.nanstd(found) < 0.15
-
-
-def test_darker_second_photograph_is_matched_all_the_same():
-    image = texture()
-    found = match_dense(as_bgr(image), as_bgr(0.6 * shifted(image, 7.3) + 30), (-2.0, 24.0)).parallax_px
-    inner = found[30:-30, 50:-50]
-    assert np.isfinite(inner).mean() > 0.9
-    assert abs(np.nanmedian(inner) - 7.3) < 0.1
+    darker = match_dense(bgr, as_bgr(0.6 * shifted(image, shift) + 30), (-2.0, 24.0)).parallax_px[30:-30, 50:-50]
+    assert np.isfinite(darker).mean() > 0.9
+    assert abs(np.nanmedian(darker) - shift) < 0.1
 
 
 def test_black_beyond_what_a_view_shows_does_not_change_the_light():
@@ -84,20 +73,12 @@ def test_pictures_of_different_things_match_hardly_anywhere():
     assert np.isfinite(found).mean() < 0.05
 
 
-def test_inputs_are_not_modified():
-    image = as_bgr(texture())
-    before = image.copy()
-    match_dense(image, image, (0.0, 8.0))
-    assert np.array_equal(image, before)
-
-
 def test_depth_of_a_rendered_ball_and_table_is_right():
-    ball = Ball((110.0, 20.0), 35.0)
-    first, second = rendered_views(ball)
+    first, second = rendered_views(BALL)
     pair = rectify_by_poses(first, second)
     found = match_dense(pair.first_bgr, pair.second_bgr, pair.parallax_range_px, pair.is_seen)
     depth = pair.focal_px * pair.baseline_mm / pair.disparity_from_parallax(found.parallax_px)
-    truth = true_depth(pair.rotation, pair.first_centre_mm, pair.focal_px, pair.centre_px, pair.shape, ball)
+    truth = true_depth(pair.rotation, pair.first_centre_mm, pair.focal_px, pair.centre_px, pair.shape, BALL)
     error = np.abs(depth - truth)[np.isfinite(depth)]
     assert np.isfinite(depth).mean() > 0.5
     # 0.1 px of 150 px disparity at 400 mm is 0.3 mm; occlusions and the outline err more.

@@ -1,20 +1,12 @@
 import numpy as np
 
 from app.vision.stereo.epipolar import fundamental_from_projections, projection_matrix, symmetric_epipolar_distance_px
-from app.vision.stereo.features import is_on_sheet, match_features, triangulate, undistort_to_pinhole
-from tests.unit.vision.stereo.test_epipolar import project, scene_points
-from tests.unit.vision.stereo_scene import SPEC, Ball, blank_views, rendered_views
-
-
-def test_triangulation_returns_the_projected_points():
-    first, second = blank_views(roll_deg=90.0)
-    points = scene_points(20)
-    found = triangulate(first, second, project(first, points), project(second, points))
-    assert np.allclose(found, points, atol=1e-6)
+from app.vision.stereo.features import is_on_sheet, match_features, undistort_to_pinhole
+from tests.unit.vision.stereo_scene import BALL, SPEC, blank_views, rendered_views
 
 
 def test_matches_of_a_rendered_pair_lie_on_their_epipolar_lines():
-    first, second = rendered_views(Ball((110.0, 20.0), 35.0))
+    first, second = rendered_views(BALL)
     matches = match_features(first, second)
     fundamental = fundamental_from_projections(projection_matrix(first), projection_matrix(second))
     distance = symmetric_epipolar_distance_px(
@@ -29,9 +21,6 @@ def test_pictures_without_texture_give_the_markers_corners_alone():
     matches = match_features(*blank_views())
     assert matches.are_few
     assert (len(matches), matches.beside_board) == (48, 0)
-
-
-def test_sheet_includes_its_margin_and_nothing_beyond():
-    half = SPEC.columns * SPEC.square_mm / 2
+    half = SPEC.columns * SPEC.square_mm / 2  # of the sheet without its margin
     points = np.array([[half + 10.9, 0.0, 0.0], [half + 11.1, 0.0, 0.0], [np.nan, np.nan, np.nan]])
     assert is_on_sheet(blank_views()[0].marker, points).tolist() == [True, False, False]

@@ -6,7 +6,6 @@ import pytest
 
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.pose import FOCAL_SPREAD_UNKNOWN, board_points, project
-from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import MarkerObservation, Photo, View
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal
@@ -39,32 +38,15 @@ def pair(where, focal_scale=0.75, source="board"):
     if where == "slanted":
         centres = np.array([[-30.0, -300.0, 300.0], [30.0, -300.0, 300.0]])
     forwards = [[0.0, 0.0, -1.0]] * 2 if where == "above" else -centres
-    return tuple(
-        view(centre, forward, camera, k) for k, (centre, forward) in enumerate(zip(centres, forwards, strict=True))
-    )
+    return tuple(view(centres[k], forwards[k], camera, k) for k in (0, 1))
 
 
-def test_board_from_straight_above_leaves_the_prior_of_the_focal_length():
-    doubt = doubt_focal(*pair("above"), GUESS)
-    assert doubt.log_sd == pytest.approx(FOCAL_SPREAD_UNKNOWN, rel=0.2)
-
-
-def test_slanted_board_tells_the_focal_length():
-    doubt = doubt_focal(*pair("slanted"), GUESS)
-    assert doubt.log_sd < 0.06  # half a step of the search and the corners' noise
-
-
-def test_volume_from_straight_above_is_too_unsure_and_a_slanted_one_is_not():
-    sds = []
-    for where in ("above", "slanted"):
-        views = pair(where)
-        refined = RefinedViews(*views, np.zeros(3), 0)
-        sds.append(volume_doubt(refined, FOODS, doubt_focal(*views, GUESS)).focal_sd)
-    assert sds[0] > MOST_SD
-    assert sds[1] < 2 * FLAG_SD
-
-
-@pytest.mark.parametrize("source", ["given", "exif"])
-def test_known_focal_length_leaves_no_such_doubt(source):
-    assert doubt_focal(*pair("above", source=source), GUESS) is None
-    assert isinstance(GUESS, Camera)
+def test_board_from_straight_above_leaves_the_prior_of_the_focal_length_and_a_slanted_one_tells_it():
+    above, slanted = (doubt_focal(*pair(where), GUESS) for where in ("above", "slanted"))
+    assert above.log_sd == pytest.approx(FOCAL_SPREAD_UNKNOWN, rel=0.2)
+    assert slanted.log_sd < 0.06  # half a step of the search and the corners' noise
+    refined = [RefinedViews(*pair(where), np.zeros(3), 0) for where in ("above", "slanted")]
+    assert volume_doubt(refined[0], FOODS, above).focal_sd > MOST_SD
+    assert volume_doubt(refined[1], FOODS, slanted).focal_sd < 2 * FLAG_SD
+    for source in ("given", "exif"):  # a known focal length leaves no such doubt
+        assert doubt_focal(*pair("above", source=source), GUESS) is None

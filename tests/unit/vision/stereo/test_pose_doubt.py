@@ -16,18 +16,12 @@ def enlarged(view, factor):
     return replace(view, translation_mm=view.translation_mm * factor)
 
 
-def test_views_that_see_everything_larger_doubt_three_times_that():
+@pytest.mark.parametrize("factors", [(1.01,), (1.01, 1 / 1.01)])
+def test_views_that_see_everything_larger_doubt_three_times_that_and_doubts_add_up_in_squares(factors):
     first, second = blank_views()
-    doubt = (enlarged(first, 1.01), enlarged(second, 1.01))
-    sd = volume_doubt(RefinedViews(first, second, np.zeros(3), 50, (doubt,)), FOODS).sd
-    assert sd == pytest.approx(np.hypot(3 * np.log(1.01), LEAST_SD), rel=1e-6)
-
-
-def test_doubts_add_up_in_squares():
-    first, second = blank_views()
-    doubts = tuple((enlarged(first, factor), enlarged(second, factor)) for factor in (1.01, 1 / 1.01))
+    doubts = tuple((enlarged(first, factor), enlarged(second, factor)) for factor in factors)
     sd = volume_doubt(RefinedViews(first, second, np.zeros(3), 50, doubts), FOODS).sd
-    assert sd == pytest.approx(np.hypot(np.sqrt(2) * 3 * np.log(1.01), LEAST_SD), rel=1e-6)
+    assert sd == pytest.approx(np.hypot(np.sqrt(len(factors)) * 3 * np.log(1.01), LEAST_SD), rel=1e-6)
 
 
 def test_matches_beside_the_marker_leave_less_doubt_than_the_marker_alone():
@@ -35,12 +29,8 @@ def test_matches_beside_the_marker_leave_less_doubt_than_the_marker_alone():
     few, many = (volume_doubt(refine_views(*views, matches_of(*views, count=count)), FOODS).sd for count in (5, 120))
     assert LEAST_SD < many < 0.9 * few
     assert few < 0.2
-
-
-def test_unmeasured_foods_are_taken_to_be_at_the_marker():
-    views = refine_views(*blank_views(), matches_of(*blank_views(), count=60))
-    nowhere = np.full((4, 3), np.nan, np.float32)
-    assert volume_doubt(views, nowhere) == volume_doubt(views, np.zeros((1, 3), np.float32))
+    refined, nowhere = refine_views(*views, matches_of(*views, count=60)), np.full((4, 3), np.nan, np.float32)
+    assert volume_doubt(refined, nowhere) == volume_doubt(refined, np.zeros((1, 3), np.float32))  # at the marker
 
 
 def test_doubt_is_never_less_than_that_of_the_focal_length():
@@ -49,10 +39,5 @@ def test_doubt_is_never_less_than_that_of_the_focal_length():
     doubt = volume_doubt(RefinedViews(*views, np.zeros(3), 50), FOODS, FocalDoubt(0.1, views, farther))
     assert doubt.focal_sd == pytest.approx(3 * np.log(1.1))
     assert doubt.sd >= doubt.focal_sd
-
-
-def test_focal_length_that_the_covariance_holds_is_not_counted_twice():
-    views = blank_views()
-    farther = tuple(enlarged(view, 1.1) for view in views)
-    refined = RefinedViews(*views, np.zeros(3), 50, (farther,))
+    refined = RefinedViews(*views, np.zeros(3), 50, (farther,))  # the covariance holds it: not counted twice
     assert volume_doubt(refined, FOODS, FocalDoubt(0.1, views, farther)).sd == volume_doubt(refined, FOODS).sd

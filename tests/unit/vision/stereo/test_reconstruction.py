@@ -15,6 +15,10 @@ def test_exact_tie_points_give_back_p_and_q():
     model = fit_depth_model(disparity, 3.5 + 60_000.0 / disparity)
     assert np.isclose(model.p_mm, 3.5)
     assert np.isclose(model.q_mm_px, 60_000.0)
+    with pytest.raises(ValueError, match="tie points"):
+        fit_depth_model(np.full(5, 100.0), np.full(5, 500.0))
+    depth = DepthModel(0.0, 1000.0).depth_mm(np.array([[np.nan, 0.0, -1.0, 2.0]], np.float32))
+    assert np.array_equal(depth, [[np.nan, np.nan, np.nan, 500.0]], equal_nan=True)
 
 
 def test_checkerboard_of_ideal_views_gives_p_zero_and_q_focal_times_baseline():
@@ -23,17 +27,7 @@ def test_checkerboard_of_ideal_views_gives_p_zero_and_q_focal_times_baseline():
     model = fit_to_marker(pair, RefinedViews(first, second, np.zeros(3), 0))
     assert abs(model.p_mm) < 1e-6
     assert np.isclose(model.q_mm_px, pair.focal_px * pair.baseline_mm)
-
-
-def test_one_depth_is_refused():
-    with pytest.raises(ValueError, match="tie points"):
-        fit_depth_model(np.full(5, 100.0), np.full(5, 500.0))
-
-
-def test_missing_or_negative_disparity_gives_nan_depth():
-    depth = DepthModel(0.0, 1000.0).depth_mm(np.array([[np.nan, 0.0, -1.0, 2.0]], np.float32))
-    assert np.isnan(depth[0, :3]).all()
-    assert depth[0, 3] == 500.0
+    assert np.nanmax(np.abs(plane_points(pair)[pair.is_seen][:, 2])) < 0.01
 
 
 def test_back_projection_undoes_projection():
@@ -46,17 +40,3 @@ def test_back_projection_undoes_projection():
         moved = replace(pair, centre_px=(pair.centre_px[0] - column, pair.centre_px[1] - row))
         found = back_project(moved, np.array([[depth]], np.float32))[0, 0]
         assert np.abs(points - found).sum(axis=1).min() < 1e-2
-
-
-def test_lengths_double_with_twice_the_depth_and_baseline():
-    first, second = blank_views()
-    pair = rectify_by_poses(first, second)
-    depth = np.full(pair.shape, 400.0, np.float32)
-    centre = pair.first_centre_mm
-    one, two = (back_project(pair, factor * depth) - centre for factor in (1, 2))
-    assert np.allclose(two, 2 * one, rtol=1e-4, atol=1e-2)
-
-
-def test_plane_points_lie_on_the_table():
-    pair = rectify_by_poses(*blank_views())
-    assert np.nanmax(np.abs(plane_points(pair)[pair.is_seen][:, 2])) < 0.01

@@ -6,6 +6,7 @@ import pytest
 
 from app.vision.board.camera import DIAGONAL_35MM, camera_from_exif
 from app.vision.board.pose import FOCAL_SPREAD_UNKNOWN
+from app.vision.stereo.epipolar import fundamental_from_projections, projection_matrix, symmetric_epipolar_distance_px
 from app.vision.stereo.features import Matches
 from app.vision.stereo.relative_pose import refine_views
 from tests.unit.vision.stereo.test_epipolar import matches_of
@@ -15,12 +16,6 @@ from tests.unit.vision.stereo_scene import blank_views
 
 
 def row_gap_px(first, second, matches):
-    from app.vision.stereo.epipolar import (
-        fundamental_from_projections,
-        projection_matrix,
-        symmetric_epipolar_distance_px,
-    )
-
     fundamental = fundamental_from_projections(projection_matrix(first), projection_matrix(second))
     return np.median(symmetric_epipolar_distance_px(fundamental, matches.first_px, matches.second_px))
 
@@ -45,23 +40,19 @@ def test_true_views_stay_as_they_are():
     refined = refine_views(first, second, matches_of(first, second))
     assert np.allclose(refined.first.centre_mm, first.centre_mm, atol=0.5)
     assert abs(refined.second.camera.fx / second.camera.fx - 1) < 1e-3
+    assert np.allclose(refined.first.camera.distortion, first.camera.distortion, atol=1e-3)
 
 
 def test_few_matches_leave_the_pose_to_the_marker():
     first, second = blank_views()
     matches = matches_of(first, second, count=5)
-    shifted = Matches(
-        matches.first_px,
-        matches.second_px + np.where(matches.is_board, 0.0, 3.0)[:, None],
-        matches.is_board,
-        matches.is_food,
-    )
+    shifted = replace(matches, second_px=matches.second_px + np.where(matches.is_board, 0.0, 3.0)[:, None])
     refined = refine_views(first, second, shifted)
     assert refined.matches == 0
     assert np.allclose(refined.second.rotation, second.rotation, atol=1e-3)
 
 
-@pytest.mark.parametrize("exif_error", [-0.05, 0.0, 0.05])
+@pytest.mark.parametrize("exif_error", [-0.05, 0.05])
 def test_focal_length_that_exif_tells_wrong_is_put_right(exif_error):
     views = blank_views(baseline_mm=90.0)
     matches = matches_of(*views, count=120)
@@ -77,12 +68,6 @@ def test_focal_length_that_exif_tells_wrong_is_put_right(exif_error):
     assert np.allclose(refined.first.centre_mm, views[0].centre_mm, atol=3.0)
     assert abs(refined.first.camera.distortion[0]) < 0.02
     assert refined.first.camera.source == "exif"
-
-
-def test_given_camera_keeps_its_distortion():
-    first, second = blank_views()
-    refined = refine_views(first, second, matches_of(first, second, count=60))
-    assert np.allclose(refined.first.camera.distortion, first.camera.distortion, atol=1e-3)
 
 
 def test_focal_length_that_nothing_tells_stays_at_the_prior_with_its_spread():

@@ -41,17 +41,14 @@ def test_parallax_is_what_lies_between_both_photographs_of_a_point():
     sheared = (second[:, 0] + b * second[:, 1] + c) / (1 - a)
     assert np.allclose(sight.in_view(pixels, parallax, 1), np.column_stack([sheared, second[:, 1]]), atol=1e-6)
     assert np.array_equal(sight.in_view(pixels, parallax, 0), pixels)
-
-
-def test_parallax_is_zero_on_the_markers_plane_and_grows_with_height():
     on_plane = points() * [1, 1, 0]
-    assert np.allclose(Sight(PAIR).project(on_plane)[1], 0.0, atol=1e-9)
-    assert (Sight(PAIR).project(on_plane + np.array([0, 0, 5.0]))[1] > 0).all()
-
-
-def test_cameras_stand_where_the_views_do():
-    for found, view in zip(Sight(PAIR).cameras_mm, VIEWS, strict=True):
-        assert np.allclose(found, view.centre_mm)
+    assert np.allclose(sight.project(on_plane)[1], 0.0, atol=1e-9)
+    assert (sight.project(on_plane + np.array([0, 0, 5.0]))[1] > 0).all()
+    for place_mm, view in zip(sight.cameras_mm, VIEWS, strict=True):
+        assert np.allclose(place_mm, view.centre_mm)
+    twice = replace(PAIR, first_centre_mm=2 * PAIR.first_centre_mm, baseline_mm=2 * PAIR.baseline_mm)
+    for one, two in zip((pixels, parallax), Sight(twice).project(2 * points()), strict=True):
+        assert np.allclose(one, two)
 
 
 def test_drift_is_added_to_parallax_and_taken_off_depth():
@@ -91,19 +88,7 @@ def test_drift_is_the_parallax_that_a_tilted_table_shows():
     seen, parallax = Sight(PAIR).project(lifted)
     # The ray to a point some mm higher meets the plane elsewhere by about as much.
     assert np.allclose(sight.drift_px(seen), parallax, rtol=0.02)
-
-
-def test_table_that_shows_no_height_has_no_drift():
-    sight = sight_of(PAIR, flat_trend(), plane_points(PAIR, WINDOW)[..., :2], WINDOW)
-    assert np.allclose(sight.drift, 0.0, atol=1e-9)
-
-
-def test_window_beyond_the_horizon_has_no_drift():
-    nowhere = np.full((*PAIR.shape, 2), np.nan, np.float32)
+    level = sight_of(PAIR, flat_trend(), plane_points(PAIR, WINDOW)[..., :2], WINDOW)
+    assert np.allclose(level.drift, 0.0, atol=1e-9)
+    nowhere = np.full((*PAIR.shape, 2), np.nan, np.float32)  # beyond the horizon
     assert sight_of(PAIR, flat_trend(1.0), nowhere, WINDOW).drift == (0.0, 0.0, 0.0)
-
-
-def test_lengths_times_two_keep_pixels_and_parallax():
-    twice = replace(PAIR, first_centre_mm=2 * PAIR.first_centre_mm, baseline_mm=2 * PAIR.baseline_mm)
-    for one, two in zip(Sight(PAIR).project(points()), Sight(twice).project(2 * points()), strict=True):
-        assert np.allclose(one, two)

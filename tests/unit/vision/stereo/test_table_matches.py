@@ -30,21 +30,12 @@ def seen_by(views, points, noise_px=0.0, seed=3):
 def matches_with_noisy_corners(views, points, corner_px, seed=5):
     """Corners as a detector errs, and matches that do not."""
     rng = np.random.default_rng(seed)
-    noisy = [
-        replace(
-            view,
-            marker=replace(
-                view.marker,
-                corners_px=view.marker.corners_px + rng.normal(0, corner_px, view.marker.corners_px.shape),
-            ),
-        )
-        for view in views
-    ]
-    corners = len(noisy[0].marker.corners_px)
-    pixels = [
-        np.concatenate([view.marker.corners_px, seen]) for view, seen in zip(noisy, seen_by(views, points), strict=True)
-    ]
-    is_board = np.r_[np.ones(corners, bool), np.zeros(len(points), bool)]
+    noisy, pixels = [], []
+    for view, seen in zip(views, seen_by(views, points), strict=True):
+        corners = view.marker.corners_px + rng.normal(0, corner_px, view.marker.corners_px.shape)
+        noisy.append(replace(view, marker=replace(view.marker, corners_px=corners)))
+        pixels.append(np.concatenate([corners, seen]))
+    is_board = np.arange(len(pixels[0])) < len(pixels[0]) - len(points)
     return noisy, Matches(pixels[0], pixels[1], is_board, ~is_board)
 
 
@@ -92,7 +83,7 @@ def test_a_table_that_is_seen_levels_the_poses_far_from_the_sheet():
     assert off_mm(with_table) < 0.5 * off_mm(without)
 
 
-@pytest.mark.parametrize("thick_mm", [1.5, 2.5, 6.0])
+@pytest.mark.parametrize("thick_mm", [1.5, 6.0])
 def test_print_on_card_stays_over_the_table(thick_mm):
     """The table is held level, not lifted to the print."""
     views, rng = blank_views(), np.random.default_rng(6)
