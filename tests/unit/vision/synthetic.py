@@ -32,13 +32,7 @@ class Pose:
         return -self.rotation.T @ self.translation_mm
 
 
-def look_at(
-    elevation_deg: float = 50.0,
-    azimuth_deg: float = -90.0,
-    distance_mm: float = 350.0,
-    roll_deg: float = 0.0,
-    target_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Pose:
+def look_at(elevation_deg=50.0, azimuth_deg=-90.0, distance_mm=350.0, roll_deg=0.0, target_mm=(0.0, 0.0, 0.0)) -> Pose:
     """A camera that looks at target_mm; azimuth -90: from the print's lower edge; roll 0: image x is horizontal."""
     elevation, azimuth, roll = np.radians([elevation_deg, azimuth_deg, roll_deg])
     offset = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -55,34 +49,18 @@ def look_at(
 def project(camera: Camera, pose: Pose, points_table: Float64Array) -> Float64Array:
     """(n, 3) mm -> (n, 2) px."""
     rotation_vector = cv2.Rodrigues(pose.rotation)[0]
-    pixels, _ = cv2.projectPoints(
-        points_table, rotation_vector, pose.translation_mm, camera.matrix, np.array(camera.distortion)
-    )
-    return np.asarray(pixels).reshape(-1, 2)
+    lens = camera.matrix, np.array(camera.distortion)
+    return cv2.projectPoints(points_table, rotation_vector, pose.translation_mm, *lens)[0].reshape(-1, 2)
 
 
 def corner_points(spec: MarkerSpec) -> Float64Array:
     """(n, 3) inner corners as CONVENTIONS.md numbers them, by its formula, corner by corner."""
-    return np.array(
-        [
-            [(c + 1 - spec.columns / 2) * spec.square_mm, (spec.rows / 2 - r - 1) * spec.square_mm, 0.0]
-            for r in range(spec.rows - 1)
-            for c in range(spec.columns - 1)
-        ]
-    )
+    places = [(c, r) for r in range(spec.rows - 1) for c in range(spec.columns - 1)]
+    return np.array([(c + 1 - spec.columns / 2, spec.rows / 2 - r - 1, 0.0) for c, r in places]) * spec.square_mm
 
 
 def render_board(
-    spec: MarkerSpec,
-    camera: Camera,
-    pose: Pose,
-    *,
-    shadow: float = 1.0,
-    exposure: float = 1.0,
-    noise: float = 1.5,
-    blur_px: float = 0.6,
-    table: Float64Array | None = None,
-    seed: int = 0,
+    spec, camera, pose, *, shadow=1.0, exposure=1.0, noise=1.5, blur_px=0.6, table: Float64Array | None = None, seed=0
 ) -> Photo:
     """A photograph of the board on its table.
 
@@ -112,15 +90,7 @@ def noise_texture(seed: int, size: int = 200) -> Float64Array:
     return np.asarray(np.clip(0.3 + 0.1 * total, 0.02, 0.9))
 
 
-def _light(
-    spec: MarkerSpec,
-    camera: Camera,
-    pose: Pose,
-    box: np.ndarray,
-    samples: int,
-    shadow: float,
-    table: Float64Array | None,
-) -> np.ndarray:
+def _light(spec, camera, pose, box, samples, shadow, table) -> np.ndarray:
     """Light from the pixels of box ((x0, y0), (x1, y1)): (H, W, 3) float32, mean of samples x samples rays each."""
     columns = box[1, 0] - box[0, 0]
     strips = []
@@ -137,9 +107,7 @@ def _light(
     return np.concatenate(strips)
 
 
-def _table_points(
-    camera: Camera, pose: Pose, offset: Float64Array, rows: int, columns: int
-) -> tuple[Float64Array, Float64Array]:
+def _table_points(camera, pose, offset, rows, columns):
     """Where the rays of rows x columns px from offset on meet z = 0, mm; NaN above the horizon. Two (rows, columns)."""
     across, down = np.arange(columns) + offset[0], np.arange(rows)[:, None] + offset[1]
     if any(camera.distortion):
@@ -154,7 +122,7 @@ def _table_points(
     return x, y
 
 
-def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Float64Array | None) -> Float64Array:
+def _reflectance(spec, x, y, table) -> Float64Array:
     """(H, W, 3) BGR: squares, white margin of one square, table."""
     column = np.floor(x / spec.square_mm + spec.columns / 2)  # NaN above the horizon, which is on no sheet
     row = np.floor(spec.rows / 2 - y / spec.square_mm)
@@ -170,7 +138,7 @@ def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Floa
     return out.reshape(*x.shape, 3)
 
 
-def _texel(place_mm: Float64Array, side: int) -> np.ndarray:
+def _texel(place_mm, side) -> np.ndarray:
     """Which of side squares of 2 mm, repeated, a place is in; the middle one if it is NaN."""
     if np.isnan(place_mm).any():
         place_mm = np.nan_to_num(place_mm)

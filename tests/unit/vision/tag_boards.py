@@ -1,15 +1,12 @@
 """Synthetic photographs of OpenCV's own ArUco and ChArUco boards, seen by a known camera from a known place."""
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 
 from app.vision.board.print_layout import print_points_mm
-from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, Photo
-from tests.unit.vision.synthetic import BLACK, PHONE, TABLE, WHITE, Pose, project
+from tests.unit.vision.synthetic import BLACK, PHONE, TABLE, WHITE, project
 
 PX_PER_MM = 10
 OVERSAMPLING = 3
@@ -34,14 +31,7 @@ def sheet_picture(spec: MarkerSpec, *, is_legacy: bool = False) -> ImageArray:
 
 
 def photograph(
-    spec: MarkerSpec,
-    pose: Pose,
-    *,
-    camera: Camera = PHONE,
-    picture: ImageArray | None = None,
-    covers_mm: Sequence[tuple[float, float, float, float]] = (),
-    light: Sequence[float] = (1.0, 1.0, 1.0),
-    noise: float = 1.5,
+    spec, pose, *, camera=PHONE, picture: ImageArray | None = None, covers_mm=(), light=(1.0, 1.0, 1.0), noise=1.5
 ) -> Photo:
     """picture: the sheet, PX_PER_MM; None: OpenCV's. covers_mm: x, y, width, height of paper that hides the print, in
     the table frame. light: factors on blue, green and red. Lens distortion is left out.
@@ -51,21 +41,18 @@ def photograph(
     middle = (np.array(sheet.shape[::-1]) - 1) / 2
     for x, y, width, height in covers_mm:
         left, top = np.rint(middle + np.array([x, -y - height]) * PX_PER_MM).astype(int)
-        reflectance[max(top, 0) : top + round(height * PX_PER_MM), max(left, 0) : left + round(width * PX_PER_MM)] = (
-            TABLE
-        )
+        right, bottom = left + round(width * PX_PER_MM), top + round(height * PX_PER_MM)
+        reflectance[max(top, 0) : bottom, max(left, 0) : right] = TABLE
     corners = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]) * 50.0
     seen = project(camera, pose, np.column_stack([corners, np.zeros(4)]))
     fine = (seen + 0.5) * OVERSAMPLING - 0.5
     in_picture = middle + corners * [PX_PER_MM, -PX_PER_MM]
     homography = cv2.getPerspectiveTransform(in_picture.astype(np.float32), fine.astype(np.float32))
     size = (camera.width * OVERSAMPLING, camera.height * OVERSAMPLING)
-    warped = cv2.warpPerspective(
-        cv2.GaussianBlur(reflectance, (0, 0), 1.5), homography, size, borderMode=cv2.BORDER_CONSTANT, borderValue=TABLE
-    )
-    grey = cv2.GaussianBlur(
-        cv2.resize(warped, (camera.width, camera.height), interpolation=cv2.INTER_AREA), (0, 0), 0.6
-    )
+    border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": TABLE}
+    warped = cv2.warpPerspective(cv2.GaussianBlur(reflectance, (0, 0), 1.5), homography, size, **border)
+    warped = cv2.resize(warped, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    grey = cv2.GaussianBlur(warped, (0, 0), 0.6)
     linear = grey[..., None] * np.asarray(light)
     levels = 255.0 * np.clip(linear, 0.0, 1.0) ** (1 / 2.2)
     levels = levels + np.random.default_rng(0).normal(0.0, noise, levels.shape)

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.symmetry import SymmetryAxis
@@ -18,32 +17,14 @@ def item(volume_ml, hint=None, item_sd=0.05):
     return MeasuredItem(Region(np.ones((4, 4), bool), hint), np.zeros((0, 3)), 0.0, volume, ())
 
 
-def unknown():
-    return MeasuredItem(Region(np.ones((4, 4), bool)), np.zeros((0, 3)), 0.0, None, ("not_measurable",))
-
-
-def test_crumbs_that_nobody_pointed_at_are_left_out():
-    apple, crumb = item(180.0), item(MIN_VOLUME_ML / 2)
+def test_crumbs_that_nobody_pointed_at_are_left_out_and_nothing_but_them_is_no_food():
+    apple, crumb, pointed_at = item(180.0), item(MIN_VOLUME_ML / 2), item(MIN_VOLUME_ML / 2, hint=0)
     assert without_clutter([crumb, apple]) == [apple]
-
-
-def test_crumb_that_somebody_pointed_at_is_food():
-    crumb = item(MIN_VOLUME_ML / 2, hint=0)
-    assert without_clutter([crumb]) == [crumb]
-
-
-def test_nothing_but_crumbs_is_no_food():
+    assert without_clutter([pointed_at]) == [pointed_at]
+    unknown = MeasuredItem(Region(np.ones((4, 4), bool)), np.zeros((0, 3)), 0.0, None, ("not_measurable",))
+    assert without_clutter([unknown, crumb]) == [unknown]
     assert without_clutter([item(1.0), item(2.0)]).code == "no_food_found"
-
-
-@pytest.mark.parametrize("found", [[None], [None, item(1.0)]])
-def test_food_that_could_not_be_measured_is_not_no_food(found):
-    assert without_clutter(found).code == "food_not_measured"
-
-
-def test_food_of_which_no_volume_is_known_stays():
-    food = unknown()
-    assert without_clutter([food, item(1.0)]) == [food]
+    assert without_clutter([None]).code == without_clutter([None, item(1.0)]).code == "food_not_measured"
 
 
 def test_piece_that_no_form_explains_is_left_out_unless_somebody_pointed_at_it():

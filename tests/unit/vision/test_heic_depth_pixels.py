@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from app.core.errors import Failure
 from app.vision.heic_depth import decode_heic_depth
 from tests.support.heic_files import heic_with_map
 
@@ -13,30 +12,27 @@ LEVELS = np.rint((TABLE_PER_M - 1.0) / 2.0 * 255).astype(np.uint8)
 STEP_PER_M = 2.0 / 255
 
 
-def decoded(levels=LEVELS, size=(128, 96), **changes):
-    description = {
-        "orientation": 1,
-        "level_range": (0.0, 255.0),
-        "value_range": (1.0, 3.0),
-        "is_inverse": True,
-        "is_metric": True,
-    }
-    return decode_heic_depth(heic_with_map(RGB, levels, None, quality=-1), size=size, **description | changes)
+def decoded(levels=LEVELS, size=(128, 96), share=1.0, **changes):
+    """share: of the file that is there."""
+    ranges = {"level_range": (0.0, 255.0), "value_range": (1.0, 3.0)}
+    description = {"orientation": 1, "is_inverse": True, "is_metric": True} | ranges
+    data = heic_with_map(RGB, levels, None, quality=-1)
+    return decode_heic_depth(data[: int(len(data) * share)], size=size, **description | changes)
 
 
-def test_disparity_gives_depth_in_mm():
+def test_disparity_and_depth_give_depth_in_mm_turned_and_averaged():
     depth = decoded()
     np.testing.assert_allclose(1000 / depth.depth_mm, TABLE_PER_M, atol=1.5 * STEP_PER_M)  # rounded, and coded
     assert depth.is_aligned
     assert not depth.is_relative
     assert depth.sd_share > 0.5 * STEP_PER_M / np.sqrt(12) / 2.0  # of levels that are half a per cent apart
-
-
-def test_depth_gives_depth_in_mm():
+    np.testing.assert_array_equal(decoded(orientation=6).depth_mm, np.rot90(depth.depth_mm, -1))
+    large = np.kron(LEVELS, np.ones((6, 6), np.uint8))
+    assert decoded(large, size=(768, 576)).depth_mm.shape == (192, 256)  # averaged
     metres = 1 / TABLE_PER_M
     levels = np.rint((metres - 0.4) / 0.3 * 255).astype(np.uint8)
-    depth = decoded(levels, value_range=(0.4, 0.7), is_inverse=False)
-    np.testing.assert_allclose(depth.depth_mm, 1000 * metres, atol=2.0)
+    of_metres = decoded(levels, value_range=(0.4, 0.7), is_inverse=False)
+    np.testing.assert_allclose(of_metres.depth_mm, 1000 * metres, atol=2.0)
 
 
 @pytest.mark.parametrize("value_range", [(1.0, 3.0), (-4.0, 7.0), (0.0, 1e-3)])
@@ -46,15 +42,6 @@ def test_relative_map_is_the_same_whatever_its_scale_and_offset(value_range):
     np.testing.assert_allclose(depth.depth_mm, decoded(is_metric=False).depth_mm, rtol=1e-4)
     slope = np.polyfit(TABLE_PER_M.ravel(), 1 / depth.depth_mm.ravel(), 1)[0]
     assert slope > 0
-
-
-def test_turn_is_applied():
-    np.testing.assert_array_equal(decoded(orientation=6).depth_mm, np.rot90(decoded().depth_mm, -1))
-
-
-def test_large_map_is_averaged():
-    large = np.kron(LEVELS, np.ones((6, 6), np.uint8))
-    assert decoded(large, size=(768, 576)).depth_mm.shape == (192, 256)
 
 
 @pytest.mark.parametrize(
@@ -68,24 +55,9 @@ def test_large_map_is_averaged():
         (LEVELS.astype(np.uint16) * 256, {}, "depth_unreadable"),
         (np.repeat(LEVELS[..., None], 3, axis=2), {}, "depth_unreadable"),
         (LEVELS[:16, :16], {"size": (16, 16)}, "depth_unreadable"),
+        (LEVELS, {"share": 0.66}, "depth_unreadable"),
     ],
 )
 def test_map_of_no_use_is_refused(levels, changes, code):
     failure = decoded(levels, **changes)
-    assert isinstance(failure, Failure)
     assert failure.code == code
-
-
-def test_file_that_ends_in_the_map_is_refused():
-    data = heic_with_map(RGB, LEVELS, None, quality=-1)
-    failure = decode_heic_depth(
-        data[: -len(data) // 3],
-        size=(128, 96),
-        orientation=1,
-        level_range=(0.0, 255.0),
-        value_range=(1.0, 3.0),
-        is_inverse=True,
-        is_metric=True,
-    )
-    assert isinstance(failure, Failure)
-    assert failure.code == "depth_unreadable"

@@ -23,15 +23,10 @@ def test_disc_is_found_where_it_lies_and_as_large_as_it_is():
     found = traits_of(disc(points, (60, 20), 25), points, np.full((200, 300, 3), 128, np.uint8), AS_TAKEN)
     assert found.centre_mm == pytest.approx((60, 20), abs=0.5)
     assert found.radius_mm == pytest.approx(25, abs=0.5)
-
-
-def test_points_that_were_not_measured_do_not_count():
-    points = grid()
     mask = disc(points, (60, 20), 25)
-    points[::3] = np.nan
-    assert traits_of(mask, points, np.zeros((200, 300, 3), np.uint8), AS_TAKEN).centre_mm == pytest.approx(
-        (60, 20), abs=1.5
-    )
+    points[::3] = np.nan  # what was not measured does not count
+    again = traits_of(mask, points, np.zeros((200, 300, 3), np.uint8), AS_TAKEN)
+    assert again.centre_mm == pytest.approx((60, 20), abs=1.5)
 
 
 def test_region_without_points_has_a_colour_and_no_place():

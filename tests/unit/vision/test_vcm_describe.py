@@ -5,9 +5,6 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 from app.vision.looks.vcm import BLOCKS, LENGTH, VCM_VERSION, describe, describe_rings
 from app.vision.looks.vcm_region import Region, region_of_box, region_of_rings
@@ -74,6 +71,7 @@ print(hashlib.sha256(described()).hexdigest())
     try:
         for count in (1, 3):
             cv2.setNumThreads(count)
+            cv2.setRNGSeed(count * 77)
             assert described() == first
     finally:
         cv2.setNumThreads(threads)
@@ -107,17 +105,3 @@ def test_outlines_without_a_region_have_no_vector():
     assert describe_rings(speckled(), [LOPSIDED + 1000.0], None) is None
     ours = describe_rings(speckled(), [LOPSIDED], None)
     assert ours.tobytes() == describe(region_of_rings(speckled(), [LOPSIDED])).tobytes()
-
-
-shapes = st.tuples(st.integers(1, 24), st.integers(1, 24))
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.data(), shapes)
-def test_any_region_has_a_finite_vector(data, shape):
-    pixels = data.draw(arrays.arrays(np.uint8, (*shape, 3)))
-    mask = data.draw(arrays.arrays(np.bool_, shape))
-    mask.flat[0] = True
-    vector = describe(Region(pixels, mask))
-    assert vector.shape == (LENGTH,)
-    assert np.isfinite(vector).all()

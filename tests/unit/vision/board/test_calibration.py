@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.core.errors import Failure
-from app.vision.board.calibration import Calibration, calibrate
+from app.vision.board.calibration import calibrate
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from tests.unit.vision.synthetic import PHONE, look_at, render_board
@@ -28,7 +27,6 @@ def photos() -> list[Photo]:
 @pytest.mark.slow
 def test_known_camera_comes_back(photos):
     result = calibrate([*photos, Photo(np.full((900, 1200, 3), 128, np.uint8))], BOARD)
-    assert isinstance(result, Calibration)
     camera = result.camera
     assert (camera.width, camera.height, camera.source) == (1200, 900, "given")
     # Six views with 0.05 px of noise: 0.2 % of focal length, some px of principal point.
@@ -43,12 +41,10 @@ def test_known_camera_comes_back(photos):
 @pytest.mark.parametrize("chosen", [[], [0, 1], [0, 0, 0]], ids=["none", "two", "of one slant"])
 def test_few_views_and_views_of_one_slant_are_too_few(photos, chosen):
     failure = calibrate([photos[number] for number in chosen], BOARD)
-    assert isinstance(failure, Failure)
     assert failure.code == "calibration_views_insufficient"
 
 
 def test_photograph_of_another_size_is_left_out(photos):
     turned = replace(photos[0], pixels_bgr=np.ascontiguousarray(np.rot90(photos[0].pixels_bgr)))
     result = calibrate([*photos[:4], turned], BOARD)
-    assert isinstance(result, Calibration)
     assert [(photo.index, photo.failure.code) for photo in result.rejected] == [(4, "calibration_size_differs")]

@@ -1,6 +1,5 @@
 """Intrinsics adapted and read, and poses found: against known cameras, and on the rendered meals."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -8,13 +7,11 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.board.camera import camera_from_exif, estimate_views, view_angle_deg
-from app.vision.board.marker import agree_on_corners, find_marker
+from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.pose import bent_points, board_points
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
-from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
-from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import PHONE, Pose, corner_points, look_at, project
 
 SPEC = parse_marker("plain:9x7:11")
@@ -30,20 +27,12 @@ def blank(camera: Camera, focal_35mm: float | None = None, grey: int = 0) -> Pho
     return Photo(np.full((camera.height, camera.width, 3), grey, np.uint8), focal_35mm=focal_35mm)
 
 
-def observed(
-    camera: Camera, pose: Pose, spec: MarkerSpec = SPEC, bend_mm=(0.0, 0.0, 0.0), noise_px: float = 0.0, seed: int = 0
-) -> MarkerObservation:
+def observed(camera, pose, spec=SPEC, bend_mm=(0.0, 0.0, 0.0), noise_px=0.0, seed=0) -> MarkerObservation:
     corners = project(camera, pose, bent_points(spec, np.array(bend_mm)))
     return MarkerObservation(spec, corners + np.random.default_rng(seed).normal(0, noise_px or 1e-12, corners.shape))
 
 
-def outcome(
-    cameras: tuple[Camera, Camera] = (PHONE, PHONE),
-    poses: tuple[Pose, Pose] = (LEFT, RIGHT),
-    given: Camera | None = PHONE,
-    focal_35mm: tuple[float | None, float | None] = (None, None),
-    **kwargs,
-):
+def outcome(cameras=(PHONE, PHONE), poses=(LEFT, RIGHT), given=PHONE, focal_35mm=(None, None), **kwargs):
     observations = tuple(
         observed(camera, pose, seed=seed, **kwargs)
         for seed, (camera, pose) in enumerate(zip(cameras, poses, strict=True))
@@ -67,26 +56,13 @@ def test_camera_file_is_read():
     assert camera == Camera(1200, 900, 975.0, 975.5, 599.5, 449.5, (0.1, -0.1, 0.0, 0.0, 0.0), "given")
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        None,
-        {},
-        {"width": 1200},
-        GIVEN | {"width": 0},
-        GIVEN | {"width": 1200.5},
-        GIVEN | {"fx": "975"},
-        GIVEN | {"fx": 0},
-        GIVEN | {"fy": float("nan")},
-        GIVEN | {"fy": 1e9},
-        GIVEN | {"cx": -1},
-        GIVEN | {"cy": 900},
-        GIVEN | {"cx": True},
-        GIVEN | {"distortion": "none"},
-        GIVEN | {"distortion": [0, 0, 0, 0, None]},
-        GIVEN | {"distortion": [0, 0, 0, 0, 0, 0]},
-    ],
-)
+BAD_SIZES = [{"width": 0}, {"width": 1200.5}, {"fx": "975"}, {"fx": 0}, {"fy": float("nan")}, {"fy": 1e9}]
+BAD_PLACES = [{"cx": -1}, {"cy": 900}, {"cx": True}]
+BAD_LENSES = [{"distortion": value} for value in ("none", [0, 0, 0, 0, None], [0, 0, 0, 0, 0, 0])]
+CHANGES = [GIVEN | change for change in BAD_SIZES + BAD_PLACES + BAD_LENSES]
+
+
+@pytest.mark.parametrize("data", [None, {}, {"width": 1200}, *CHANGES])
 def test_impossible_camera_file_is_refused(data):
     with pytest.raises(InvalidInputError) as refused:
         camera_from_mapping(data)
@@ -123,7 +99,6 @@ def test_turned_camera_sees_the_turned_photograph():
 @pytest.mark.parametrize("size", [(1200, 675), (1100, 900), (675, 1200)])
 def test_photograph_of_another_shape_is_a_mismatch(size):
     failure = adapt_camera(PHONE, *size)
-    assert isinstance(failure, Failure)
     assert failure.code == "camera_mismatch"
     assert f"{size[0]} x {size[1]}" in failure.message
 
@@ -197,62 +172,28 @@ def test_photographs_of_different_size_share_a_given_camera():
     assert views[1].centre_mm == pytest.approx(RIGHT.centre_mm, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        ({"poses": (LEFT, look_at(50, -94.5, target_mm=(40, 0, 0)))}, "baseline_too_small"),
-        ({"poses": (LEFT, look_at(50, 0, target_mm=(40, 0, 0)))}, "baseline_too_large"),
-        ({"poses": (LEFT, LEFT)}, "same_photograph"),
-        ({"given": replace(PHONE, height=675, cy=337.0)}, "camera_mismatch"),
-        ({"noise_px": 8.0}, "pose_unreliable"),
-        ({"bend_mm": (9.0, 0, 0)}, "pose_unreliable"),
-    ],
-    ids=["too near", "too far", "one place", "camera of another shape", "corners of no board", "rolled-up paper"],
-)
+NO_POSES = {
+    "too near": ({"poses": (LEFT, look_at(50, -94.5, target_mm=(40, 0, 0)))}, "baseline_too_small"),
+    "too far": ({"poses": (LEFT, look_at(50, 0, target_mm=(40, 0, 0)))}, "baseline_too_large"),
+    "one place": ({"poses": (LEFT, LEFT)}, "same_photograph"),
+    "camera of another shape": ({"given": replace(PHONE, height=675, cy=337.0)}, "camera_mismatch"),
+    "corners of no board": ({"noise_px": 8.0}, "pose_unreliable"),
+    "rolled-up paper": ({"bend_mm": (9.0, 0, 0)}, "pose_unreliable"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "code"), NO_POSES.values(), ids=NO_POSES)
 def test_views_that_tell_no_poses_are_refused(arguments, code):
     failure = outcome(**arguments)
-    assert isinstance(failure, Failure)
     assert failure.code == code
     assert failure.advice
 
 
-def test_photograph_from_behind_the_other_is_refused():
+def test_photograph_from_behind_the_other_and_equal_pixels_are_refused():
     nearer, farther = look_at(target_mm=(40, 0, 0)), look_at(48, -94, distance_mm=450, target_mm=(40, 0, 0))
     failure = outcome(poses=(nearer, farther))  # by the angle of 3 degrees alone it would pass
     assert failure.code == "baseline_too_small"
     assert "distance" in failure.advice
-
-
-def test_equal_pixels_are_the_same_photograph():
-    pair = PhotoPair(blank(PHONE), blank(PHONE))
+    pair = PhotoPair(blank(PHONE), blank(PHONE))  # equal pixels
     failure = estimate_views(pair, (observed(PHONE, LEFT), observed(PHONE, RIGHT)), EstimateOptions(SPEC, PHONE))
     assert failure.code == "same_photograph"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("scene", "is_given"),
-    [("paper6/apple-1", True), ("paper6/apple-1", False), ("meals/meal-03", False), ("hard/hard-04-rolled", True)],
-)
-def test_rendered_meals_have_their_baseline(shared_data, scene, is_given):
-    folder = shared_data / "scenes" / "dev" / scene
-    truth = json.loads((folder / "truth.json").read_text())
-    marker, lens, poses = truth["marker"], truth["camera"], truth["poses_world_to_camera"]
-    spec = MarkerSpec(marker["kind"], marker["cols"], marker["rows"], marker["square_mm"])
-    photos = [read_photo((folder / f"{side}.jpg").read_bytes(), max_pixels=10**8) for side in poses]
-    assert all(isinstance(photo, Photo) for photo in photos)
-    seen = [find_marker(photo, spec) for photo in photos]
-    assert all(isinstance(observation, MarkerObservation) for observation in seen)
-    pair = PhotoPair(*photos)
-    camera = camera_from_mapping(lens | {"fx": lens["f"], "fy": lens["f"]}) if is_given else None
-    views = estimate_views(pair, agree_on_corners(pair, *seen), EstimateOptions(spec, camera))
-    assert not isinstance(views, Failure), views
-    centres = [-np.array(pose["R"]).T @ np.array(pose["t_mm"]) for pose in poses.values()]
-    baseline_mm = np.linalg.norm(views[0].centre_mm - views[1].centre_mm)
-    # The photographs' lenses differ by 0.4 % and some px from the camera file, as autofocus makes them.
-    assert baseline_mm == pytest.approx(np.linalg.norm(centres[0] - centres[1]), rel=0.05)
-    assert max(view.rms_px for view in views) < 0.3
-    board = np.array([*marker["centre"], 0.3])
-    sights = [centre - board for centre in centres]
-    angle = math.degrees(math.acos(sights[0] @ sights[1] / np.linalg.norm(sights[0]) / np.linalg.norm(sights[1])))
-    assert view_angle_deg(*views) == pytest.approx(angle, abs=0.7)

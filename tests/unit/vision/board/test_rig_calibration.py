@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure, InvalidInputError
-from app.estimates.calibrate_files import CalibratedFiles, calibrate_rig_files
+from app.estimates.calibrate_files import calibrate_rig_files
 from app.estimates.camera_json import rig_to_json
 from app.vision.board.rig_calibration import RigCalibration, calibrate_rig
 from app.vision.intrinsics import Camera
@@ -31,18 +31,16 @@ def right_pose(pose, translation_mm=TRANSLATION_MM):
     return Pose(ROTATION @ pose.rotation, ROTATION @ pose.translation_mm + translation_mm)
 
 
-def photograph(number, *, is_covered=False):
-    pose = look_at(*SLANTS[number][:2], 330.0, SLANTS[number][2], target_mm=(*AIMS[number], 0))
-    covers_mm = [(10.0, -100.0, 100.0, 200.0)] if is_covered else []
-    return (
-        take_photograph(BOARD, pose, camera=LEFT),
-        take_photograph(BOARD, right_pose(pose), camera=RIGHT, covers_mm=covers_mm),
-    )
-
-
 @pytest.fixture(scope="module")
 def pairs():
-    return [photograph(number) for number in range(len(SLANTS))]
+    """The first one has its right board partly covered: it calibrates by the points in common."""
+    out = []
+    for slant, aim in zip(SLANTS, AIMS, strict=True):
+        pose = look_at(*slant[:2], 330.0, slant[2], target_mm=(*aim, 0))
+        covers_mm = [] if out else [(10.0, -100.0, 100.0, 200.0)]
+        right = take_photograph(BOARD, right_pose(pose), camera=RIGHT, covers_mm=covers_mm)
+        out.append((take_photograph(BOARD, pose, camera=LEFT), right))
+    return out
 
 
 def calibrated(pairs):
@@ -101,17 +99,10 @@ def test_files_of_both_cameras_give_a_rig_file(pairs):
     photos = {f"{side}{n}": pair[k] for k, side in enumerate(("left", "right")) for n, pair in enumerate(pairs)}
     paths = [Path(name) for name in photos]
     made = calibrate_rig_files(paths, str(BOARD), lambda path: photos[path.name])
-    assert isinstance(made, CalibratedFiles)
     assert (made.document["pairs"], made.left_out) == (6, ())
     assert rig_from_mapping(made.document).baseline_mm == pytest.approx(made.document["baseline_mm"], abs=1e-3)
     with pytest.raises(InvalidInputError, match="no pairs"):
         calibrate_rig_files(paths[:-1], str(BOARD), lambda path: photos[path.name])
-
-
-def test_board_that_is_partly_covered_calibrates_by_the_points_in_common(pairs):
-    result = calibrated([photograph(0, is_covered=True), *pairs[1:]])
-    require_true_rig(result)
-    assert result.used == tuple(range(6))
 
 
 @pytest.mark.slow
@@ -123,7 +114,6 @@ def test_real_pairs_reproject_and_have_the_published_baseline(shared_data):
         for side in ("left", "right")
     )
     result = calibrate_rig(left, right, parse_marker("plain:10x7:25"))
-    assert isinstance(result, RigCalibration)
     assert len(result.used) == 13
     assert result.rms_px < 0.3  # 0.21 px measured; the usual corner refinement gives 0.45 px
     assert result.rig.baseline_mm / 25 == pytest.approx(3.33, rel=5e-3)

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.board.calibration import Calibration, calibrate
 from app.vision.board.camera import estimate_views
 from app.vision.board.colour_correction import measure_colour
 from app.vision.board.marker import find_marker
@@ -43,7 +41,6 @@ def observe(photo: Photo, spec: MarkerSpec) -> MarkerObservation:
 
 def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
     failure = find_marker(photo, spec, "left")
-    assert isinstance(failure, Failure)
     assert "left" in failure.message
     assert failure.advice
     return failure
@@ -126,13 +123,9 @@ def test_covered_part_is_left_out_and_the_rest_tells_the_pose(spec):
 
 
 @BOTH
-@pytest.mark.parametrize(
-    "cover",
-    [(-100.0, -100.0, 200.0, 127.0), (-30.0, -100.0, 200.0, 200.0)],
-    ids=["one row", "one column"],
-)
-def test_too_small_a_part_is_refused(spec, cover):
-    assert refusal(photograph(spec, SLANTED, covers_mm=[cover]), spec).code == "marker_covered"
+def test_too_small_a_part_is_refused(spec):
+    for cover in [(-100.0, -100.0, 200.0, 127.0), (-30.0, -100.0, 200.0, 200.0)]:  # all but a row, all but a column
+        assert refusal(photograph(spec, SLANTED, covers_mm=[cover]), spec).code == "marker_covered"
 
 
 def test_frame_of_tags_leaves_the_food_in_its_middle_off_the_sheet():
@@ -146,40 +139,35 @@ def test_frame_of_tags_leaves_the_food_in_its_middle_off_the_sheet():
     assert sheet == pytest.approx((-63.0 - 8.0, -45.0 - 8.0, 63.0 + 8.0, 45.0 + 8.0))
 
 
-@pytest.mark.parametrize(
-    "announced",
-    [
-        "aruco:5x4:20:5:DICT_6X6_250",
-        "aruco:4x5:20:5:DICT_5X5_100",
-        "aruco:5x3:20:5:DICT_5X5_100",
-        "aruco:5x4:20:8:DICT_5X5_100",
-        "charuco:5x4:20:14:DICT_5X5_100",
-    ],
-    ids=["dictionary", "turned", "rows", "gap", "kind"],
-)
+OTHERS = {
+    "dictionary": "aruco:5x4:20:5:DICT_6X6_250",
+    "turned": "aruco:4x5:20:5:DICT_5X5_100",
+    "rows": "aruco:5x3:20:5:DICT_5X5_100",
+    "gap": "aruco:5x4:20:8:DICT_5X5_100",
+    "kind": "charuco:5x4:20:14:DICT_5X5_100",
+}
+
+
+@pytest.mark.parametrize("announced", OTHERS.values(), ids=OTHERS)
 def test_other_board_of_tags_is_a_mismatch(announced):
     assert refusal(photograph(ARUCO, SLANTED), parse_marker(announced)).code == "marker_mismatch"
 
 
-@pytest.mark.parametrize(
-    ("spec", "picture", "words"),
-    [
-        (ARUCO, lambda: np.ascontiguousarray(sheet_picture(ARUCO)[:, ::-1]), "mirror"),
-        (CHARUCO, lambda: np.ascontiguousarray(sheet_picture(CHARUCO)[:, ::-1]), "mirror"),
-        (EVEN_ROWS, lambda: sheet_picture(EVEN_ROWS, is_legacy=True), "4.6"),
-    ],
-    ids=["mirrored aruco", "mirrored charuco", "charuco of the former pattern"],
-)
+PRINTS = {
+    "mirrored aruco": (ARUCO, lambda: np.ascontiguousarray(sheet_picture(ARUCO)[:, ::-1]), "mirror"),
+    "mirrored charuco": (CHARUCO, lambda: np.ascontiguousarray(sheet_picture(CHARUCO)[:, ::-1]), "mirror"),
+    "charuco of the former pattern": (EVEN_ROWS, lambda: sheet_picture(EVEN_ROWS, is_legacy=True), "4.6"),
+}
+
+
+@pytest.mark.parametrize(("spec", "picture", "words"), PRINTS.values(), ids=PRINTS)
 def test_board_printed_otherwise_is_told_as_such(spec, picture, words):
     failure = refusal(photograph(spec, SLANTED, picture=picture()), spec)
     assert failure.code == "marker_mismatch"
     assert words in failure.message
-
-
-def test_checkerboard_without_tags_is_a_mismatch():
-    failure = refusal(render_board(parse_marker("plain:9x7:11"), PHONE, SLANTED), ARUCO)
-    assert failure.code == "marker_mismatch"
-    assert "9x7" in failure.message or "7x9" in failure.message
+    checkerboard = refusal(render_board(parse_marker("plain:9x7:11"), PHONE, SLANTED), ARUCO)
+    assert checkerboard.code == "marker_mismatch"
+    assert "9x7" in checkerboard.message or "7x9" in checkerboard.message
 
 
 def test_even_rows_and_prints_on_a_plaque_are_read_like_others():
@@ -199,26 +187,12 @@ def on_cloth(photo: Photo, alone: MarkerObservation, square_px: int) -> Photo:
 
 
 @BOTH
-def test_board_beside_a_cloth_of_thousands_of_squares_is_found(spec, monkeypatch):
-    looked_at: list[int] = []
-    detector = cv2.aruco.ArucoDetector
-
-    class Counting:  # no subclass of OpenCV's: the collector cannot take such a class down
-        def __init__(self, *arguments) -> None:
-            self._detector = detector(*arguments)
-
-        def detectMarkers(self, image):  # noqa: N802  # OpenCV's name
-            corners, ids, rejected = self._detector.detectMarkers(image)
-            looked_at.append(len(corners) + len(rejected))
-            return corners, ids, rejected
-
+def test_board_beside_a_cloth_of_thousands_of_squares_is_found(spec):
     photo = photograph(spec, SLANTED)
     alone = observe(photo, spec)
-    monkeypatch.setattr(cv2.aruco, "ArucoDetector", Counting)
     beside = observe(on_cloth(photo, alone, 14), spec)
     assert np.array_equal(beside.point_ids, alone.point_ids)
     assert np.abs(beside.corners_px - alone.corners_px).max() < CORNER_RMS_PX
-    assert 4 < looked_at[0] < 1000  # of some 10,000
 
 
 @BOTH
@@ -265,17 +239,6 @@ def test_white_is_balanced_by_the_boards_paper(spec):
     assert gains[1] == pytest.approx(1.0 / 0.8, rel=0.08)
 
 
-@BOTH
-def test_calibration_by_boards_of_tags_finds_the_focal_length(spec):
-    poses = [
-        look_at(elevation_deg=elevation, azimuth_deg=azimuth, distance_mm=280.0)
-        for elevation, azimuth in ((80.0, -90.0), (50.0, -90.0), (50.0, 0.0), (45.0, 120.0), (60.0, 200.0))
-    ]
-    found = calibrate([photograph(spec, pose) for pose in poses], spec)
-    assert isinstance(found, Calibration)
-    assert found.camera.fx == pytest.approx(PHONE.fx, rel=0.01)
-
-
 def test_sizes_in_the_photograph_are_those_of_tags_and_squares():
     pose = look_at(elevation_deg=89.9, distance_mm=PHONE.fx / 3.0)  # 3 px/mm
     for spec, side_mm in ((ARUCO, 20.0), (CHARUCO, 18.0)):
@@ -283,6 +246,5 @@ def test_sizes_in_the_photograph_are_those_of_tags_and_squares():
         assert shortest_side_px(seen) == pytest.approx(3.0 * side_mm, rel=0.01)
         ids, quads = seen_tags_px(seen)
         truth = tag_corners_mm(spec)[ids].reshape(-1, 2)
-        assert quads.reshape(-1, 2) == pytest.approx(
-            project(PHONE, pose, np.column_stack([truth, np.zeros(len(truth))])), abs=0.5
-        )
+        truth_px = project(PHONE, pose, np.column_stack([truth, np.zeros(len(truth))]))
+        assert quads.reshape(-1, 2) == pytest.approx(truth_px, abs=0.5)

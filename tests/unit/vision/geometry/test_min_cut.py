@@ -17,6 +17,8 @@ def features(edge_column=None, grain=2):
 def test_sure_pixels_take_their_label():
     ratio = np.where(np.arange(SHAPE[1]) < 25, 9.0, -9.0) * np.ones(SHAPE)
     assert np.array_equal(cut_in_two(ratio.astype(np.float32), features(), NOTHING, NOTHING), ratio > 0)
+    for value in (1.0, -1.0):
+        assert (cut_in_two(np.full(SHAPE, value, np.float32), features(), NOTHING, NOTHING) == (value > 0)).all()
 
 
 def test_border_of_doubtful_pixels_lies_on_the_edge():
@@ -39,8 +41,3 @@ def test_fixed_pixels_stay_and_never_goes_before_always():
     never[:, :10] = True
     found = cut_in_two(ratio, features(), never, np.ones(SHAPE, bool))
     assert np.array_equal(found, ~never)
-
-
-def test_one_label_alone_is_returned_as_it_is():
-    assert cut_in_two(np.full(SHAPE, 1.0, np.float32), features(), NOTHING, NOTHING).all()
-    assert not cut_in_two(np.full(SHAPE, -1.0, np.float32), features(), NOTHING, NOTHING).any()

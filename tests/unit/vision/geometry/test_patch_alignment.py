@@ -44,14 +44,8 @@ def test_guessed_jacobian_takes_a_large_turn_away():
     assert np.allclose(found_from(first, moved(first, matrix), start, matrix[:, :2])[1:2], truth, atol=0.08)
 
 
-def test_patches_of_different_things_give_nan():
+def test_patches_of_different_things_or_without_texture_give_nan_and_no_points_none():
+    plain, image = np.full((180, 240), 90.0), as_bytes(texture())
     assert np.isnan(found_from(texture(seed=1), texture(seed=2), PLACES)).all()
-
-
-def test_patches_without_texture_give_nan():
-    assert np.isnan(found_from(np.full((180, 240), 90.0), np.full((180, 240), 90.0), PLACES)).all()
-
-
-def test_no_points_give_none():
-    image = as_bytes(texture())
+    assert np.isnan(found_from(plain, plain, PLACES)).all()
     assert align_patches(image, image, np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2, 2)), 4.0).shape == (0, 2)

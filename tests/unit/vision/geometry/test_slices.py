@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from app.vision.geometry.slices import carve, cut_slices, section_of, slice_thickness_mm
 from app.vision.geometry.symmetry import SymmetryAxis
@@ -23,6 +22,7 @@ def ellipse(a, b):
 def test_cylinder_slices_have_its_radius():
     slices = cut_slices(wall(ellipse(30.0, 30.0), 0.0, 40.0), 2.0, ROUND, "circle", TOWARDS)
     assert len(slices) == 20
+    assert (slice_thickness_mm(10.0), slice_thickness_mm(64.0)) == (1.0, 2.0)
     # Forty-eight chords cut the circle's area short by 0.3 %.
     assert all(abs(each.half_axes_mm[0] / 30.0 - 1) < 0.01 for each in slices)
     assert {each.source for each in slices} == {"fitted"}
@@ -89,13 +89,4 @@ def test_carving_halves_what_reaches_half_out_of_the_outline():
     carved = carve(slices, lambda points: points[:, 0] > PLACE_MM[0])
     assert np.isclose(carved[0].volume_ml / slices[0].volume_ml, 0.5, rtol=0.02)
     assert carved[0].centre_mm[0] > PLACE_MM[0] + 10.0
-
-
-def test_carving_leaves_what_lies_inside():
-    slices = cut_slices(wall(ellipse(30.0, 30.0), 0.0, 20.0), 2.0, ROUND, "circle", TOWARDS)
-    assert carve(slices, lambda points: np.ones(len(points), bool)) == slices
-
-
-@pytest.mark.parametrize(("height", "thickness"), [(10.0, 1.0), (64.0, 2.0)])
-def test_thickness_follows_the_height_down_to_a_millimetre(height, thickness):
-    assert slice_thickness_mm(height) == thickness
+    assert carve(slices, lambda points: np.ones(len(points), bool)) == slices  # what lies inside stays

@@ -11,7 +11,7 @@ def axis_of(cloud, form=None):
     return fit_axis(cloud.points_mm, THICKNESS_MM, form, cloud.towards_camera)
 
 
-@pytest.mark.parametrize("heading", [0.0, 0.7, np.pi / 2, 2.5])
+@pytest.mark.parametrize("heading", [0.0, 0.7, 2.5])
 def test_axis_of_an_ellipsoid_seen_from_one_side_is_its_own(heading):
     axis = axis_of(ellipsoid(45.0, 30.0, 25.0, heading))
     assert np.hypot(*(axis.centre_mm - PLACE_MM[:2])) < 2.0
@@ -19,14 +19,12 @@ def test_axis_of_an_ellipsoid_seen_from_one_side_is_its_own(heading):
     assert abs(np.sin(axis.heading - heading)) < 0.08
 
 
-def test_ball_gives_a_circle():
+def test_ball_and_a_known_form_give_a_circle():
     axis = axis_of(ellipsoid(35.0, 35.0, 35.0))
-    assert axis.aspect == 1.0
+    assert axis.aspect == axis_of(ellipsoid(45.0, 30.0, 25.0), "circle").aspect == 1.0
     assert np.hypot(*(axis.centre_mm - PLACE_MM[:2])) < 1.5
-
-
-def test_known_form_is_kept():
-    assert axis_of(ellipsoid(45.0, 30.0, 25.0), "circle").aspect == 1.0
+    with pytest.raises(ValueError, match="8 points"):
+        fit_axis(np.zeros((7, 3)), 1.0, None, np.array([1.0, 0.0]))
 
 
 def test_axis_moves_with_the_points_and_scales_with_them():
@@ -42,19 +40,14 @@ def test_completion_of_a_box_fills_its_far_corner():
     cloud = box(60.0, 40.0, 30.0, 0.4)
     axis = axis_of(cloud)
     completed = complete(cloud.points_mm, THICKNESS_MM, axis)
+    assert np.array_equal(completed[: len(cloud.points_mm)], cloud.points_mm)
+    assert len(completed) > len(cloud.points_mm)
     low = cloud.points_mm[cloud.points_mm[:, 2] < 20.0]
     far = -(low[:, :2] - PLACE_MM[:2]) @ cloud.towards_camera
     low_completed = completed[completed[:, 2] < 20.0]
     far_completed = -(low_completed[:, :2] - PLACE_MM[:2]) @ cloud.towards_camera
     assert far.max() < 25.0
     assert far_completed.max() > 0.9 * (30.0 * np.sin(0.4) + 20.0 * np.cos(0.4))
-
-
-def test_completion_keeps_what_was_seen():
-    cloud = ellipsoid(35.0, 35.0, 35.0)
-    completed = complete(cloud.points_mm, THICKNESS_MM, axis_of(cloud))
-    assert np.array_equal(completed[: len(cloud.points_mm)], cloud.points_mm)
-    assert len(completed) > len(cloud.points_mm)
 
 
 def test_hollow_on_the_far_side_is_no_outline():
@@ -75,8 +68,3 @@ def test_strays_do_not_belong_to_the_body():
     body = main_body(np.concatenate([cloud.points_mm, strays]))
     assert body[:, 0].max() < PLACE_MM[0] + 40.0
     assert len(body) > 0.95 * len(cloud.points_mm)
-
-
-def test_too_few_points_are_refused():
-    with pytest.raises(ValueError, match="8 points"):
-        fit_axis(np.zeros((7, 3)), 1.0, None, np.array([1.0, 0.0]))

@@ -28,9 +28,6 @@ def test_median_height_of_each_cell_is_that_of_a_slow_reference():
 def test_centre_of_a_cell_has_whole_coordinates():
     view = view_from_above(scattered(lambda x, y: 0 * x), np.zeros(40000, np.float32))
     assert view.cells_px(view.centres_mm())[4, 7] == pytest.approx([7, 4], abs=1e-3)
-
-
-def test_no_points_give_no_view():
     assert view_from_above(np.empty((0, 3), np.float32), np.empty(0, np.float32)) is None
 
 
@@ -38,11 +35,10 @@ def test_trend_follows_a_tilted_and_bent_table():
     points = scattered(lambda x, y: 0.01 * x - 0.005 * y + 1e-5 * x * x)
     trend = fit_table_trend(points)
     assert trend.height_mm(points[:, :2]) == pytest.approx(points[:, 2], abs=0.4)  # the prior pulls a little
-
-
-def test_trend_is_not_lifted_by_what_stands_on_the_table():
-    points = scattered(lambda x, y: np.where(np.hypot(x, y) < 100, 12.0, 0.0))
+    points = scattered(lambda x, y: np.where(np.hypot(x, y) < 100, 12.0, 0.0))  # what stands on it does not lift it
     assert np.abs(fit_table_trend(points).height_mm(points[:, :2])).max() < 0.5
+    of_nothing = fit_table_trend(np.empty((0, 3), np.float32)).height_mm(np.array([50.0, -70.0]))
+    assert -0.5 < of_nothing < 0.0  # just under the sheet
 
 
 def test_trend_takes_no_low_slope_at_a_foods_foot_for_table():
@@ -53,11 +49,6 @@ def test_trend_takes_no_low_slope_at_a_foods_foot_for_table():
     points = scattered(heights)
     points = points[np.isfinite(points[:, 2])]
     assert abs(float(fit_table_trend(points).height_mm(np.zeros(2))) - TREND_MM[0]) < 0.3
-
-
-def test_trend_without_points_is_a_table_just_under_the_sheet():
-    height_mm = fit_table_trend(np.empty((0, 3), np.float32)).height_mm(np.array([50.0, -70.0]))
-    assert -0.5 < height_mm < 0.0
 
 
 def test_points_far_from_the_marker_or_ignored_are_not_used():

@@ -92,16 +92,6 @@ def test_rings_of_a_target_tell_its_rim_from_its_middle():
     assert rings[[0, 2], 1] == pytest.approx(0.0, abs=0.5)
 
 
-def test_rings_turn_and_grow_with_the_food():
-    picture, mask = target()
-    lab = lab_pixels(picture)
-    rings = lab_rings(lab, mask)
-    assert lab_rings(np.rot90(lab), np.rot90(mask)) == pytest.approx(rings, abs=1e-3)
-    large = lab_pixels(cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST))
-    wide = cv2.resize(mask.astype(np.uint8), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST) > 0
-    assert lab_rings(large, wide) == pytest.approx(rings, abs=3.0)  # rings fall between pixels
-
-
 def test_deepest_pixel_belongs_to_the_innermost_ring():
     picture, mask = plain(GREEN, 9), np.zeros((9, 9), bool)
     mask[3:6, 3:6] = True

@@ -9,6 +9,14 @@ def iou(a, b):
     return np.count_nonzero(a & b) / np.count_nonzero(a | b)
 
 
+def slanting_rays(shape, focal_px):
+    """(h, w, 3) directions of a camera that looks at the origin from a slant of 45 degrees."""
+    rows, columns = np.indices(shape)
+    u, v = (columns - shape[1] / 2) / focal_px, (rows - shape[0] / 2) / focal_px
+    forward, down, right = np.array([0, 1, -1]) / np.sqrt(2), np.array([0, -1, -1]) / np.sqrt(2), np.array([1, 0, 0])
+    return forward + u[..., None] * right + v[..., None] * down
+
+
 def plain_scene(shape, **fields) -> Scene:
     """A grey scene of this shape seen from above, a millimetre a pixel, nothing measured, but for these fields."""
     rows, columns = np.indices(shape)

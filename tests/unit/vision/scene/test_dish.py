@@ -148,28 +148,22 @@ def edge(x, y, across, down):
     return np.maximum(np.abs(x) / across, np.abs(y) / down)
 
 
-@pytest.mark.parametrize(
-    ("heights", "noise_mm", "told_mm"),
-    [
-        (lambda x, y: np.where(edge(x, y, 57, 52) < 1, 22.0 - 8.0 * edge(x, y, 57, 52) ** 4, 0.0), 0.8, 0.8),
-        (lambda x, y: np.where(edge(x, y, 150, 95) < 1, 60.0, 0.0), 1.0, 1.0),
-        (lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0), 0.4, 0.4),
-        (lambda x, y: np.where(edge(x, y, 72, 72) < 1, 30.0, 0.0), 0.4, 0.4),
-        (lambda x, y: np.where(edge(x, y, 70, 50) < 1, 62.0 + 8.0 * (1 - edge(x, y, 70, 50) ** 2), 0.0), 0.4, 0.4),
-        (lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)), 0.4, 0.4),
-        (lambda x, y: 0 * x, 4.0, 2.0),
-        (three_foods, 1.0, 1.0),
-    ],
-    ids=[
-        "slice of bread with a bulge",
-        "lying pack into whose top a circle fits",
-        "round flat food",
-        "flat block on which nothing stands",
-        "soft pack whose top bulges",
-        "mound",
-        "noisy table",
-        "circle through three foods",
-    ],
-)
+NO_DISHES = {  # heights, noise in mm, and that which is told
+    "slice with a bulge": (
+        lambda x, y: np.where(edge(x, y, 57, 52) < 1, 22 - 8 * edge(x, y, 57, 52) ** 4, 0),
+        0.8,
+        0.8,
+    ),
+    "lying pack into whose top a circle fits": (lambda x, y: np.where(edge(x, y, 150, 95) < 1, 60.0, 0.0), 1.0, 1.0),
+    "round flat food": (lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0), 0.4, 0.4),
+    "flat block on which nothing stands": (lambda x, y: np.where(edge(x, y, 72, 72) < 1, 30.0, 0.0), 0.4, 0.4),
+    "bulging pack": (lambda x, y: np.where(edge(x, y, 70, 50) < 1, 70 - 8 * edge(x, y, 70, 50) ** 2, 0), 0.4, 0.4),
+    "mound": (lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)), 0.4, 0.4),
+    "noisy table": (lambda x, y: 0 * x, 4.0, 2.0),
+    "circle through three foods": (three_foods, 1.0, 1.0),
+}
+
+
+@pytest.mark.parametrize(("heights", "noise_mm", "told_mm"), NO_DISHES.values(), ids=NO_DISHES)
 def test_what_stands_on_the_bare_table_is_no_dish(heights, noise_mm, told_mm):
     assert found_in(view_of(heights, noise_mm), told_mm) is None

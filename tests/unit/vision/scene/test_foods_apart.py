@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.vision.scene.foods_apart import tell_apart
-from tests.unit.vision.scene.scenes import plain_scene
+from tests.unit.vision.scene.scenes import plain_scene, slanting_rays
 
 SHAPE = (200, 240)
 CAMERA_MM = np.array([0.0, -400.0, 400.0])
@@ -14,11 +14,7 @@ RED, BROWN = (62, 78, 146), (62, 90, 128)  # mottled more than they differ
 
 
 def rays():
-    """(h, w, 3) unit directions of a camera that looks at the origin from a slant of 45 degrees."""
-    rows, columns = np.indices(SHAPE)
-    u, v = (columns - SHAPE[1] / 2) / FOCAL_PX, (rows - SHAPE[0] / 2) / FOCAL_PX
-    forward, down, right = np.array([0, 1, -1]) / np.sqrt(2), np.array([0, -1, -1]) / np.sqrt(2), np.array([1, 0, 0])
-    direction = forward + u[..., None] * right + v[..., None] * down
+    direction = slanting_rays(SHAPE, FOCAL_PX)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 

@@ -63,20 +63,19 @@ def ellipsoid(middle, half_axes):
     return np.array(middle) + points / np.linalg.norm(points, axis=1, keepdims=True) * half_axes
 
 
+POINTS = {
+    "mug": (loop(), True),
+    "cup": (loop(ring_mm=14.0, half_thick_mm=3.5), True),
+    "mug whose lower half a fruit hides": (upper_half(loop()), True),
+    "egg that touches the mug": (ellipsoid((72.0, 0.0, 27.0), (27.0, 22.0, 27.0)), False),
+    "sausage that points at it": (ellipsoid((100.0, 0.0, 8.0), (55.0, 8.0, 8.0)), False),
+    "apple on something beside it": (ellipsoid((75.0, 0.0, 60.0), (30.0, 30.0, 30.0)), False),
+    "another mug behind": (loop(middle_mm=122.0), False),
+}
+
+
 @pytest.mark.parametrize("degrees", [0, 200])
-@pytest.mark.parametrize(
-    ("points", "is_handle"),
-    [
-        (loop(), True),
-        (loop(ring_mm=14.0, half_thick_mm=3.5), True),  # a cup's
-        (upper_half(loop()), True),  # the upper half, where a fruit hides the rest
-        (ellipsoid((72.0, 0.0, 27.0), (27.0, 22.0, 27.0)), False),  # an egg that touches the mug
-        (ellipsoid((100.0, 0.0, 8.0), (55.0, 8.0, 8.0)), False),  # a sausage that points at it
-        (ellipsoid((75.0, 0.0, 60.0), (30.0, 30.0, 30.0)), False),  # an apple on something beside it
-        (loop(middle_mm=122.0), False),  # another mug's, behind
-    ],
-    ids=["mug", "cup", "half_hidden", "egg", "sausage", "raised_apple", "other_mug"],
-)
+@pytest.mark.parametrize(("points", "is_handle"), POINTS.values(), ids=POINTS)
 def test_handle_is_told_from_food_by_its_points(points, is_handle, degrees):
     assert _is_handle(turned(points, degrees), MUG) == is_handle
 
@@ -102,18 +101,17 @@ def bar(begin_mm, size, z_mm, climb=0.0):
     return points - [0.0, size[1] / 2, 0.0] + [begin_mm, 0.0, z_mm] + np.outer(size[0] - points[:, 0], [0, 0, climb])
 
 
+ON_DISHES = {
+    "biscuit": (bar(40.0, (50.0, 18.0, 8.0), 14.0), CUP),
+    "biscuit on the rim": (bar(34.0, (40.0, 18.0, 8.0), 12.0, climb=0.3), CUP),
+    "sausage": (ellipsoid((122.0, 0.0, 26.0), (75.0, 12.0, 12.0)), GLASS),
+    "baguette on a board": (bar(42.0, (150.0, 18.0, 30.0), 30.0), GLASS),
+    "biscuit on a stand": (bar(42.0, (50.0, 18.0, 8.0), 55.0), GLASS),
+}
+
+
 @pytest.mark.parametrize("degrees", [0, 130])
-@pytest.mark.parametrize(
-    ("points", "vessel"),
-    [
-        (bar(40.0, (50.0, 18.0, 8.0), 14.0), CUP),
-        (bar(34.0, (40.0, 18.0, 8.0), 12.0, climb=0.3), CUP),
-        (ellipsoid((122.0, 0.0, 26.0), (75.0, 12.0, 12.0)), GLASS),
-        (bar(42.0, (150.0, 18.0, 30.0), 30.0), GLASS),
-        (bar(42.0, (50.0, 18.0, 8.0), 55.0), GLASS),
-    ],
-    ids=["biscuit", "biscuit_on_the_rim", "sausage", "baguette_on_board", "biscuit_on_a_stand"],
-)
+@pytest.mark.parametrize(("points", "vessel"), ON_DISHES.values(), ids=ON_DISHES)
 def test_food_on_a_dish_is_no_handle_even_where_the_dish_was_not_found(points, vessel, degrees):
     assert not _is_handle(turned(points, degrees), vessel)
 
@@ -122,16 +120,15 @@ def on_dish(height_mm):
     return Support(TABLE_MM + height_mm, 1.0, "floor")
 
 
-@pytest.mark.parametrize(
-    ("points", "vessel", "dish_mm", "is_part"),
-    [
-        (loop(ring_mm=17.0, half_thick_mm=3.5, middle_mm=33.0), vessel_of(33.0, 80.0), 8.0, True),  # over a saucer
-        (bar(36.0, (25.0, 18.0, 8.0), 12.0, climb=1.2), CUP, 12.0, False),  # a biscuit that leans on the cup
-        (bar(42.0, (50.0, 20.0, 24.0), 40.0), vessel_of(40.0, 100.0), 40.0, False),  # a sausage beside it on its board
-        (loop(), MUG, RIM_MM + 5.0, False),  # on a stand higher than the mug
-    ],
-    ids=["handle", "leaning_biscuit", "sausage_on_board", "high_stand"],
-)
+OVER_DISHES = {
+    "handle over a saucer": (loop(17.0, 3.5, 33.0), vessel_of(33.0, 80.0), 8.0, True),
+    "biscuit that leans on the cup": (bar(36.0, (25.0, 18.0, 8.0), 12.0, climb=1.2), CUP, 12.0, False),
+    "sausage on its board": (bar(42.0, (50.0, 20.0, 24.0), 40.0), vessel_of(40.0, 100.0), 40.0, False),
+    "on a stand higher than the mug": (loop(), MUG, RIM_MM + 5.0, False),
+}
+
+
+@pytest.mark.parametrize(("points", "vessel", "dish_mm", "is_part"), OVER_DISHES.values(), ids=OVER_DISHES)
 def test_handle_is_clear_of_the_dish_beneath(points, vessel, dish_mm, is_part):
     seen = turned(points, 40).reshape(20, 40, 3)
     vessels = Vessels([], [vessel])

@@ -36,48 +36,44 @@ def support_of(scene, mask):
     return find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), mask, mask)
 
 
-def test_bare_table_is_measured_around_the_food():
-    scene, radius = scene_of(lambda x, y: np.where(np.hypot(x, y) < 30, 40.0, 0.0))
-    support = support_of(scene, radius < 30)
-    assert support.source == "table"
-    assert support.height_mm == pytest.approx(0.0, abs=0.3)
-    assert support.sd_mm < 1.0
-
-
-@pytest.mark.parametrize("floor_mm", [2.0, 5.0])
-def test_measured_floor_of_a_plate_lies_within_its_doubt(floor_mm):
+def plate(floor_mm):
     def heights(x, y):
         r = np.hypot(x, y)
-        return np.where(r < 30, 40.0, np.where(r < 100, floor_mm, np.where(r < 110, 14.0, 0.0)))
+        return np.select([r < 30, r < 100, r < 110], [40.0, floor_mm, 14.0], 0.0)
 
+    return heights
+
+
+def board(x, y):
+    return np.where(np.hypot(x, y) < 30, 50.0, np.where((np.abs(x) < 110) & (np.abs(y) < 90), 15.0, 0.0))
+
+
+def bowl(x, y):
+    r, gap = np.hypot(x, y), np.nan
+    return np.select([r < 60, r < 68, r < 73, r < 80], [38.0, gap, 48.0, gap], 0.0)
+
+
+SUPPORTS = {  # heights, the food's radius, source, height and its tolerance, most doubt in mm
+    "bare table": (lambda x, y: np.where(np.hypot(x, y) < 30, 40.0, 0.0), 30, "table", 0.0, 0.3, 1.0),
+    "low floor of a plate": (plate(2.0), 30, "floor", 2.0, 3.0, 1.5),
+    "high floor of a plate": (plate(5.0), 30, "floor", 5.0, 3.0, 1.5),
+    "board's top": (board, 30, "board", 15.0, 0.5, 2.0),
+    "floor that was not measured": (plate(np.nan), 30, "floor", 5.0, 5.0, None),
+    "inside of a filled bowl": (bowl, 60, "bowl", 24.0, 24.0, None),
+}
+
+
+@pytest.mark.parametrize(("heights", "radius_mm", "source", "mm", "off_mm", "sd_mm"), SUPPORTS.values(), ids=SUPPORTS)
+def test_support_is_measured_around_the_food_or_guessed_with_more_doubt(heights, radius_mm, source, mm, off_mm, sd_mm):
     scene, radius = scene_of(heights)
-    support = support_of(scene, radius < 30)
-    assert support.source == "floor"
-    assert abs(support.height_mm - floor_mm) < 2 * support.sd_mm
-    assert support.sd_mm < 1.5
-
-
-def test_floor_that_was_not_measured_is_guessed_with_more_doubt():
-    def heights(x, y):
-        r = np.hypot(x, y)
-        return np.where(r < 30, 40.0, np.where(r < 100, np.nan, np.where(r < 110, 14.0, 0.0)))
-
-    scene, radius = scene_of(heights)
-    support = support_of(scene, radius < 30)
-    assert support.source == "floor"
-    assert 0 < support.height_mm < 10
-    assert support.sd_mm > 2.0
-
-
-def test_food_on_a_board_rests_on_its_top():
-    def heights(x, y):
-        board = np.where((np.abs(x) < 110) & (np.abs(y) < 90), 15.0, 0.0)
-        return np.where(np.hypot(x, y) < 30, 50.0, board)
-
-    scene, radius = scene_of(heights)
-    support = support_of(scene, radius < 30)
-    assert support.source == "board"
-    assert support.height_mm == pytest.approx(15.0, abs=0.5)
+    support = support_of(scene, radius < radius_mm)
+    assert support.source == source
+    assert support.height_mm == pytest.approx(mm, abs=off_mm)
+    if sd_mm is None:
+        assert support.sd_mm > 2.0
+    else:
+        assert support.sd_mm < sd_mm
+        assert abs(support.height_mm - mm) < 2 * support.sd_mm
 
 
 def test_boards_top_is_not_drawn_down_by_windows_across_its_edge():
@@ -95,18 +91,6 @@ def test_boards_top_is_not_drawn_down_by_windows_across_its_edge():
     support = find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), radius < 30, radius < 30)
     assert support.source == "board"
     assert support.height_mm == pytest.approx(15.0, abs=0.6)
-
-
-def bowl(x, y):
-    r = np.hypot(x, y)
-    return np.where(r < 60, 38.0, np.where(r < 68, np.nan, np.where(r < 73, 48.0, np.where(r < 80, np.nan, 0.0))))
-
-
-def test_inside_of_a_filled_bowl_is_guessed():
-    scene, radius = scene_of(bowl)
-    support = support_of(scene, radius < 60)
-    assert support.source == "bowl"
-    assert support.sd_mm > 2.0
 
 
 def test_bowl_is_described_by_its_rim_and_a_plate_is_no_vessel():

@@ -6,26 +6,19 @@ import pytest
 from app.vision.geometry.masks import distance_px
 from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.upright_sides import flat_top, with_sides
-from tests.unit.vision.scene.scenes import plain_scene
+from tests.unit.vision.scene.scenes import plain_scene, slanting_rays
 
 SHAPE = (240, 320)
 CAMERA_MM = np.array([0.0, -400.0, 400.0])
 HALF_MM, TOP_MM = np.array([45.0, 30.0]), 40.0  # of a block about the origin
 FOCAL_PX = 500.0
+RAYS = slanting_rays(SHAPE, FOCAL_PX)
 NO_GAP = np.zeros(SHAPE, bool)
-
-
-def rays():
-    """(h, w, 3) directions of a camera that looks at the origin from a slant of 45 degrees."""
-    rows, columns = np.indices(SHAPE)
-    u, v = (columns - SHAPE[1] / 2) / FOCAL_PX, (rows - SHAPE[0] / 2) / FOCAL_PX
-    forward, down, right = np.array([0, 1, -1]) / np.sqrt(2), np.array([0, -1, -1]) / np.sqrt(2), np.array([1, 0, 0])
-    return forward + u[..., None] * right + v[..., None] * down
 
 
 def meets(height_mm):
     """(h, w, 2) where the rays meet a level."""
-    direction = rays()
+    direction = RAYS
     reach = (height_mm - CAMERA_MM[2]) / direction[..., 2]
     return CAMERA_MM[:2] + reach[..., None] * direction[..., :2]
 
@@ -33,7 +26,7 @@ def meets(height_mm):
 def block(top_mm=TOP_MM):
     """Masks of a block's top and of its side that faces the camera."""
     top = (np.abs(meets(top_mm)) < HALF_MM).all(axis=-1)
-    direction = rays()
+    direction = RAYS
     reach = (-HALF_MM[1] - CAMERA_MM[1]) / direction[..., 1]
     x, z = reach * direction[..., 0], CAMERA_MM[2] + reach * direction[..., 2]
     return top, (np.abs(x) < HALF_MM[0]) & (z > 0) & (z < top_mm)
