@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from app.vision.board.calibration import calibrate
+from app.vision.intrinsics import Camera
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
-from tests.unit.vision.synthetic import PHONE, look_at, render_board
+from tests.unit.vision.synthetic import look_at, render_board
 
 BOARD = parse_marker("plain:10x7:18")
-CAMERA = replace(PHONE, cx=590.0, cy=455.0, distortion=(0.08, -0.15, 5e-4, -5e-4, 0.0))
+CAMERA = Camera(800, 600, 650.0, 650.0, 393.0, 303.0, (0.08, -0.15, 5e-4, -5e-4, 0.0))
 SLANTS = [(60, -90, 0), (50, 0, 20), (55, 120, -30), (80, -90, 90), (45, 60, 10), (50, -150, 45)]
 
 
@@ -26,12 +27,12 @@ def photos() -> list[Photo]:
 
 @pytest.mark.slow
 def test_known_camera_comes_back(photos):
-    result = calibrate([*photos, Photo(np.full((900, 1200, 3), 128, np.uint8))], BOARD)
+    result = calibrate([*photos, Photo(np.full((600, 800, 3), 128, np.uint8))], BOARD)
     camera = result.camera
-    assert (camera.width, camera.height, camera.source) == (1200, 900, "given")
+    assert (camera.width, camera.height, camera.source) == (800, 600, "given")
     # Six views with 0.05 px of noise: 0.2 % of focal length, some px of principal point.
-    assert (camera.fx, camera.fy) == (pytest.approx(975.0, rel=5e-3), pytest.approx(975.0, rel=5e-3))
-    assert (camera.cx, camera.cy) == (pytest.approx(590.0, abs=4), pytest.approx(455.0, abs=4))
+    assert (camera.fx, camera.fy) == (pytest.approx(650.0, rel=5e-3), pytest.approx(650.0, rel=5e-3))
+    assert (camera.cx, camera.cy) == (pytest.approx(393.0, abs=4), pytest.approx(303.0, abs=4))
     assert camera.distortion[0] == pytest.approx(0.08, abs=0.04)
     assert result.rms_px < 0.15
     assert result.used == (0, 1, 2, 3, 4, 5)
