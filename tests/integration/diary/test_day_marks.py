@@ -99,6 +99,22 @@ def marked_of_study(database):
         return set(session.scalars(sa.select(StudyDayMark.local_date)))
 
 
+def start_once(monkeypatch, module, name, change, *, is_behind=False):
+    """Have a function of a module start a change in a thread, before its own work or behind it; returns the thread."""
+    function, threads = getattr(module, name), []
+
+    def with_change(*arguments):
+        result = function(*arguments) if is_behind else None
+        if not threads:
+            threads.append(threading.Thread(target=change))
+            threads[0].start()
+            threads[0].join(HEAD_START_SECONDS)
+        return result if is_behind else function(*arguments)
+
+    monkeypatch.setattr(module, name, with_change)
+    return threads
+
+
 class History:
     """Random changes of meals, records, diary entries and participants."""
 
@@ -228,11 +244,15 @@ def test_each_kind_of_change_marks_the_day(database, people):
         "place is set": lambda session: setattr(session.get(Meal, meal.id), "details", {"location": {"latitude": 1}}),
         "record is added": lambda session: records.append(add_record(session, session.get(Meal, meal.id)).item_id),
         "record changes": lambda session: setattr(session.get(EffectiveRecord, records[0]), "sodium_mg", 1.0),
+        "doubt is of no sum": lambda session: session.execute(
+            sa.update(EffectiveRecord).values(change_seq=7, doubt=0.5)
+        ),
+        "stage is of no sum": lambda session: session.execute(sa.update(Meal).values(version=7, stage="segment")),
         "record is deleted": lambda session: session.delete(session.get(EffectiveRecord, records[0])),
         "entry is added": lambda session: session.add(entry),
         "entry changes": lambda session: setattr(session.get(DiaryDay, (person, day)), "status", "open"),
         "entry is deleted": lambda session: session.delete(session.get(DiaryDay, (person, day))),
-        "items are deleted": lambda session: session.execute(sa.delete(Item)),
+        "items are deleted, which no sum tells of": lambda session: session.execute(sa.delete(Item)),
         "meal is deleted": lambda session: session.delete(session.get(Meal, meal.id)),
     }
     records = []
@@ -241,45 +261,25 @@ def test_each_kind_of_change_marks_the_day(database, people):
     for name, change in changes.items():
         with database.write() as session:
             change(session)
-        assert marked(database) == (set() if name == "items are deleted" else {(person, day)}), name
+        assert marked(database) == (set() if "no sum" in name else {(person, day)}), name
         write_all_sums(database)
         assert marked(database) == set()
     assert read_figures(database) == ([], [], [], [])
 
 
-def test_change_that_affects_no_sum_marks_no_day(database, people):
-    with database.write() as session:
-        meal = new_meal(people[0], FIRST_DAY)
-        session.add(meal)
-        session.flush()
-        add_record(session, meal)
-    write_all_sums(database)
-    with database.write() as session:
-        session.execute(sa.update(Meal).values(version=7, stage="segment"))
-        session.execute(sa.update(EffectiveRecord).values(change_seq=7, doubt=0.5))
-    assert marked(database) == set()
-
-
+@pytest.mark.both_stores
 def test_change_while_sums_are_written_is_not_lost(database, people, monkeypatch):
     with database.write() as session:
         meal = new_meal(people[0], FIRST_DAY)
         session.add(meal)
         session.flush()
         item_id = add_record(session, meal, energy_kcal=100.0).item_id
-    lock, writers = day_sums.lock_existing_participants, []
 
     def correct():
         with database.write() as session:
             session.get(EffectiveRecord, item_id).energy_kcal = 700.0
 
-    def meanwhile(session, ids):
-        if not writers:  # after the marks were read
-            writers.append(threading.Thread(target=correct))
-            writers[0].start()
-            writers[0].join(HEAD_START_SECONDS)
-        return lock(session, ids)
-
-    monkeypatch.setattr(day_sums, "lock_existing_participants", meanwhile)
+    writers = start_once(monkeypatch, day_sums, "lock_existing_participants", correct)  # the marks were read
     write_all_sums(database)
     writers[0].join()
     assert [row.amounts["energy_kcal"].value for row in read_figures(database)[0]] == [700.0]
@@ -289,22 +289,14 @@ def test_change_while_sums_are_written_is_not_lost(database, people, monkeypatch
     assert compare_days(database, write=False) == ComparedDays(1, 0)
 
 
+@pytest.mark.both_stores
 def test_two_concurrent_writers_leave_no_outdated_sum(database, people, monkeypatch):
     """The second one does not get the lock, or waits for the first."""
     with database.write() as session:
         session.add(new_meal(people[0], FIRST_DAY))
-    write, seconds = day_sums.write_sums, []
-
-    def beside_another(session, marks):
-        if not seconds:
-            seconds.append(threading.Thread(target=write_all_sums, args=(database,)))
-            seconds[0].start()
-            seconds[0].join(HEAD_START_SECONDS)
-        write(session, marks)
-
-    monkeypatch.setattr(day_sums, "write_sums", beside_another)
+    writers = start_once(monkeypatch, day_sums, "write_sums", lambda: write_all_sums(database))
     write_all_sums(database)
-    seconds[0].join()
+    writers[0].join()
     assert marked(database) == set()
     assert compare_days(database, write=False) == ComparedDays(1, 0)
 
@@ -361,24 +353,17 @@ def test_change_of_expected_days_marks_the_affected_study_days(database, people)
     assert marked_of_study(database) == set()
 
 
+@pytest.mark.both_stores
 def test_study_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
     with database.write() as session:
         session.add(new_meal(people[0], FIRST_DAY))
     write_sums(database)
-    write, writers = study_day_sums.write_day, []
 
     def arrive():
         with database.write() as session:
             session.add(new_meal(people[1], FIRST_DAY))
 
-    def meanwhile(session, day):
-        write(session, day)
-        if not writers:
-            writers.append(threading.Thread(target=arrive))
-            writers[0].start()
-            writers[0].join(HEAD_START_SECONDS)
-
-    monkeypatch.setattr(study_day_sums, "write_day", meanwhile)
+    writers = start_once(monkeypatch, study_day_sums, "write_day", arrive, is_behind=True)
     write_study_sums(database)
     writers[0].join()
     assert [day.counts.meals for day in read_figures(database)[3]] == [2]
@@ -387,27 +372,10 @@ def test_study_day_that_changes_while_it_is_written_stays_marked(database, peopl
     assert compare_study_days(database, write=False) == ComparedDays(1, 0)
 
 
-def test_wrong_or_missing_study_sums_are_detected_and_corrected(database, people):
-    with database.write() as session:
-        session.add_all(new_meal(people[0], FIRST_DAY + n * ONE_DAY) for n in range(3))
-    write_all_sums(database)
-    truth = read_figures(database)
-    with database.write() as session:
-        session.execute(sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY).values(meals=5))
-        delays = session.get(StudyDaySum, (STUDY, FIRST_DAY)).delays
-        session.execute(
-            sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + ONE_DAY).values(delays=delays * 2)
-        )
-        session.execute(sa.delete(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + 2 * ONE_DAY))
-    assert compare_study_days(database, write=False) == ComparedDays(3, 3)
-    assert compare_study_days(database, write=True) == ComparedDays(3, 3)
-    assert compare_study_days(database, write=False) == ComparedDays(3, 0)
-    assert read_figures(database) == truth
-
-
+@pytest.mark.both_stores
 def test_wrong_missing_or_stray_sums_are_detected_and_corrected(database, people):
     with database.write() as session:
-        session.add_all(new_meal(person, FIRST_DAY + timedelta(days=n)) for person in people for n in range(4))
+        session.add_all(new_meal(person, FIRST_DAY + n * ONE_DAY) for person in people for n in range(4))
     write_all_sums(database)
     truth = read_figures(database)
     assert compare_days(database, write=False) == ComparedDays(8, 0)
@@ -417,7 +385,13 @@ def test_wrong_missing_or_stray_sums_are_detected_and_corrected(database, people
         row = session.scalars(sa.select(DaySum)).first()
         values = {column.name: getattr(row, column.name) for column in DaySum.__table__.columns}
         session.execute(sa.insert(DaySum).values(values | {"local_date": date(2020, 1, 1)}))
-    assert compare_days(database, write=False) == ComparedDays(9, 6)
-    assert compare_days(database, write=True) == ComparedDays(9, 6)
-    assert compare_days(database, write=False) == ComparedDays(8, 0)
+    for write, compared in ((False, (9, 6)), (True, (9, 6)), (False, (8, 0))):
+        assert compare_days(database, write=write) == ComparedDays(*compared)
+    write_all_sums(database)
+    with database.write() as session:
+        session.get(StudyDaySum, (STUDY, FIRST_DAY)).meals = 5
+        session.get(StudyDaySum, (STUDY, FIRST_DAY + ONE_DAY)).delays *= 2
+        session.delete(session.get(StudyDaySum, (STUDY, FIRST_DAY + 2 * ONE_DAY)))
+    for write, compared in ((False, (4, 3)), (True, (4, 3)), (False, (4, 0))):
+        assert compare_study_days(database, write=write) == ComparedDays(*compared)
     assert read_figures(database) == truth

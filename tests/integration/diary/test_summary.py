@@ -5,6 +5,7 @@ import sqlalchemy as sa
 
 from app.people.models import Study
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.uploads.answers import refusal
 
 PATH = "/v1/me/summary"
 WOMAN = {"sex": "female", "birth_year": 1990, "weight_kg": 60.0}
@@ -36,19 +37,23 @@ def eat(state, phone, *days, closed=True, **columns):
 
 def test_feedback_is_off_unless_the_study_gives_it(phone, state, client, admin):
     add_meal(state, "P001", "2026-11-19", eaten_item(energy_kcal=80.0))
-    answer = phone.get(PATH)
-    assert (answer.status_code, answer.json()["code"]) == (403, "feedback_off")
-    staff = client.get("/v1/studies/pilot/participants/P001/summary", headers=admin)
-    assert staff.json()["components"]["energy_kcal"]["amount"] == 80.0
+    assert refusal(phone.get(PATH)) == (403, "feedback_off")
+    staff = "/v1/studies/pilot/participants/P001/summary"
+    assert client.get(staff, headers=admin).json()["components"]["energy_kcal"]["amount"] == 80.0
+    assert client.get(staff.replace("P001", "P999"), headers=admin).status_code == 404
 
 
 def test_day_shows_amounts_by_meal_and_compares_nothing(feedback, state):
-    first = add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=80.0), hour=8)
-    add_meal(state, "P001", "2026-11-19", eaten_item(200.0, energy_kcal=300.0), eaten_item(None), hour=19)
+    first = add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=80.0, fat_g=0.0), hour=8)
+    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
+    assert fat == {"amount": 0.0, "interval": None, "coverage": 1.0}  # no fat, says the table
+    eaten = eaten_item(200.0, energy_kcal=300.0, fat_g=8.0), eaten_item(None)
+    add_meal(state, "P001", "2026-11-19", *eaten, hour=19)
     body = feedback.get(PATH, date="2026-11-19").json()
     energy = body["components"]["energy_kcal"]
     assert (energy["amount"], energy["coverage"]) == (380.0, None)
     assert energy["interval"] == [pytest.approx(0.9 * 380), pytest.approx(1.1 * 380)]
+    assert body["components"]["fat_g"]["interval"] == [pytest.approx(0.9 * 8.0), pytest.approx(1.1 * 8.0)]
     assert [meal["components"]["energy_kcal"]["amount"] for meal in body["meals"]] == [80.0, 300.0]
     assert (body["meals"][0]["meal_id"], body["meals"][1]["unmeasured_items"]) == (str(first), 1)
     assert (body["unmeasured_items"], body["status"], body["study_day"]) == (1, "open", 1)
@@ -58,20 +63,17 @@ def test_day_shows_amounts_by_meal_and_compares_nothing(feedback, state):
     assert "not medical advice" in body["disclaimer"]
 
 
-def test_day_of_foods_without_fat_by_their_table_has_no_interval_of_fat(feedback, state):
-    add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=304.0, fat_g=0.0))
-    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
-    assert fat == {"amount": 0.0, "interval": None, "coverage": 1.0}
-    add_meal(state, "P001", "2026-11-19", eaten_item(10.0, fat_g=8.0), hour=19)
-    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
-    assert fat["interval"] == [pytest.approx(0.9 * 8.0), pytest.approx(1.1 * 8.0)]
-
-
-def test_summary_without_a_date_is_of_the_last_day_and_without_days_an_error(feedback, state):
+def test_summary_without_a_date_is_of_the_last_day_and_compares_days_of_its_window(feedback, state):
     assert feedback.get(PATH).json()["code"] == "no_day_yet"
-    eat(state, feedback, 17, 18)
-    assert feedback.get(PATH).json()["date"] == "2026-11-18"
-    assert feedback.get(PATH, date="2026-11-03").json()["meals"] == []
+    eat(state, feedback, 1, 2, 3, 20)
+    body = feedback.get(PATH).json()
+    assert body["date"] == "2026-11-20"
+    assert feedback.get(PATH, date="2026-11-05").json()["meals"] == []
+    for day, closed in ((16, 1), (14, 3)):
+        assert feedback.get(PATH, date=f"2026-11-{day}").json()["comparison"]["closed_days"] == closed
+    for profile in ({}, {"birth_year": 1990}):  # without age and sex nothing is compared
+        set_profile(state, **profile)
+        assert feedback.get(PATH, date="2026-11-14").json()["comparison"]["why_not"] == "profile_needed"
 
 
 def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, state):
@@ -99,22 +101,7 @@ def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, st
     assert any(sentence.startswith("Days differ") for sentence in body["sentences"])
 
 
-def test_days_before_the_window_and_after_the_day_do_not_count(feedback, state):
-    set_profile(state, **WOMAN)
-    eat(state, feedback, 1, 2, 3, 20)
-    assert feedback.get(PATH, date="2026-11-16").json()["comparison"]["closed_days"] == 1
-    assert feedback.get(PATH, date="2026-11-14").json()["comparison"]["closed_days"] == 3
-
-
-def test_without_age_and_sex_nothing_is_compared(feedback, state):
-    eat(state, feedback, 15, 16, 17)
-    body = feedback.get(PATH).json()
-    assert body["comparison"]["why_not"] == "profile_needed"
-    set_profile(state, birth_year=1990)
-    assert feedback.get(PATH).json()["comparison"]["why_not"] == "profile_needed"
-
-
-def test_partly_known_contents_never_give_the_verdict_below(feedback, state):
+def test_partly_known_contents_never_give_the_verdict_below_and_days_with_a_failed_meal_none(feedback, state):
     set_profile(state, **WOMAN)
     eat(state, feedback, 15, 16, 17)
     add_meal(state, "P001", "2026-11-16", eaten_item(50.0, energy_kcal=10.0))
@@ -123,11 +110,6 @@ def test_partly_known_contents_never_give_the_verdict_below(feedback, state):
     assert found["vitamin_c_mg"]["verdict"] == "open_coverage"
     assert found["vitamin_c_mg"]["coverage"] == pytest.approx((1 + 100 / 150 + 1) / 3)
     assert found["protein_g"]["verdict"] == "reaches"
-
-
-def test_failed_meal_is_reported_and_its_day_not_compared(feedback, state):
-    set_profile(state, **WOMAN)
-    eat(state, feedback, 15, 16, 17)
     add_meal(state, "P001", "2026-11-17", hour=19, status="failed")
     body = feedback.get(PATH).json()
     energy = body["components"]["energy_kcal"]
@@ -181,9 +163,3 @@ def test_sentences_are_in_the_studys_language(feedback, state, locale, advice):
     assert body["locale"] == locale
     assert advice in body["disclaimer"]
     assert len(body["sentences"]) == 9  # the day, its interval, the basis, five nutrients, the doubt
-
-
-def test_participant_of_another_study_is_not_found(phone, client, admin):
-    for path in ("/v1/studies/pilot/participants/P999/summary", "/v1/studies/none/participants/P001/summary"):
-        assert client.get(path, headers=admin).status_code == 404
-    assert phone.get("/v1/studies/pilot/participants/P001/summary").status_code == 403

@@ -342,6 +342,7 @@ def run_over_dead_lease(state, action):
     action()
 
 
+@pytest.mark.both_stores
 def test_living_runner_is_not_taken_over(viewer, run, during):
     ask(viewer)
     others = []

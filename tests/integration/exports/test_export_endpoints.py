@@ -229,15 +229,21 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
             path, headers=admin, params={"format": "ndjson"} | ({"study": "pilot"} if "pilot" not in path else {})
         )
     client.get("/v1/meals?study=pilot&format=csv&layout=long&components=all", headers=admin)
+    client.get("/v1/days?study=pilot", headers=admin)  # a page is no export
+    assert client.get("/v1/days?format=csv", headers=study.headers).status_code == 200
+    client.get("/v1/days?format=csv&from=2026-11-01", headers=admin)
     with state.database.read() as session:
         events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action.like("%.export"))).all()
-    assert sorted(event.action for event in events) == [
+    *of_study, last = events
+    assert sorted(event.action for event in of_study) == [
         "days.export", "meals.export", "meals.export", "photographs.export", "records.export",
     ]  # fmt: skip
-    assert events[-1].details == {
+    assert of_study[-1].details == {
         "output": "csv", "filters": ["study_code"], "layout": "long", "components": "all",
     }  # fmt: skip
-    assert {event.study_id for event in events} != {None}
+    assert None not in {event.study_id for event in of_study}
+    assert (last.action, last.study_id) == ("days.export", None)
+    assert last.details == {"output": "csv", "filters": ["first_day"]}
 
 
 def test_spec_comes_back_from_json_as_it_was():

@@ -201,6 +201,7 @@ def test_meals_of_more_studies_than_a_statement_has_branches_are_all_there(datab
     assert expected
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize(
     "chosen",
     [RowFilter(), RowFilter(statuses=("failed",)), RowFilter(needs="answer")],

@@ -128,6 +128,7 @@ def test_pages_follow_each_other_without_gap_or_repeat(database, eaten):
     assert seen == reference(eaten, chosen)
 
 
+@pytest.mark.both_stores
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize(
     "chosen",
@@ -249,6 +250,7 @@ def test_queue_of_a_food_with_very_many_versions_is_read(database, eaten):
     assert [(row.record.doubt, row.record.item_id) for row in page] == queue_reference(eaten, chosen) != []
 
 
+@pytest.mark.both_stores
 @pytest.mark.usefixtures("eaten")
 @pytest.mark.parametrize(
     "chosen",

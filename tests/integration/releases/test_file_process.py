@@ -57,6 +57,7 @@ def test_process_makes_the_file_and_ends(state, settings, asked):
     assert asked()["rows_written"] == 1
 
 
+@pytest.mark.both_stores
 def test_killed_process_is_replaced_at_once(state, settings, asked):
     slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     wait_for(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow)

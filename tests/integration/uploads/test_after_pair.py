@@ -12,6 +12,7 @@ from app.meals.record_models import Run
 from app.people.privacy_models import BlobDeletion
 from app.uploads.waiting import MealWaiter
 from tests.integration.records.after_pairs import Table, left_of_apple
+from tests.integration.records.at_once import at_once
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.photographs import photograph
@@ -161,12 +162,8 @@ def test_after_run_saved_twice_is_one_and_its_artefacts_are_served_apart(table, 
 
 
 def test_two_phones_that_send_the_same_photograph_at_once_keep_it_once(table, state):
-    content, answers = photograph(71), []
-    threads = [threading.Thread(target=lambda: answers.append(table.put("after_left", content))) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(answer.status_code for answer in answers) == [200, 200, 200, 202]
+    content = photograph(71)
+    answers = at_once(*[lambda: table.put("after_left", content).status_code] * 4)
+    assert sorted(answers) == [200, 200, 200, 202]
     with state.database.read() as session:
         assert session.query(MealImage).filter(MealImage.slot == "after_left").count() == 1

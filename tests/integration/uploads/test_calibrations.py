@@ -226,6 +226,7 @@ def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone,
     assert run["camera"]["left"]["calibrations"] == [str(number)]
 
 
+@pytest.mark.both_stores
 @pytest.mark.slow
 def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_alias(phone, state, boards, monkeypatch):
     photos = [jpeg(board) for board in boards]

@@ -1,7 +1,6 @@
 """Cancel and retry estimates, by the calls and by `tada jobs`."""
 
 import json
-import threading
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -21,6 +20,7 @@ from app.uploads.look_after_jobs import failed_pairs, retry_failed
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table, left_of_apple
+from tests.integration.records.at_once import at_once
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.commands import run_tada
@@ -169,17 +169,9 @@ def test_comment_on_a_meal_that_is_retried_does_not_move_its_status_back(phone, 
     assert (body["status"], body["failure"]["code"]) == ("failed", "marker_not_found")
 
 
-def test_two_retries_at_once_queue_one_job(state, reviewer, meal):
+def test_retries_at_once_queue_one_job(state, reviewer, meal):
     fail(state, meal)
-    answers = []
-    threads = [
-        threading.Thread(target=lambda: answers.append(reviewer.post(f"/v1/meals/{meal}/retry").status_code))
-        for _ in range(4)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    answers = at_once(*[lambda: reviewer.post(f"/v1/meals/{meal}/retry").status_code] * 4)
     assert sorted(answers) == [200, 200, 200, 202]
     assert [job.state for job in jobs_of(state, meal)] == ["failed", "queued"]
 

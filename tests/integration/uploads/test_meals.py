@@ -143,6 +143,7 @@ def test_wait_ends_when_the_meal_changes(phone, state):
     assert (answers[0]["status"], answers[0]["stage"]) == ("processing", "marker")
 
 
+@pytest.mark.both_stores
 def test_waiting_on_an_older_etag_answers_at_once_and_on_the_same_gives_304(phone):
     meal = phone.post(pair())
     url = f"/v1/meals/{meal.json()['id']}"
