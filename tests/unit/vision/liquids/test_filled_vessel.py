@@ -36,27 +36,40 @@ def _pair() -> RectifiedPair:
     return RectifiedPair(blank, blank, seen, grid, focal, centre, rotation, first, baseline, plane, (-5.0, 60.0))
 
 
+def _ring(pair: RectifiedPair, view: int, radius: float, z: float) -> np.ndarray:
+    sight = Sight(pair)
+    pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, radius, z]), 400)), view)
+    return np.rint(pixels * 2**FINE).astype(np.int32)
+
+
+def _fill(image: ImageArray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
+    cv2.fillPoly(image, [outline], colour, cv2.LINE_AA, FINE)
+
+
 def _with_mug(pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float | None) -> RectifiedPair:
     """An upright mug at the origin, 3 mm thick, filled to level_mm; empty: None."""
-    sight = Sight(pair)
     views: list[ImageArray] = []
     for view in (0, 1):
-        image = np.full((*SHAPE, 3), CLOTH, np.uint8)
-
-        def ring(r: float, z: float, view: int = view) -> np.ndarray:
-            pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, r, z]), 400)), view)
-            return np.rint(pixels * 2**FINE).astype(np.int32)
-
-        hull = cv2.convexHull(np.vstack([ring(radius, 0.0), ring(radius, rim_mm)]))
-        cv2.fillPoly(image, [hull], (170, 175, 180), cv2.LINE_AA, FINE)
-        cv2.fillPoly(image, [ring(radius, rim_mm)], WALL, cv2.LINE_AA, FINE)
-        interior = np.full_like(image, INSIDE)
+        image, opening = np.full((*SHAPE, 3), CLOTH, np.uint8), np.zeros(SHAPE, np.uint8)
+        interior, rim = np.full_like(image, INSIDE), _ring(pair, view, radius, rim_mm)
+        _fill(image, cv2.convexHull(np.vstack([_ring(pair, view, radius, 0.0), rim])), (170, 175, 180))
+        _fill(image, rim, WALL)
         if level_mm is not None:
-            cv2.fillPoly(interior, [ring(radius - 3.0, level_mm)], TEA, cv2.LINE_AA, FINE)
-        opening = np.zeros(SHAPE, np.uint8)
-        cv2.fillPoly(opening, [ring(radius - 3.0, rim_mm)], (255,), cv2.LINE_AA, FINE)
+            _fill(interior, _ring(pair, view, radius - 3.0, level_mm), TEA)
+        _fill(opening, _ring(pair, view, radius - 3.0, rim_mm), (255,))
         share = opening[..., None] / 255.0
         views.append(np.asarray(np.rint(image * (1 - share) + interior * share), np.uint8))
+    return replace(pair, first_bgr=views[0], second_bgr=views[1])
+
+
+def _with_glass(radius: float, rim_mm: float, level_mm: float, narrower_mm: float = 0.0) -> RectifiedPair:
+    """An upright glass at the origin whose thin wall hides nothing, narrower_mm at the tea than at its rim."""
+    pair, views = _pair(), [np.full((*SHAPE, 3), CLOTH, np.uint8) for _ in range(2)]
+    for view, image in enumerate(views):
+        foot, tea = (_ring(pair, view, radius - narrower_mm, z) for z in (4.0, level_mm))
+        _fill(image, cv2.convexHull(np.vstack([foot, tea])), (30, 70, 120))
+        _fill(image, tea, TEA)
+        cv2.polylines(image, [_ring(pair, view, radius, rim_mm)], True, (40, 40, 40), 1, cv2.LINE_AA, FINE)
     return replace(pair, first_bgr=views[0], second_bgr=views[1])
 
 
@@ -74,9 +87,7 @@ def _level(radius: float, height: float, sd: float = 0.5) -> Level:
 
 
 def test_rim_and_level_of_drawn_mug_are_measured() -> None:
-    vessels = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0))
-    assert len(vessels) == 1
-    vessel = vessels[0]
+    (vessel,) = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0))
     assert not vessel.level.is_in_glass
     # The circle may lie on either edge of the 3 mm wide rim; a pixel spans 0.6 mm, and 1.3 mm of height.
     assert 38.0 < vessel.rim.radius_mm < 43.0
@@ -94,32 +105,8 @@ def test_library_mug_is_recognised_and_filled_to_its_level() -> None:
     assert recognise(_rim(40.0, 90.0), 0.0, (VesselModel("tall", "glass", 78.0, 140.0, 500.0),)) is None
 
 
-def _with_glass(
-    pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float, narrower_mm: float = 0.0
-) -> RectifiedPair:
-    """An upright glass at the origin whose thin wall hides nothing, narrower_mm at the tea than at its rim."""
-    sight = Sight(pair)
-    views: list[ImageArray] = []
-    for view in (0, 1):
-        image = np.full((*SHAPE, 3), CLOTH, np.uint8)
-
-        def ring(z: float, view: int = view) -> np.ndarray:
-            reach = radius if z == rim_mm else radius - narrower_mm
-            pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, reach, z]), 400)), view)
-            return np.rint(pixels * 2**FINE).astype(np.int32)
-
-        body = cv2.convexHull(np.vstack([ring(4.0), ring(level_mm)]))
-        cv2.fillPoly(image, [body], (30, 70, 120), cv2.LINE_AA, FINE)
-        cv2.fillPoly(image, [ring(level_mm)], TEA, cv2.LINE_AA, FINE)
-        cv2.polylines(image, [ring(rim_mm)], True, (40, 40, 40), 1, cv2.LINE_AA, FINE)
-        views.append(image)
-    return replace(pair, first_bgr=views[0], second_bgr=views[1])
-
-
 def test_level_of_tea_is_read_through_a_drawn_glass_and_all_below_it_is_outlined() -> None:
-    vessels = _vessels(_with_glass(_pair(), 36.0, 100.0, 60.0))
-    assert len(vessels) == 1
-    vessel = vessels[0]
+    (vessel,) = _vessels(_with_glass(36.0, 100.0, 60.0))
     assert vessel.level.is_in_glass
     assert vessel.level.height_mm == pytest.approx(60.0, abs=2.0)  # steps of 1 mm, bands of 3 mm
     assert vessel.level.radius_mm == pytest.approx(36.0, abs=1.5)
@@ -127,8 +114,8 @@ def test_level_of_tea_is_read_through_a_drawn_glass_and_all_below_it_is_outlined
 
 
 def test_circle_low_in_a_glass_and_as_wide_as_its_rim_is_its_foot_and_no_surface() -> None:
-    assert _vessels(_with_glass(_pair(), 36.0, 100.0, 20.0)) == []
-    read = _vessels(_with_glass(_pair(), 36.0, 100.0, 20.0, narrower_mm=3.0))
+    assert _vessels(_with_glass(36.0, 100.0, 20.0)) == []
+    read = _vessels(_with_glass(36.0, 100.0, 20.0, narrower_mm=3.0))
     assert [vessel.level.height_mm for vessel in read] == [pytest.approx(20.0, abs=2.0)]
 
 
