@@ -10,9 +10,9 @@ from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
 from app.records.rebuild_records import rebuild_records
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import found_item, identified_item, vcm
 from tests.support.photographs import pair
 

@@ -26,9 +26,9 @@ from app.vision.looks.vcm import VCM_VERSION, describe_rings
 from app.vision.model import ColourCorrection
 from app.vision.photo import read_photo
 from app.worker import TASKS
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import found_item, vcm
 from tests.support.photographs import pair
 
@@ -115,6 +115,7 @@ def test_item_of_a_run_that_described_nothing_and_kept_no_colour_is_described_as
     assert rows(state, IndexEntry)[0].food_key == "apple"
 
 
+@pytest.mark.both_stores
 def test_candidates_of_the_run_stay_when_its_region_is_described_again(state, meal_of, rebuild):
     speaker, _ = meal_of()
     before = speaker.meal()["items"]

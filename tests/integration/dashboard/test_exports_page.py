@@ -14,8 +14,6 @@ from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 
-pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
-
 PATH = "/dashboard/studies/pilot/exports"
 API = "/v1/studies/pilot/exports"
 QUOTED = '"><script>alert(1)</script>'

@@ -4,8 +4,8 @@ import uuid
 
 import pytest
 
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 

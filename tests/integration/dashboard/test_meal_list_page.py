@@ -14,14 +14,12 @@ import sqlalchemy as sa
 
 from app.meals.models import MealImage
 from app.people.access.page_rules import POLLED
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.photographs import pair
-
-pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
 
 PAGE = "/dashboard/studies/pilot/meals"
 CHANGED = "/dashboard/studies/pilot/changed-meals"

@@ -11,9 +11,9 @@ import app.dashboard
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.people.access.page_rules import MEAL, POLLED
 from app.people.privacy_models import AuditEvent
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.support import estimates
 from tests.support.estimates import found_item, identified_item, unmeasured_item
 from tests.support.photographs import pair
 

@@ -16,8 +16,6 @@ from app.people.models import Participant, Study
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
-pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
-
 PATH = "/dashboard/studies/pilot"
 WINDOW = {"from": "2026-11-01", "to": "2026-11-06"}
 

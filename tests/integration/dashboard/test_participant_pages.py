@@ -9,8 +9,6 @@ from app.meals.record_models import HEADLINE_COLUMNS
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
 
-pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
-
 DAYS = ("2026-11-01", "2026-11-02", "2026-11-03", "2026-11-04")
 PARTICIPANTS = "/dashboard/studies/pilot/participants"
 PATH = f"{PARTICIPANTS}/P001"

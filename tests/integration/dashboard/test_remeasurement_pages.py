@@ -2,11 +2,11 @@
 
 import pytest
 
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.remeasurements.measuring_again import PATH as API
 from tests.integration.remeasurements.measuring_again import Again
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 

@@ -7,14 +7,12 @@ from urllib.parse import parse_qsl
 
 import pytest
 
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import found_item, identified_item, unmeasured_item
 from tests.support.photographs import pair
-
-pytestmark = pytest.mark.parametrize("kind", ["sqlite", "postgres"])
 
 PAGE = "/dashboard/studies/pilot/review"
 QUEUE = "/v1/studies/pilot/review-queue"

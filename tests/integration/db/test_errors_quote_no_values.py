@@ -16,6 +16,7 @@ def add_study(session, code=MARK):
     session.add(Study(id=uuid.uuid4(), code=code, name=MARK, created_at=datetime.now(UTC)))
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize(
     "statement",
     [
@@ -39,6 +40,7 @@ def test_refusal_quotes_no_value(statement, database):
     assert MARK not in text
 
 
+@pytest.mark.both_stores
 def test_unique_constraint_is_told_by_name_without_the_value(database):
     with database.write() as session:
         add_study(session)

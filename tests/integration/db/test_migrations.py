@@ -1,3 +1,4 @@
+import pytest
 import sqlalchemy as sa
 
 from app.db.migrate import upgrade
@@ -5,12 +6,14 @@ from app.db.schema_state import is_current
 from app.db.session import Database
 
 
+@pytest.mark.both_stores
 def test_upgrading_twice_changes_nothing(database):
     assert is_current(database)
     upgrade(database)
     assert is_current(database)
 
 
+@pytest.mark.both_stores
 def test_empty_database_is_not_current(database_url):
     database = Database(database_url)
     try:
@@ -19,6 +22,7 @@ def test_empty_database_is_not_current(database_url):
         database.dispose()
 
 
+@pytest.mark.both_stores
 def test_write_in_a_read_session_is_refused_by_the_database(database):
     with database.read() as session:
         try:
@@ -29,6 +33,7 @@ def test_write_in_a_read_session_is_refused_by_the_database(database):
             raise AssertionError("a read session could write")
 
 
+@pytest.mark.both_stores
 def test_failed_transaction_leaves_nothing(database):
     class Stop(Exception):  # noqa: N818
         pass

@@ -55,6 +55,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.both_stores
 def test_change_behind_the_models_back_is_a_differing_fact(database):
     before = facts(database)
     with database.write_engine.begin() as connection:

@@ -86,6 +86,7 @@ BREAKS = {
 }
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize("change", BREAKS)
 def test_change_that_breaks_old_code_is_found(database, change):
     if database.is_sqlite and "NOT NULL" in change:

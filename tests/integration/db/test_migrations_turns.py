@@ -64,6 +64,7 @@ def start(*arguments):
     return subprocess.Popen([sys.executable, *arguments], stderr=subprocess.PIPE, text=True, env=os.environ)
 
 
+@pytest.mark.both_stores
 def test_two_processes_that_migrate_at_once_both_end_well(empty):
     code = "import sys, app.db.migrate as m, app.db.session as s; m.upgrade(s.Database(sys.argv[1]))"
     both = [start("-c", code, empty.url) for _ in range(2)]
@@ -72,6 +73,7 @@ def test_two_processes_that_migrate_at_once_both_end_well(empty):
     assert is_current(empty)
 
 
+@pytest.mark.both_stores
 def test_migrator_killed_in_the_middle_leaves_the_old_schema_and_no_lock(empty):
     killed = start("-c", MIGRATOR, empty.url, "between")
     killed.communicate()
@@ -92,6 +94,7 @@ def test_lock_of_a_migrator_killed_during_a_long_statement_is_free_within_second
     assert is_current(empty)
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize("is_able", [True, False])
 def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(database, is_able, next_migration):
     """On Windows, and before 15 on macOS, it refuses the setting: as it refuses here a time that cannot be."""
@@ -114,6 +117,7 @@ def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(data
     assert set(seen) == {"5s" if is_able else "0"}
 
 
+@pytest.mark.both_stores
 def test_migrator_gives_up_when_another_one_does_not_end(database, next_migration):
     next_migration()
     with database.write_engine.connect() as other:
@@ -155,6 +159,7 @@ def test_table_that_becomes_free_between_two_tries_is_migrated(database):
     assert current_revision(database) is None
 
 
+@pytest.mark.both_stores
 def test_code_beside_a_newer_schema_is_ready_and_migrates_nothing(database, tmp_path):
     with database.write_engine.begin() as connection:
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '20991231_of_the_future'"))
@@ -168,6 +173,7 @@ def test_code_beside_a_newer_schema_is_ready_and_migrates_nothing(database, tmp_
         downgrade(database, BASELINE)
 
 
+@pytest.mark.both_stores
 def test_schema_of_before_the_first_migration_is_refused_in_words(database):
     with database.write_engine.begin() as connection:
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '20261123_spent_codes'"))
@@ -176,6 +182,7 @@ def test_schema_of_before_the_first_migration_is_refused_in_words(database):
         upgrade(database)
 
 
+@pytest.mark.both_stores
 def test_code_on_an_older_schema_is_not_ready(database, tmp_path, next_migration):
     next_migration()
     assert schema_state(database) is SchemaState.OLDER

@@ -26,6 +26,7 @@ def execute(database, statement):
         session.execute(sa.text(statement))
 
 
+@pytest.mark.both_stores
 def test_there_is_a_row_in_every_table(full):
     assert {table for table, rows in rows_of(full).items() if rows} == set(Base.metadata.tables)
 
@@ -41,6 +42,7 @@ def test_rows_survive_the_way_up_and_back(full, next_migration):
     assert rows_of(full) == before
 
 
+@pytest.mark.both_stores
 def test_references_are_enforced_after_the_upgrade(full, next_migration):
     next_migration()
     upgrade(full)
@@ -48,6 +50,7 @@ def test_references_are_enforced_after_the_upgrade(full, next_migration):
         execute(full, "DELETE FROM item")
 
 
+@pytest.mark.both_stores
 def test_broken_reference_stops_the_upgrade_and_nothing_is_changed(full, next_migration):
     if not full.is_sqlite:
         return  # PostgreSQL alters tables in place and lets no reference break
@@ -154,6 +157,7 @@ def test_form_by_hand_stays_as_the_volume_that_it_set_on_the_way_back(full):
     execute(full, "UPDATE meal_event SET kind = 'reshape'")
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize(
     "change",
     [
@@ -167,6 +171,7 @@ def test_value_that_cannot_be_is_refused_by_the_database(full, change):
         execute(full, change)
 
 
+@pytest.mark.both_stores
 def test_volume_may_be_unknown_with_its_interval(full):
     execute(full, "UPDATE item SET volume_ml = NULL, volume_low_ml = NULL, volume_high_ml = NULL")
     execute(full, "UPDATE effective_record SET volume_ml = NULL")

@@ -45,6 +45,7 @@ def test_no_free_connection_is_503_with_retry_after_and_the_next_call_is_served(
     assert made().status_code in (200, 202)
 
 
+@pytest.mark.both_stores
 def test_limits_of_the_settings_are_those_of_the_server(database_url, kind):
     settings = Settings(
         database_url=database_url,

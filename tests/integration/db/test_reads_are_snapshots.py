@@ -3,12 +3,14 @@
 import uuid
 from datetime import UTC, datetime
 
+import pytest
 import sqlalchemy as sa
 
 from app.people.models import Study
 from app.records import queries as records
 
 
+@pytest.mark.both_stores
 def test_second_query_of_a_read_sees_nothing_that_was_committed_since_the_first(database):
     study_id = uuid.uuid4()
     with database.write() as session:

@@ -21,6 +21,7 @@ def test_revisions_are_alembics_in_its_order():
     assert list(revisions()) == [script.revision for script in reversed(list(scripts))]
 
 
+@pytest.mark.both_stores
 def test_an_empty_database_has_no_revision(database):
     assert current_revision(database) is None
 

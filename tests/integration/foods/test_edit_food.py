@@ -63,6 +63,7 @@ def test_no_imported_row_is_ever_changed(database):
     assert imported_rows(database) == before
 
 
+@pytest.mark.both_stores
 def test_each_version_is_kept_and_leads_to_the_next(database):
     for name in ("second", "third", "fourth"):
         correct(database, "apple", name=name)
@@ -75,6 +76,7 @@ def test_each_version_is_kept_and_leads_to_the_next(database):
         assert previous[1:] == [rows[0].id, rows[1].id]
 
 
+@pytest.mark.both_stores
 def test_the_database_itself_holds_a_version_once(database):
     correct(database, "apple", name="second")
     with database.read() as session:
@@ -84,6 +86,7 @@ def test_the_database_itself_holds_a_version_once(database):
         session.execute(sa.insert(Food), columns)
 
 
+@pytest.mark.both_stores
 def test_the_release_of_corrections_is_made_on_first_use_and_stands_first(database):
     assert "local" not in {listed.release.source for listed in list_releases(database)}
     correct(database, "apple", name="ours")
@@ -109,6 +112,7 @@ def test_its_number_in_a_published_table_leads_to_the_correction(database):
     assert edit_food.edit_food(database, "09003", FoodEdit({"name": "theirs"}), EDITOR).value.key == "apple"
 
 
+@pytest.mark.both_stores
 def test_an_edit_of_a_version_that_is_not_in_force_is_refused(database):
     was = read_food(database, "apple").food.id
     correct(database, "apple", name="ours")
@@ -117,6 +121,7 @@ def test_an_edit_of_a_version_that_is_not_in_force_is_refused(database):
     assert caught.value.code == "food_changed_since"
 
 
+@pytest.mark.both_stores
 def test_a_figure_is_kept_in_the_component_s_unit(database):
     figures = {"VITC": Figure(0.012, Unit.G), "268": Figure(100.0, Unit.KCAL)}
     edit_food.edit_food(database, "apple", FoodEdit(nutrients=figures), EDITOR)
@@ -125,6 +130,7 @@ def test_a_figure_is_kept_in_the_component_s_unit(database):
     assert contents["268"] == pytest.approx(418.4)  # kJ; no table had brought the component yet
 
 
+@pytest.mark.both_stores
 def test_two_own_densities_of_one_source_are_both_kept(database):
     for g_per_ml in (0.7, 0.8):
         density = Density(g_per_ml, 0.01, "raw", "solid", "measured", "our scale")
@@ -134,6 +140,7 @@ def test_two_own_densities_of_one_source_are_both_kept(database):
     assert 0.7 in {other.density.g_per_ml for other in choice.alternatives}
 
 
+@pytest.mark.both_stores
 def test_a_correction_reaches_other_tables_foods_in_place_of_what_it_corrects(database):
     """The starter's apple lends its density to SR28's, which shares its number; corrected, it lends the correction."""
     twin = FoodEdit({"name": "twin", "food_group": "g", "form": "whole", "source_ids": {"sr28_ndb": "09003"}})
@@ -145,6 +152,7 @@ def test_a_correction_reaches_other_tables_foods_in_place_of_what_it_corrects(da
     assert not any("ECUSTFD" in other.density.source for other in choice.alternatives)
 
 
+@pytest.mark.both_stores
 def test_a_row_of_a_table_of_densities_is_not_corrected_but_the_food_that_it_weighs(database):
     with database.write() as session:
         session.execute(sa.update(FoodRelease).where(FoodRelease.source == "starter").values(source="fao-density"))
@@ -159,6 +167,7 @@ def test_a_food_s_value_that_cannot_be_is_refused_and_nothing_kept(database):
     assert read_food(database, "apple").food.version == 1
 
 
+@pytest.mark.both_stores
 def test_the_same_key_twice_is_a_conflict(database):
     edit = FoodEdit({"name": "n", "food_group": "g", "form": "whole"})
     edit_food.create_food(database, "ours", edit, EDITOR)
@@ -213,6 +222,7 @@ def test_foods_are_made_and_corrected_from_the_command_line(tada, tmp_path):
     assert "better" in tada("changes", "quark").stdout
 
 
+@pytest.mark.both_stores
 def test_wrong_use_is_told_in_a_sentence(tada, tmp_path):
     file = tmp_path / "broken.json"
     file.write_text("{")
@@ -238,6 +248,7 @@ def test_no_imported_table_takes_the_name_of_the_corrections(tada, tmp_path):
     assert (run.returncode, "corrections" in run.stderr) == (2, True)
 
 
+@pytest.mark.both_stores
 def test_figures_that_came_impossible_may_be_corrected_one_by_one(database):
     edit = FoodEdit({"name": "n", "food_group": "g", "form": "whole"}, {"WATER": Figure(90.0, Unit.G)})
     edit_food.create_food(database, "ours", edit, EDITOR)
@@ -251,6 +262,7 @@ def test_figures_that_came_impossible_may_be_corrected_one_by_one(database):
     assert edit_food.edit_food(database, "ours", vitamin, EDITOR).value.per_100_g == {"255": 120.0, "401": 5.0}
 
 
+@pytest.mark.both_stores
 def test_the_history_calls_fields_what_the_api_calls_them(database):
     correct(database, "apple", food_group="Ours")
     (change,) = edit_food.list_changes(database, "apple")

@@ -27,6 +27,7 @@ def test_a_new_food_is_made_found_and_read_back(staff):
     assert (change["previous_version"], change["differences"]) == (None, {})
 
 
+@pytest.mark.both_stores
 def test_a_key_that_is_taken_is_a_conflict(staff):
     refused(staff.food(key="apple"), 409, "food_exists")
     assert staff.food().status_code == 201
@@ -50,6 +51,7 @@ def test_a_correction_is_a_version_that_goes_before_the_table_and_leaves_it_as_i
     assert change["previous_release"] == before["release"]
 
 
+@pytest.mark.both_stores
 def test_null_takes_a_figure_away_which_is_unknown_and_not_zero(staff):
     assert "401" in staff.nutrients("apple")
     assert staff.patch("apple", nutrients={"401": None, "CAFFN": None}).status_code == 200
@@ -64,6 +66,7 @@ def test_a_patch_that_changes_nothing_makes_no_version(staff):
     assert staff.get("/v1/foods/apple/changes").json()["items"] == []
 
 
+@pytest.mark.both_stores
 def test_an_edit_copies_the_foods_own_densities_not_those_pooled_from_other_tables(staff, state):
     from app.foods import queries as foods
     from app.foods.models import FoodDensity
@@ -78,6 +81,7 @@ def test_an_edit_copies_the_foods_own_densities_not_those_pooled_from_other_tabl
     assert own() == before
 
 
+@pytest.mark.both_stores
 def test_a_corrected_density_is_not_undone_by_the_row_that_it_corrects(staff):
     density = {"g_per_ml": 0.9, "sd_g_per_ml": 0.02, "state": "raw", "kind": "solid", "source": "ours"}
     assert staff.patch("apple", densities=[density]).status_code == 200
@@ -99,6 +103,7 @@ def test_the_tag_is_asked_for_and_must_be_the_one_in_force(staff, client, admin)
     assert staff.patch("apple", "*", name="fifth").status_code == 200
 
 
+@pytest.mark.both_stores
 def test_of_corrections_at_the_same_time_one_wins(staff):
     tag = staff.get("/v1/foods/banana").headers["etag"]
     answers = at_once(6, lambda n: staff.patch("banana", tag, name=f"banana {n}"))
@@ -108,11 +113,13 @@ def test_of_corrections_at_the_same_time_one_wins(staff):
     assert len(staff.get("/v1/foods/banana/changes").json()["items"]) == 1
 
 
+@pytest.mark.both_stores
 def test_of_the_same_food_made_at_the_same_time_one_is_made(staff):
     answers = at_once(6, lambda n: staff.food(name=f"Quark {n}"))
     assert sorted(answer.status_code for answer in answers) == [201, 409, 409, 409, 409, 409]
 
 
+@pytest.mark.both_stores
 def test_densities_added_at_the_same_time_are_all_kept(staff):
     def add(n):
         body = {"g_per_ml": 0.5 + n / 100, "sd_g_per_ml": 0.01, "state": "raw", "kind": "solid"}

@@ -83,6 +83,7 @@ def test_imported_foods_are_in_force_with_all_that_belongs_to_them(database):
     assert read_food(database, "7").value.key == "bls:7"  # by its number in the table
 
 
+@pytest.mark.both_stores
 def test_importing_twice_changes_nothing(database):
     import_foods(database, table(), "me")
     before = counts(database)
@@ -117,6 +118,7 @@ def test_import_whose_process_was_killed_is_taken_up_after_a_time(database, monk
         assert session.scalar(sa.select(sa.func.count()).where(Food.key.like("bls:%"))) == 250
 
 
+@pytest.mark.both_stores
 def test_importer_that_was_thought_dead_writes_no_more(database, monkeypatch):
     monkeypatch.setattr(module, "ABANDONED_AFTER", timedelta(0))
     finished = []
@@ -133,6 +135,7 @@ def test_importer_that_was_thought_dead_writes_no_more(database, monkeypatch):
     assert len(keys) == len(set(keys)) == 250
 
 
+@pytest.mark.both_stores
 def test_two_imports_at_once_leave_one_table(database):
     outcomes = []
 
@@ -177,6 +180,7 @@ def test_release_that_is_not_whole_cannot_be_put_in_force(database):
         use_release(database, "bls", "1", "me")
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize("shared", [{"fdc_data_type": "sr_legacy_food"}, {"foodex2": "A01DJ"}])
 def test_foods_of_one_kind_or_class_take_no_densities_from_each_other(database, shared):
     foods = tuple(food(number, source_ids={"bls": str(number)} | shared) for number in range(3))
@@ -185,6 +189,7 @@ def test_foods_of_one_kind_or_class_take_no_densities_from_each_other(database, 
     assert [density.source for density in read_food(database, "bls:1").value.densities] == ["a quince, 1"]
 
 
+@pytest.mark.both_stores
 def test_data_set_of_a_food_is_no_number_that_it_is_found_by(database):
     imported = table()
     foods = (food(1, source_ids={"fdc_id": "171688", "fdc_data_type": "sr_legacy_food"}),)
@@ -194,6 +199,7 @@ def test_data_set_of_a_food_is_no_number_that_it_is_found_by(database):
         read_food(database, "sr_legacy_food")
 
 
+@pytest.mark.both_stores
 def test_same_food_of_two_tables_shares_what_was_measured(database):
     """An SR28 apple is weighed by the starter's measured density: they share the NDB number."""
     apple = food(1, key="sr28:09003", source_ids={"sr28_ndb": "09003"}, densities=(), state="raw")
@@ -217,6 +223,7 @@ def test_starters_judgement_stands_for_what_the_tables_that_it_is_made_from_say(
     assert read_food(database, "sr28:01077").density.chosen == read_food(database, "milk-whole").density.chosen
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize(("state", "is_linked"), [("as_eaten", True), ("raw", False), (None, False)])
 def test_density_row_of_the_same_name_is_linked_if_its_state_is_known_to_be_the_same(database, state, is_linked):
     quince = food(1, name="Jam, quince", aliases=(), densities=(), state="as_eaten")

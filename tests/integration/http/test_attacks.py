@@ -83,6 +83,7 @@ def test_nul_in_a_devices_name_is_422_and_leaves_the_code_usable(client, enrol, 
     assert client.post("/v1/enrolments", json={"code": code, "device_name": "ab"}).status_code == 201
 
 
+@pytest.mark.both_stores
 def test_same_study_made_at_once_is_made_once_and_else_a_conflict(client, admin):
     body = {"code": "race", "name": "race"}
     answers = at_once(lambda: client.post("/v1/studies", headers=admin, json=body))

@@ -1,5 +1,7 @@
 """A meal is erased while a worker has its job: the worker goes on, and nothing of the meal comes back."""
 
+import pytest
+
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox
@@ -50,6 +52,7 @@ def test_job_whose_meal_is_erased_while_it_is_computed_leaves_nothing_and_the_wo
         assert session.get(Meal, meal_id) is None
 
 
+@pytest.mark.both_stores
 def test_job_whose_meal_is_erased_while_it_waits_is_never_begun(jobs, tmp_path):
     job_id = jobs.add()
     erase_meal_of(jobs, job_id, tmp_path)

@@ -59,6 +59,7 @@ def test_passing_fault_of_computing_is_tried_again_until_it_passes(jobs):
     assert jobs.saves(job_id) == [worker.pid]
 
 
+@pytest.mark.both_stores
 def test_passing_fault_of_saving_is_tried_again_and_survives_a_takeover(jobs):
     job_id = jobs.add("full_disk_in_save")
     first = jobs.start_worker()

@@ -2,6 +2,7 @@
 
 import uuid
 
+import pytest
 import structlog
 
 from app.jobs.queries import names_of_job
@@ -22,11 +23,13 @@ def test_job_names_its_meal_and_the_request_that_queued_it(jobs):
     assert (found.request_id, found.attempts) == (request_id, 0)
 
 
+@pytest.mark.both_stores
 def test_job_that_no_request_queued_names_its_meal_only(jobs):
     with jobs.database.write() as session:
         job_id = new_job(session, jobs.queue)
     assert names(jobs, job_id).request_id is None
 
 
+@pytest.mark.both_stores
 def test_job_that_is_gone_has_no_names(jobs):
     assert names(jobs, uuid.uuid4()) is None

@@ -138,6 +138,7 @@ def left_behind(jobs):
         return job_queries.exhausted_jobs(session) + job_queries.waiting_without_live_job(session)
 
 
+@pytest.mark.both_stores
 def test_workers_asked_to_end_hand_several_jobs_back_and_others_begin_them_at_once(jobs):
     """Children that ignore what they are asked, as these do; nothing is counted as a death."""
     ids = [jobs.add("child:hang") for _ in range(3)]

@@ -100,6 +100,7 @@ def test_study_that_is_quiet_saves_up_no_turns(line, jobs):
     assert sum(job_id in late for job_id in order) == pytest.approx(6, abs=1)
 
 
+@pytest.mark.both_stores
 def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(jobs):
     """As when a process writes many at once: none sees what the others have not committed."""
     phone, given = jobs.new_study(), []
@@ -112,6 +113,7 @@ def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(
     assert given == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.both_stores
 def test_another_process_goes_on_where_the_first_is(jobs):
     phone = jobs.new_study()
     first = jobs.add(device_id=phone)
@@ -135,6 +137,7 @@ def test_job_that_is_queued_again_keeps_its_turn(line, jobs):
     assert line.take() == lost
 
 
+@pytest.mark.both_stores
 def test_jobs_of_one_turn_are_taken_in_the_order_in_which_they_came(line, jobs):
     """Several processes may give a turn once each."""
     first, second, third = (line.send(jobs.new_study())[0] for _ in range(3))
@@ -144,6 +147,7 @@ def test_jobs_of_one_turn_are_taken_in_the_order_in_which_they_came(line, jobs):
     assert jobs.job(line.send(jobs.new_study())[0]).turn > 2**31
 
 
+@pytest.mark.both_stores
 def test_turns_are_looked_up_in_indexes(jobs):
     """With a million old jobs each question is one step into an index; here: the planner's word that it uses them."""
     phone = jobs.new_study()

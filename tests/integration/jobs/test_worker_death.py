@@ -72,6 +72,7 @@ def test_worker_asked_to_end_finishes_a_short_job(jobs):
     assert jobs.saves(job_id) == [worker.pid]
 
 
+@pytest.mark.both_stores
 def test_stopped_worker_that_goes_on_after_takeover_writes_nothing(jobs):
     """PostgreSQL: the lease runs out. SQLite: the lock of a stopped process holds, so it is not taken over at all."""
     job_id = jobs.add("hold")
@@ -127,6 +128,7 @@ def test_worker_stopped_while_it_saves_keeps_nobody_waiting(jobs):
     assert jobs.saves(job_id) == [second.pid]
 
 
+@pytest.mark.both_stores
 def test_two_workers_share_jobs_and_do_none_twice(jobs):
     ids = [jobs.add() for _ in range(6)]
     workers = [jobs.start_worker(lease=LONG_LEASE) for _ in range(2)]
@@ -139,6 +141,7 @@ def test_two_workers_share_jobs_and_do_none_twice(jobs):
     assert {pid for job_id in ids for pid in jobs.saves(job_id)} <= {worker.pid for worker in workers}
 
 
+@pytest.mark.both_stores
 def test_job_that_was_claimed_and_never_begun_is_queued_again(jobs):
     """As after a restart of the database whose answer to the claim was lost."""
     job_id = jobs.add("hold")

@@ -391,6 +391,7 @@ def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, e
     assert machine.stored().keys() == named_blobs(source.database)
 
 
+@pytest.mark.both_stores
 def test_restore_into_a_bucket_does_not_ask_for_room_on_this_machine(
     kind, person, source, s3_server, empty_machine, monkeypatch, tmp_path
 ):
@@ -414,6 +415,7 @@ def test_backup_of_an_older_schema_is_restored_and_brought_up_to_date(
     assert without_note(machine.rows()) == later(source.rows())
 
 
+@pytest.mark.both_stores
 def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, enrol, source, empty_machine, tmp_path):
     """Retention takes pictures without the ledger: the restored rows say that they are gone."""
     with state.database.write() as session:

@@ -59,6 +59,7 @@ def test_backup_into_a_folder_that_is_not_there_is_told_in_words(place, tmp_path
     assert "nowhere" in ended.stderr
 
 
+@pytest.mark.both_stores
 def test_backup_of_a_database_without_tables_is_refused(tmp_path, database_url):
     ended = run_tada("backup", tmp_path / "one.tar", **variables(tmp_path / "new", database_url))
     assert ended.returncode == 2

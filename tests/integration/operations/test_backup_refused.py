@@ -338,6 +338,7 @@ def test_refused_backup_leaves_nothing(machine, forgery, tmp_path):
     assert_untouched(machine)
 
 
+@pytest.mark.both_stores
 def test_ledger_of_erasures_that_cannot_be_read_is_told_before_anything_is_written(backup_file, database_url, tmp_path):
     (tmp_path / "file").touch()
     ledger = f"file://{tmp_path / 'file' / 'ledger'}"
@@ -347,6 +348,7 @@ def test_ledger_of_erasures_that_cannot_be_read_is_told_before_anything_is_writt
         assert_untouched(machine)
 
 
+@pytest.mark.both_stores
 def test_ledger_with_an_entry_that_is_none_is_told_before_anything_is_written(backup_file, machine):
     ledger = open_blob_store(machine.settings.resolved_erasure_url, machine.settings)
     ledger.put_bytes("meal/" + "a" * 64, b"{}")
@@ -356,6 +358,7 @@ def test_ledger_with_an_entry_that_is_none_is_told_before_anything_is_written(ba
     assert_untouched(machine)
 
 
+@pytest.mark.both_stores
 def test_postgres_without_a_key_is_told_so_before_anything_is_written(backup_file, database_url, tmp_path):
     """A lost key is replaced by another one, not by none."""
     with deployment(tmp_path / "machine", database_url, secret_key=None) as machine:
@@ -366,6 +369,7 @@ def test_postgres_without_a_key_is_told_so_before_anything_is_written(backup_fil
         assert_untouched(machine)
 
 
+@pytest.mark.both_stores
 def test_role_that_may_make_no_tables_is_told_before_any_blob_is_written(backup_file, kind, database_url, tmp_path):
     """Blobs may take an hour."""
     if kind == "sqlite":
@@ -429,6 +433,7 @@ def test_restore_over_data_is_refused(backup_file, database, tmp_path):
         assert (machine.rows(), machine.stored()) == before
 
 
+@pytest.mark.both_stores
 def test_restore_beside_blobs_of_others_is_refused(backup_file, machine):
     key = stored_under(machine.blobs, "study/meal/left", b"somebody's")
     with pytest.raises(ConflictError) as refused:
@@ -437,6 +442,7 @@ def test_restore_beside_blobs_of_others_is_refused(backup_file, machine):
     assert machine.stored() == {key: b"somebody's"}
 
 
+@pytest.mark.both_stores
 def test_place_that_is_not_free_is_told_before_the_backup_is_read(backup_file, database, tmp_path, monkeypatch):
     """Reading it may take an hour."""
     monkeypatch.setattr("app.operations.backup.restore.check_backup", None)

@@ -86,6 +86,7 @@ def filled(database_url):
     database.dispose()
 
 
+@pytest.mark.both_stores
 @given(rows=st.lists(ROWS, min_size=1, max_size=20))
 @example(rows=[(None,) * len(TABLE.columns)])
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

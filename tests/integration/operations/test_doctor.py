@@ -291,6 +291,7 @@ def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
     assert deployment.findings()["sums of days"].level == "note"
 
 
+@pytest.mark.both_stores
 def test_event_of_the_future_tells_that_the_clock_went_back(deployment):
     ahead = datetime.now(UTC) + timedelta(hours=1)
     deployment.add(AuditEvent(at=ahead, actor_kind="system", actor="system", action="test", details={}))
@@ -511,6 +512,7 @@ def test_command_tells_findings_as_json_and_says_no(deployment):
     assert "BAD  workers: none: meals are stored but not estimated. Start `tada worker`." in told.splitlines()
 
 
+@pytest.mark.both_stores
 def test_command_migrates_nothing(deployment):
     downgrade(deployment.database, "base")
     assert run_tada("doctor", **variables(deployment)).returncode == 1

@@ -55,6 +55,7 @@ def test_deployment_without_a_backup_is_as_old_as_its_first_event(database, told
     assert found["tada_backup_damaged_blobs"] == 0
 
 
+@pytest.mark.both_stores
 def test_backup_behind_many_events_is_found_by_its_own_index(database, kind, told):
     add_event(database, "staff.create", days_ago=90)
     add_event(database, "backup.make", days_ago=30, blobs=5, damaged=0)

@@ -76,6 +76,7 @@ def test_process_that_a_signal_ended_is_told_and_its_work_not_done_here(empty, m
     assert ended.count > 1  # the next one may have more memory
 
 
+@pytest.mark.both_stores
 def test_process_that_found_others_busy_for_the_whole_patience_is_not_waited_for_twice(empty, monkeypatch):
     ended = Ended(module.BUSY)
     monkeypatch.setattr(module.subprocess, "run", ended)
@@ -85,6 +86,7 @@ def test_process_that_found_others_busy_for_the_whole_patience_is_not_waited_for
     assert ended.count == 1
 
 
+@pytest.mark.both_stores
 def test_status_of_a_process_tells_whether_others_were_busy(empty, monkeypatch):
     _, settings = empty
     for name, value in settings_environment(settings).items():

@@ -31,8 +31,8 @@ from app.records.rebuild_records import rebuild_records
 from app.releases.file_runner import FileRunner
 from app.releases.freeze_release import ReleaseFilters
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 

@@ -10,10 +10,10 @@ from app.people.access.access_rules import RULES, SAFE_METHODS
 from app.people.privacy_models import AuditEvent
 from app.reminders.web_push import text_of
 from app.webhooks import safe_address
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import QUARK
 from tests.integration.people.people import PASSWORD, make_staff
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 from tests.support.push_services import Browser

@@ -1,6 +1,8 @@
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
+import pytest
+
 from app.people.models import AccessToken, Device, Enrolment
 from app.people.privacy_models import AuditEvent
 
@@ -26,6 +28,7 @@ def test_code_is_exchanged_once(client, admin):
     assert (second.status_code, second.json()["code"]) == (404, "enrolment_code_invalid")
 
 
+@pytest.mark.both_stores
 def test_phone_whose_answer_was_lost_gets_the_same_token_again_by_its_secret(client, admin, state):
     code = issue(client, admin)
     first = exchange(client, code, secret=SECRET)
@@ -103,6 +106,7 @@ def test_short_secret_is_refused_and_the_code_stays(client, admin):
     assert exchange(client, code, secret=SECRET).status_code == 201
 
 
+@pytest.mark.both_stores
 def test_concurrent_calls_of_one_phone_get_one_token(client, admin, state):
     code = issue(client, admin)
     with ThreadPoolExecutor(4) as pool:

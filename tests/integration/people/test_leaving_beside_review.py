@@ -7,9 +7,9 @@ import sqlalchemy as sa
 from app.people import privacy_queries as people_privacy
 from app.people.models import Participant
 from app.privacy import queries as privacy
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker, new_event
+from tests.support import estimates
 from tests.support.estimates import identified_item
 from tests.support.photographs import pair
 from tests.support.waiting import wait_for_blocked_transaction

@@ -154,6 +154,7 @@ def test_admin_gives_a_new_password_and_sessions_and_tokens_end(client, admin, o
     assert event.details == {"fields": ["password"], "sessions_ended": 1, "tokens_ended": 1}
 
 
+@pytest.mark.both_stores
 def test_first_password_ends_no_token(client, admin):
     """Who was made by the command line has a token and no password: nobody can have misused one."""
     changed = client.patch("/v1/staff/admin", headers=admin, json={"password": OTHER})

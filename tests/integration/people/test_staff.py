@@ -96,6 +96,7 @@ def test_staff_page_by_name_and_unknown_ones_are_404(client, admin):
     assert client.patch("/v1/staff/nobody", headers=admin, json={}).status_code == 404
 
 
+@pytest.mark.both_stores
 def test_owner_gives_changes_and_removes_a_role(client, admin, study):
     olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita")
     assert rita.get(study).status_code == 404
@@ -160,6 +161,7 @@ def at_once(*calls):
         return list(pool.map(run, calls))
 
 
+@pytest.mark.both_stores
 def test_two_admins_who_disable_each_other_leave_one_admin(client, admin):
     second = make_staff(client, admin, "second", is_admin=True)
     answers = at_once(
@@ -171,6 +173,7 @@ def test_two_admins_who_disable_each_other_leave_one_admin(client, admin):
     assert statuses[1] in (401, 409)  # shut out before the call, or the last one by then
 
 
+@pytest.mark.both_stores
 def test_two_owners_who_remove_each_other_leave_one_owner(client, admin, study):
     olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
     answers = at_once(
@@ -181,6 +184,7 @@ def test_two_owners_who_remove_each_other_leave_one_owner(client, admin, study):
     assert len(client.get(f"{study}/members", headers=admin).json()["items"]) == 1
 
 
+@pytest.mark.both_stores
 def test_second_of_two_concurrent_creations_of_a_name_conflicts(client, admin):
     answers = at_once(*[lambda: client.post("/v1/staff", headers=admin, json={"name": "olga"})] * 4)
     assert sorted(answer.status_code for answer in answers) == [201, 409, 409, 409]

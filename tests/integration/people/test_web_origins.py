@@ -141,6 +141,7 @@ def test_pages_of_the_server_itself_and_the_dashboard_are_not_concerned(client, 
     assert "access-control-allow-origin" not in answer.headers
 
 
+@pytest.mark.both_stores
 def test_origins_of_studies_are_read_once_while_they_are_known(client, phones, monkeypatch):
     reads = []
     monkeypatch.setattr(web_origins, "KNOWN_SECONDS", 3600.0)

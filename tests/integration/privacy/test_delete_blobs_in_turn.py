@@ -37,6 +37,7 @@ def stubborn_store(folder, database, stubborn):
     return blobs
 
 
+@pytest.mark.both_stores
 def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tmp_path):
     monkeypatch.setattr(delete_blobs, "BATCH", 4)
     blobs = stubborn_store(tmp_path / "blobs", database, {KEYS[0]})
@@ -52,6 +53,7 @@ def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tm
     assert list(blobs.keys()) == []
 
 
+@pytest.mark.both_stores
 def test_store_that_deletes_nothing_is_left_alone_for_a_while(database, tmp_path):
     blobs = stubborn_store(tmp_path / "blobs", database, set(KEYS))
     with pytest.raises(OSError, match="input/output"):

@@ -28,9 +28,9 @@ from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.persons import Person
+from tests.support import estimates
 from tests.support.photographs import pair
 from tests.support.stores import make_old, store_bytes, stored_names
 
@@ -94,6 +94,7 @@ def test_two_erasures_of_a_meal_give_one_receipt(person, state):
     )  # what a restore would bring back
 
 
+@pytest.mark.both_stores
 def test_concurrent_erasures_of_a_meal_give_one_receipt(person, state, monkeypatch):
     """Each looked into the ledger before the other had written; the one who wrote first is the one who erases."""
 
@@ -254,6 +255,7 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
     assert stored_names(state.blobs) == []
 
 
+@pytest.mark.both_stores
 def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(phone, state, client, monkeypatch):
     put = state.blobs.put_files
 

@@ -10,9 +10,9 @@ from app.identification.food_index import shipped_index
 from app.meals.models import Meal
 from app.meals.run_answer import RunAnswer
 from app.people.models import Study
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import answer, found_item, vcm
 from tests.support.photographs import pair
 

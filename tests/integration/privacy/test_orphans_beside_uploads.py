@@ -18,9 +18,9 @@ from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.uploads.after_meal import SubmitAfterPair
 from app.uploads.submit_meal import SubmitMeal
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table
+from tests.support import estimates
 from tests.support.photographs import pair
 from tests.support.stores import make_old
 from tests.support.waiting import PATIENCE_SECONDS
@@ -93,6 +93,7 @@ def sending(phone, state, monkeypatch):
     return Sending(phone, state, monkeypatch)
 
 
+@pytest.mark.both_stores
 def test_photograph_acknowledged_during_orphan_deletion_stays(sending, state, monkeypatch):
     """The deletion is on its way to the store: it deletes what it finds there, whenever it gets there."""
     halted = Halted(state.blobs.delete)
@@ -154,6 +155,7 @@ def test_orphan_that_is_named_since_the_first_look_stays(sending, state, monkeyp
     sending.assert_kept()
 
 
+@pytest.mark.both_stores
 def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, monkeypatch):
     """PostgreSQL: the deleter cannot see the row, but that somebody holds the key. SQLite: it waits for its turn."""
     lock_meal, deletions = meals.lock_meal, []
@@ -171,6 +173,7 @@ def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, mon
     sending.assert_kept()
 
 
+@pytest.mark.both_stores
 def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, monkeypatch):
     spend, uploads, answers = spent_keys.spend, [], []
 

@@ -137,6 +137,7 @@ def test_every_call_of_the_phone_is_410_after_withdrawal(policy, person, state, 
     assert answer.status_code == 404
 
 
+@pytest.mark.both_stores
 def test_concurrent_withdrawals_name_one_receipt(person, state, client):
     def leave(_):
         return client.post("/v1/me/withdrawal", headers=person.phone.headers)
@@ -147,6 +148,7 @@ def test_concurrent_withdrawals_name_one_receipt(person, state, client):
     assert len({answer.json().get("receipt") or answer.json()["id"] for answer in answers}) == 1
 
 
+@pytest.mark.both_stores
 def test_text_sent_while_its_person_is_anonymised_is_not_kept(person, state, client, monkeypatch):
     set_study(state, withdrawal_policy="anonymise")
     nearly_done = threading.Event()
@@ -174,6 +176,7 @@ def test_text_sent_while_its_person_is_anonymised_is_not_kept(person, state, cli
         assert "Ottilie" not in str([event.new for event in session.scalars(sa.select(MealEvent))])
 
 
+@pytest.mark.both_stores
 def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
     person, state, client, admin, monkeypatch
 ):
@@ -196,11 +199,13 @@ def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
     assert answer.status_code == 404
 
 
+@pytest.mark.both_stores
 def test_withdrawal_succeeds_despite_a_deadlock_with_a_holder_of_a_meal(person, state, client):
     with deadlock_over_a_meal(state.database, person.meal_id, privacy.join_participant):
         assert client.post("/v1/me/withdrawal", headers=person.phone.headers).status_code == 200
 
 
+@pytest.mark.both_stores
 def test_call_of_a_phone_whose_person_is_erased_meanwhile_is_410(person, state, client):
     with state.database.read() as session:
         study_id = session.scalars(sa.select(Study.id)).one()

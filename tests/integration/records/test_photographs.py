@@ -13,9 +13,10 @@ from app.estimates.estimate_json import colour_to_json
 from app.meals.models import Meal, MealImage
 from app.people.privacy_models import AuditEvent
 from app.vision.model import ColourCorrection
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table, apple
+from tests.integration.uploads.answers import refusal
+from tests.support import estimates
 from tests.support.photographs import pair, photograph
 from tests.support.stores import damage
 
@@ -65,12 +66,15 @@ def test_photograph_is_upright_without_metadata_and_the_reading_is_noted_by_alia
     assert event.details == {"slot": "left", "width_px": 1600}
 
 
-def test_width_is_kept_to_and_never_enlarged(phone):
+def test_width_is_kept_to_and_never_enlarged_and_what_is_no_photograph_is_not_found(phone):
     path = sent(phone)
     assert opened(phone.get(f"{path}/left", width=100)).size == (100, 75)
     assert opened(phone.get(f"{path}/left", width=4096)).size == (640, 480)
     for width in (63, 4097, "wide"):
         assert phone.get(f"{path}/left", width=width).status_code == 422
+    assert phone.get(f"{path}/after_left").status_code == 404
+    assert phone.get(f"{path}/above").status_code == 422
+    assert phone.get(f"/v1/meals/{uuid.uuid4()}/images/left").status_code == 404
 
 
 def test_what_the_caller_has_already_is_not_sent_and_not_noted_again(phone, state):
@@ -87,21 +91,11 @@ def test_what_the_caller_has_already_is_not_sent_and_not_noted_again(phone, stat
 
 def test_only_its_own_phone_and_staff_see_a_photograph(phone, enrol, client, admin, state):
     path = sent(phone)
-    other = enrol("P002")
-    elsewhere = enrol("P001", study="another")
-    assert other.get(f"{path}/left").status_code == 404
-    assert elsewhere.get(f"{path}/left").status_code == 404
-    assert client.get(f"{path}/left").status_code == 401
+    for other in (enrol("P002"), enrol("P001", study="another")):
+        assert other.get(f"{path}/left").status_code == 404
     assert readings(state) == []
     assert client.get(f"{path}/left", headers=admin).status_code == 200
     assert [event.actor_kind for event in readings(state)] == ["staff"]
-
-
-def test_slot_without_a_photograph_unknown_slot_and_unknown_meal_are_not_found(phone):
-    path = sent(phone)
-    assert phone.get(f"{path}/after_left").status_code == 404
-    assert phone.get(f"{path}/above").status_code == 422
-    assert phone.get(f"/v1/meals/{uuid.uuid4()}/images/left").status_code == 404
 
 
 def test_erased_photograph_is_gone_even_for_who_has_its_tag(phone, state):
@@ -111,7 +105,7 @@ def test_erased_photograph_is_gone_even_for_who_has_its_tag(phone, state):
         session.execute(sa.update(MealImage).where(MealImage.slot == "left").values(erased_at=datetime.now(UTC)))
     for headers in ({}, {"If-None-Match": tag}):
         answer = phone.client.get(f"{path}/left", headers=phone.headers | headers)
-        assert (answer.status_code, answer.json()["code"]) == (410, "photograph_erased")
+        assert refusal(answer) == (410, "photograph_erased")
     assert phone.get(f"{path}/right").status_code == 200
     assert len(readings(state)) == 2
 
@@ -122,8 +116,7 @@ def test_photograph_that_changed_on_the_disk_is_not_shown(phone, state, content)
     with state.database.read() as session:
         key = session.scalars(sa.select(MealImage.blob_key).where(MealImage.slot == "left")).one()
     damage(state.blobs, key, content)
-    answer = phone.get(f"{path}/left")
-    assert (answer.status_code, answer.json()["code"]) == (500, "photo_damaged")
+    assert refusal(phone.get(f"{path}/left")) == (500, "photo_damaged")
     assert readings(state) == []
 
 
@@ -148,8 +141,11 @@ def test_photograph_is_corrected_by_the_newest_run_of_its_pair_or_given_as_taken
     meal_id = path.split("/")[3]
     before = phone.get(f"{path}/left")
     assert (before.headers["x-colour-correction"], middle(before).tolist()) == ("none", [100, 100, 100])
-
+    seen = phone.headers | {"If-None-Match": before.headers["etag"]}
+    assert phone.client.get(f"{path}/left", headers=seen).status_code == 304
     estimated(state, meal_id, left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 2.0))
+    assert phone.client.get(f"{path}/left", headers=seen).status_code == 200
+    assert phone.client.get(f"{path}/left", params={"colour": "as_taken"}, headers=seen).status_code == 304
     left, right = phone.get(f"{path}/left"), phone.get(f"{path}/right")
     assert left.headers["x-colour-correction"] == "white"
     assert middle(left) == pytest.approx([137, 100, 71], abs=3)  # sRGB of twice and of half the light of 100
@@ -162,47 +158,30 @@ def test_photograph_is_corrected_by_the_newest_run_of_its_pair_or_given_as_taken
     assert phone.get(f"{path}/left", colour="sepia").status_code == 422
 
 
-def test_tag_of_a_picture_before_its_correction_does_not_stand_for_it_afterwards(phone, state):
-    path = sent(phone, {"left": grey_photograph(), "right": grey_photograph(101)})
-    headers = phone.headers | {"If-None-Match": phone.get(f"{path}/left").headers["etag"]}
-    assert phone.client.get(f"{path}/left", headers=headers).status_code == 304
-    estimated(state, path.split("/")[3], left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
-    assert phone.client.get(f"{path}/left", headers=headers).status_code == 200
-    assert phone.client.get(f"{path}/left", params={"colour": "as_taken"}, headers=headers).status_code == 304
-
-
 def test_run_without_a_correction_leaves_the_photograph_as_taken(phone, state):
     path = sent(phone, {"left": grey_photograph(), "right": grey_photograph(101)})
     estimated(state, path.split("/")[3])
     assert middle(phone.get(f"{path}/left")).tolist() == [100, 100, 100]
 
 
-def test_after_meal_photograph_is_corrected_by_the_after_meal_run(phone, state):
+def test_after_meal_photograph_is_corrected_by_the_after_meal_run_of_its_own_pair(phone, state):
     table = Table(phone, state)
     estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
     table.put("after_left", grey_photograph())
     table.put("after_right", grey_photograph(101))
     path = f"/v1/meals/{table.id}/images"
     assert middle(phone.get(f"{path}/after_left")).tolist() == [100, 100, 100]
-    estimated(state, table.id, "after", left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
-    assert middle(phone.get(f"{path}/after_left")) == pytest.approx([137, 100, 71], abs=3)
-    assert phone.get(f"{path}/left").headers["x-colour-correction"] == "white"
-
-
-def test_failed_pairs_correction_is_not_laid_on_the_pair_that_is_sent_in_its_place(phone, state):
-    table = Table(phone, state)
-    estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
-    table.put("after_left", grey_photograph())
-    table.put("after_right", grey_photograph(101))
     sides = {side: colour_to_json(ColourCorrection(np.diag((2.0, 1.0, 0.5)), "white")) for side in ("left", "right")}
     failure = {"code": "baseline_too_small", "message": "Too near.", "advice": "Move."}
     estimates.save(state, table.id, purpose="after", colour=sides, failure=failure)
-    path = f"/v1/meals/{table.id}/images/after_left"
-    assert phone.get(path).headers["x-colour-correction"] == "white"
-    table.put("after_left", grey_photograph(102))
-    assert middle(phone.get(path)).tolist() == [102, 102, 102]
+    assert middle(phone.get(f"{path}/after_left")) == pytest.approx([137, 100, 71], abs=3)
+    assert middle(phone.get(f"{path}/left")).tolist() != [100, 100, 100]  # noise, as it was sent
+    table.put("after_left", grey_photograph(102))  # in place of the failed pair, without its correction
+    assert middle(phone.get(f"{path}/after_left")).tolist() == [102, 102, 102]
     table.put("after_right", grey_photograph(103))
-    assert middle(phone.get(path)).tolist() == [102, 102, 102]
+    assert middle(phone.get(f"{path}/after_left")).tolist() == [102, 102, 102]
+    estimated(state, table.id, "after", left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
+    assert phone.get(f"{path}/after_left").headers["x-colour-correction"] == "white"
 
 
 def test_webp_pair_is_taken_and_shown(phone):
@@ -212,7 +191,6 @@ def test_webp_pair_is_taken_and_shown(phone):
     assert sent.json()["images"]["left"]["media_type"] == "image/webp"
     shown = phone.get(f"/v1/meals/{body['id']}/images/left", width=64)
     assert (shown.status_code, shown.headers["content-type"]) == (200, "image/jpeg")
-    whole = phone.client.put(
-        f"/v1/meals/{uuid.uuid4()}/images/left", headers=phone.headers | {"Content-Type": "image/webp"}, content=b"RIFF"
-    )
-    assert (whole.status_code, whole.json()["code"]) == (415, "not_an_image")
+    webp = {"Content-Type": "image/webp"}
+    whole = phone.put(f"/v1/meals/{uuid.uuid4()}/images/left", headers=webp, content=b"RIFF")
+    assert refusal(whole) == (415, "not_an_image")

@@ -6,9 +6,9 @@ import pytest
 
 from app.meals.outline_json import rings_of
 from app.records.rebuild_records import rebuild_records
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.integration.records.reviewing import Speaker, new_event
+from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import found_item, scene_artefact
 from tests.support.photographs import pair
 
@@ -97,25 +97,15 @@ def test_newer_statement_of_the_amount_counts_and_a_narrower_spread_is_taken(rev
 
 
 @pytest.mark.usefixtures("measured")
-def test_participant_cannot_reshape(participant):
-    assert participant.refused("reshape", item=participant.items()[0]["id"], form=FORM) == (403, "event_not_yours")
-
-
-@pytest.mark.usefixtures("measured")
-def test_form_that_makes_no_sense_is_invalid(reviewer):
-    event = new_event("reshape", item=reviewer.items()[0]["id"], form=FORM | {"height_mm": -3.0})
-    answer = reviewer.send(event)
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
-    assert reviewer.history()["items"] == []
-
-
-@pytest.mark.usefixtures("measured")
-def test_smallest_form_has_a_volume_and_one_larger_than_any_meal_is_refused(reviewer):
-    least = {"section": "ellipsoid", "length_mm": 2, "width_mm": 2, "height_mm": 2}
-    assert reshape(reviewer, **least)["volume_ml"] == pytest.approx(math.pi / 6 * 0.008)
+def test_smallest_form_has_a_volume_and_one_too_large_or_of_a_participant_is_refused(reviewer, participant):
     item = reviewer.items()[0]["id"]
+    assert reviewer.refused("reshape", item=item, form=FORM | {"height_mm": -3.0}) == (422, "invalid_input")
     huge = FORM | {"length_mm": 600, "width_mm": 600, "height_mm": 600}
     assert reviewer.refused("reshape", item=item, form=huge) == (422, "form_too_large")
+    assert participant.refused("reshape", item=item, form=FORM) == (403, "event_not_yours")
+    assert reviewer.history()["items"] == []
+    least = {"section": "ellipsoid", "length_mm": 2, "width_mm": 2, "height_mm": 2}
+    assert reshape(reviewer, **least)["volume_ml"] == pytest.approx(math.pi / 6 * 0.008)
 
 
 def test_meal_without_a_scene_says_so(body, state, reviewer):

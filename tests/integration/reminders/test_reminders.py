@@ -242,6 +242,7 @@ def test_subscription_that_was_made_before_the_study_had_times_gets_them(phone, 
     assert subscription_of(state).next_at == MORNING.replace(hour=11, minute=30)
 
 
+@pytest.mark.both_stores
 def test_earlier_time_of_the_study_holds_at_once_and_own_times_stay(enrol, client, admin, browser, state, remind):
     follower, other = (enrol(participant, reminder_times=["18:00"]) for participant in ("P01", "P02"))
     follower.put(PATH, json=wanted(browser, 1, times=None))
@@ -279,6 +280,7 @@ def test_one_run_reminds_all_that_are_due_however_many(enrol, browser, state, se
     assert len(service.requests) == 5
 
 
+@pytest.mark.both_stores
 def test_messages_under_way_are_sent_though_the_next_rows_cannot_be_read(
     enrol, browser, state, service, remind, monkeypatch
 ):
@@ -431,6 +433,7 @@ def test_browser_that_joins_for_somebody_else_is_reminded_of_the_new_person_alon
     assert elsewhere.get(PATH).json()["subscribed"]
 
 
+@pytest.mark.both_stores
 def test_first_subscriptions_of_a_phone_at_once_make_one(phone, browser, state, monkeypatch):
     both = threading.Barrier(2)
 

@@ -64,6 +64,7 @@ def test_code_outlives_the_erased_participant(enrol_in_sandbox):
     assert again.post(pair(), id=meal).status_code == 202  # another person's id is free
 
 
+@pytest.mark.both_stores
 def test_code_of_an_ordinary_study_ends_with_its_participant(client, phone, state):
     assert phone.get("/v1/me").json()["study"]["sandbox"] is False
     client.post("/v1/me/withdrawal", headers=phone.headers)

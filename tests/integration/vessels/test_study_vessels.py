@@ -273,6 +273,7 @@ def test_after_meal_hint_with_an_unknown_vessel_is_refused(owner, phone):
     assert phone.put(f"/v1/meals/{meal_id}/after", json=body).status_code == 202
 
 
+@pytest.mark.both_stores
 def test_each_change_is_in_the_audit_log_without_the_name(owner, state):
     vessel = add(owner)
     put(owner, vessel, capacity_ml=410.0)

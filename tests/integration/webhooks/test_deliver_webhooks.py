@@ -250,6 +250,7 @@ def test_webhook_that_gave_up_five_in_a_row_is_disabled(sending, monkeypatch):
         assert session.scalars(sa.select(AuditEvent)).one().details == {"reason": "given_up_in_a_row"}
 
 
+@pytest.mark.both_stores
 def test_two_workers_do_not_send_the_same_delivery_at_once(sending):
     with receiver() as there:
         for _ in range(6):
@@ -266,6 +267,7 @@ def test_two_workers_do_not_send_the_same_delivery_at_once(sending):
     assert {row.attempts for row in sending.rows()} == {1}
 
 
+@pytest.mark.both_stores
 def test_delivery_of_a_worker_that_died_is_sent_again_once_its_claim_has_run_out(sending):
     with receiver() as there:
         sending.hook(there.url)
@@ -374,6 +376,7 @@ def test_unreadable_secret_is_reported_and_works_again_with_its_key(sending):
     assert [row.state for row in sending.rows()] == ["delivered"]
 
 
+@pytest.mark.both_stores
 def test_old_secret_signs_along_for_a_day_after_a_rotation(sending):
     with receiver() as there:
         hook = sending.hook(there.url)
