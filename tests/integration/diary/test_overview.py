@@ -140,17 +140,11 @@ def test_statuses_are_of_the_window_and_waiting_meals_of_the_study(client, admin
 def test_pending_and_failed_after_meal_pairs_are_counted_for_meals_of_any_status(enrol, state, client, admin):
     enrol("P001")
     due = datetime(2026, 11, 1, 16, tzinfo=UTC)
-    for after_status, after_due_at in (
-        (None, due),
-        ("queued", due),
-        (None, None),
-        ("failed", due),
-        ("estimated", None),
-    ):
+    for after_status, due_at in ((None, due), ("queued", due), (None, None), ("failed", due), ("estimated", None)):
         meal_id = add_meal(state, "P001", "2026-11-01", status="confirmed")
         with state.database.write() as session:
             meal = session.scalars(sa.select(Meal).where(Meal.client_id == meal_id)).one()
-            meal.after_status, meal.after_due_at = after_status, after_due_at
+            meal.after_status, meal.after_due_at = after_status, due_at
     waiting = {row["status"]: row["meals"] for row in overview(client, admin)["waiting"]}
     assert (waiting["after_awaited"], waiting["after_failed"]) == (2, 1)
 

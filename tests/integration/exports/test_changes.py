@@ -4,10 +4,8 @@ import hashlib
 
 import pytest
 
-from tests.integration.conftest import meal_metadata
-from tests.support import estimates
+from tests.integration.records.eating import eaten
 from tests.support.estimates import found_item
-from tests.support.photographs import pair
 
 
 class Copy:
@@ -35,13 +33,6 @@ class Copy:
                 return
 
 
-def meal(phone, state, seed, items=1, **changes):
-    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], **changes)
-    assert phone.post(pair(seed), body).status_code == 202
-    estimates.save(state, body["id"], *[found_item(volume_ml=100.0 + n) for n in range(items)])
-    return body["id"]
-
-
 def truth(client, headers):
     records = client.get("/v1/records?limit=1000", headers=headers).json()["items"]
     of_days = ("day_status", "study_day")  # told by the days themselves
@@ -52,7 +43,8 @@ def test_copy_is_the_server_s_after_each_pull(phone, state, client, admin):
     copy = Copy(client, admin)
     copy.pull()
     assert copy.records == {}
-    kept = [meal(phone, state, seed, items=3) for seed in range(3)]
+    items = [found_item(volume_ml=100.0 + n) for n in range(3)]
+    kept = [eaten(phone, state, *items, seed=seed) for seed in range(3)]
     copy.pull()
     assert copy.records == truth(client, admin)
     assert len(copy.records) == 9
@@ -80,7 +72,7 @@ def test_copy_forgets_who_has_left(enrol, state, client, admin, policy):
     phone, other = enrol("P001", withdrawal_policy=policy), enrol("P002")
     copy = Copy(client, admin)
     for one, seed in ((phone, 1), (other, 2)):
-        meal(one, state, seed)
+        eaten(one, state, seed=seed)
         one.put("/v1/me/days/2026-11-20", json={"status": "closed"}, headers={"If-Match": '"0"'})
     copy.pull()
     assert {participant for participant, _, _ in copy.days.values()} == {"P001", "P002"}

@@ -9,8 +9,8 @@ from app.foods.models import Food
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from tests.integration.diary.eaten_days import add_meal, eaten_item
-from tests.integration.exports.test_records import eaten
 from tests.integration.records.after_pairs import Table, apple, banana, left_of_apple
+from tests.integration.records.eating import eaten
 from tests.integration.records.reviewing import Speaker
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.fhir_models import TAGNAMES, bundle, error_of, labels, valid

@@ -275,7 +275,7 @@ def test_days_as_csv_are_of_one_moment(state, client, admin, monkeypatch, held_a
     assert "77.0" not in [row["energy_kcal"] for row in rows]
 
 
-def test_reader_who_leaves_ends_the_query(export, monkeypatch):
+def test_reader_who_leaves_ends_the_query_and_a_failure_in_the_midst_breaks_the_file_off(export, monkeypatch):
     monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
     batches, left = [], threading.Event()
     write = Spool.write
@@ -286,20 +286,18 @@ def test_reader_who_leaves_ends_the_query(export, monkeypatch):
             assert left.wait(PATIENCE_SECONDS)
         write(spool, data)
 
-    monkeypatch.setattr(Spool, "write", counted)
-    file = export()
-    next(file.pieces)
-    file.close()
-    left.set()
-    wait_for_end_of_exports()
-    assert len(batches) == 2  # of the five that there would have been
-
-
-def test_failure_in_the_midst_breaks_the_file_off(client, admin, export, monkeypatch):
     def broken(output, parts, batches):
         yield b"a part"
         raise ConnectionError("the database went away")
 
+    with monkeypatch.context() as patch:
+        patch.setattr(Spool, "write", counted)
+        file = export()
+        next(file.pieces)
+        file.close()
+        left.set()
+        wait_for_end_of_exports()
+    assert len(batches) == 2  # of the five that there would have been
     monkeypatch.setattr(export_tables, "encoded", broken)
     file = export()
     assert next(file.pieces) == b"a part"

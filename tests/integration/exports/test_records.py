@@ -11,20 +11,11 @@ from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
 from tests.integration.conftest import meal_metadata
+from tests.integration.records.eating import APPLE_HINT, eaten
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.photographs import pair
-
-APPLE_HINT = [{"point": [30, 20], "food": "apple"}]
-
-
-def eaten(phone, state, *items, seed=0, **metadata):
-    """A meal that was sent and estimated; its id."""
-    body = meal_metadata(**({"hints": APPLE_HINT} | metadata))
-    assert phone.post(pair(seed), body).status_code == 202
-    estimates.save(state, body["id"], *(items or [found_item()]))
-    return body["id"]
 
 
 def test_hinted_food_becomes_one_record_with_mass_and_nutrients_and_their_intervals(phone, state):

@@ -1,7 +1,7 @@
 """A meal with an after-meal pair: sent by a phone, measured as a test says."""
 
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.support import estimates
 from tests.support.photographs import pair, photograph
 
 RED, YELLOW, WHITE = (45.0, 50.0, 30.0), (80.0, 5.0, 65.0), (88.0, 0.0, 12.0)

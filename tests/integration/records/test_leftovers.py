@@ -1,6 +1,6 @@
 """What was left becomes what was eaten: matching, refuse, windows, people's words, both orders of the two runs."""
 
-import threading
+import functools
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -20,6 +20,7 @@ from tests.integration.records.after_pairs import (
     left_of_apple,
     left_of_banana,
 )
+from tests.integration.records.at_once import at_once
 from tests.integration.records.reviewing import Speaker
 from tests.support.estimates import seen_item, unmeasured_item
 
@@ -53,8 +54,10 @@ def leftover(table, place=0):
     return table.after["leftovers"][place]
 
 
-def test_eaten_is_served_less_left_in_edible_grams(table):
-    meal = table.ate(left_of_apple(100.0), left_of_banana(140.0)).get()
+def test_eaten_is_served_less_left_in_edible_grams_of_each_item(table):
+    meal = table.ate(left_of_banana(140.0), left_of_apple(100.0)).get()
+    of = {item["id"]: item["food"]["key"] for item in meal["items"]}
+    assert [of[each["item"]] for each in meal["after"]["leftovers"]] == ["banana", "apple"]
     one = meal["items"][0]
     left = next(each for each in meal["after"]["leftovers"] if each["item"] == one["id"])
     assert (left["class"], left["food"]["key"], left["is_by_person"]) == ("food_left", "apple", False)
@@ -66,29 +69,13 @@ def test_eaten_is_served_less_left_in_edible_grams(table):
     assert energy["amount"] == pytest.approx(0.52 * one["consumed_g"])
 
 
-def test_each_piece_goes_to_its_item(table):
-    meal = table.ate(left_of_banana(140.0), left_of_apple(100.0)).get()
-    of = {item["id"]: item["food"]["key"] for item in meal["items"]}
-    assert [of[each["item"]] for each in meal["after"]["leftovers"]] == ["banana", "apple"]
-
-
-def test_item_of_which_nothing_is_left_was_eaten_whole(table):
-    table.ate(left_of_apple(100.0))
-    record = table.record("banana")
-    assert (record["left_g"], record["provisional"]) == (0.0, False)
-    assert record["consumed_g"] == record["edible_g"]
-
-
-def test_empty_plate_is_an_answer(table):
+def test_empty_plate_is_an_answer_and_nothing_found_where_the_phone_pointed_is_a_failure(table, state):
     table.ate(failure=NO_FOOD)
     assert (table.after["status"], table.after["failure"], table.after["leftovers"]) == ("estimated", None, [])
     assert table.record("apple")["left_g"] == 0.0
-
-
-def test_nothing_found_where_the_phone_pointed_is_a_failure(table):
-    table.tell(hints=[{"point": [3, 4], "class": "food_left"}])
-    table.ate(failure=NO_FOOD)
-    assert table.after["failure"]["code"] == "no_food_found"
+    pointed = Table(table.phone, state, seed=1)
+    pointed.tell(hints=[{"point": [3, 4], "class": "food_left"}])
+    assert pointed.ate(failure=NO_FOOD).after["failure"]["code"] == "no_food_found"
 
 
 @pytest.mark.parametrize("after_first", [False, True])
@@ -107,14 +94,7 @@ def test_pieces_are_matched_whichever_run_ends_first(table, after_first):
 def test_runs_that_end_at_the_same_time_leave_no_piece_unmatched(phone, state):
     for seed in range(5):
         table = Table(phone, state, seed=seed).send_after()
-        both = [
-            threading.Thread(target=table.measured),
-            threading.Thread(target=table.after_measured, args=(left_of_apple(100.0),)),
-        ]
-        for thread in both:
-            thread.start()
-        for thread in both:
-            thread.join()
+        at_once(table.measured, functools.partial(table.after_measured, left_of_apple(100.0)))
         assert (table.after["status"], leftover(table)["class"]) == ("estimated", "food_left")
 
 
@@ -129,9 +109,10 @@ def test_signed_difference_is_kept_where_more_is_left_than_was_served(table):
 def test_core_of_an_apple_is_refuse_assumed_and_not_taken_off_again(table):
     table.ate(left_of_apple(15.0))
     assert leftover(table)["class"] == "refuse"
-    record = table.record("apple")
-    assert (record["left_g"], record["consumed_g"]) == (0.0, record["edible_g"])
-    assert "refuse_assumed" in record["flags"]
+    assert "refuse_assumed" in table.record("apple")["flags"]
+    for food in ("apple", "banana"):  # of which nothing is left
+        record = table.record(food)
+        assert (record["left_g"], record["consumed_g"], record["provisional"]) == (0.0, record["edible_g"], False)
 
 
 def test_hint_tells_item_and_class(table):
@@ -144,39 +125,34 @@ def test_hint_tells_item_and_class(table):
     assert table.record("apple")["left_g"] == 0.0
 
 
-def test_hint_of_an_item_that_is_none_of_the_meals_is_passed_over(table):
-    table.tell(hints=[{"point": [3, 4], "item": str(uuid.uuid4())}])
-    table.ate(left_of_apple(90.0, hint=0))
-    assert leftover(table)["food"]["key"] == "apple"
-
-
-def test_food_that_the_phone_names_tells_whose_piece_it_is(table):
+def test_food_that_the_phone_names_tells_whose_piece_it_is_and_an_unknown_item_is_passed_over(table, state):
     table.tell(hints=[{"point": [3, 4], "food": "banana", "class": "food_left"}])
     table.ate(seen_item(10, 200, WHITE, 60.0, hint=0))
     assert leftover(table)["food"]["key"] == "banana"
+    assert [item["food"]["key"] for item in table.get()["items"]] == [hint["food"] for hint in HINTS]
+    other = Table(table.phone, state, seed=1)
+    other.tell(hints=[{"point": [3, 4], "item": str(uuid.uuid4())}])
+    assert leftover(other.ate(left_of_apple(90.0, hint=0)))["food"]["key"] == "apple"
 
 
-def test_piece_that_is_nobodys_is_flagged_on_every_item(table):
+def test_piece_that_is_nobodys_is_flagged_on_every_item_until_a_reviewer_says_so(table, reviewer):
     table.ate(seen_item(300, -200, (60.0, 5.0, -45.0), 60.0))
     assert (leftover(table)["class"], leftover(table)["item"]) == ("unmatched", None)
     assert table.after["status"] == "needs_review"
     for food in ("apple", "banana"):
         assert "leftover_unmatched" in table.record(food)["flags"]
         assert table.record(food)["consumed_g"] == table.record(food)["edible_g"]
+    reviewer.say("set_leftover", item=leftover(table)["id"], of=None, **{"class": "unmatched"})
+    assert table.after["status"] == "estimated"
+    assert "leftover_unmatched" not in table.record("apple")["flags"]
 
 
-def test_piece_whose_amount_is_unknown_leaves_what_was_eaten_unknown(table):
-    piece = unmeasured_item(hint=None) | {"traits": left_of_apple()["traits"]}
-    table.ate(piece)
+def test_piece_whose_amount_is_unknown_leaves_what_was_eaten_unknown_until_a_person_weighs_it(table, reviewer):
+    table.ate(unmeasured_item(hint=None) | {"traits": left_of_apple()["traits"]})
     record = table.record("apple")
     assert (record["left_g"], record["consumed_g"], record["energy_kcal"]) == (None, None, None)
     assert record["status"] == "needs_review"
     assert "leftover_not_measurable" in record["flags"]
-
-
-def test_person_weighs_a_piece_that_could_not_be_measured(table, reviewer):
-    piece = unmeasured_item(hint=None) | {"traits": left_of_apple()["traits"]}
-    table.ate(piece)
     said = reviewer.say("set_mass", item=leftover(table)["id"], mass_g=60.0)
     assert said["after"]["leftovers"][0]["mass_g"] == 60.0
     assert said["after"]["status"] == "estimated"
@@ -185,7 +161,9 @@ def test_person_weighs_a_piece_that_could_not_be_measured(table, reviewer):
     assert record["consumed_g"] == pytest.approx(record["edible_g"] - record["left_g"])
 
 
-def test_person_says_of_which_item_a_piece_is_and_takes_it_back(table, participant):
+def test_person_says_of_which_item_a_piece_is_and_takes_it_back_and_a_reviewer_goes_over_it(
+    table, participant, reviewer
+):
     meal = table.ate(left_of_apple(100.0)).get()
     items = {item["food"]["key"]: item["id"] for item in meal["items"]}
     piece = leftover(table)["id"]
@@ -198,22 +176,9 @@ def test_person_says_of_which_item_a_piece_is_and_takes_it_back(table, participa
     assert event["new"] == {"of": items["banana"], "class": "food_left"}
     participant.say("undo", event=event["id"])
     assert leftover(table)["item"] == items["apple"]
-
-
-def test_reviewers_word_on_a_piece_goes_over_the_participants(table, participant, reviewer):
-    meal = table.ate(left_of_apple(100.0)).get()
-    items = {item["food"]["key"]: item["id"] for item in meal["items"]}
-    piece = leftover(table)["id"]
     reviewer.say("set_leftover", item=piece, of=items["apple"], **{"class": "refuse"})
     participant.say("set_leftover", item=piece, of=items["banana"], **{"class": "food_left"})
     assert (leftover(table)["item"], leftover(table)["class"]) == (items["apple"], "refuse")
-
-
-def test_piece_of_none_of_the_items_counts_for_nothing_and_is_settled(table, reviewer):
-    table.ate(seen_item(300, -200, (60.0, 5.0, -45.0), 60.0))
-    reviewer.say("set_leftover", item=leftover(table)["id"], of=None, **{"class": "unmatched"})
-    assert table.after["status"] == "estimated"
-    assert "leftover_unmatched" not in table.record("apple")["flags"]
 
 
 def test_words_on_pieces_that_cannot_be_are_refused(table, reviewer):
@@ -235,16 +200,11 @@ def test_piece_of_a_rejected_item_is_matched_anew(table, reviewer):
     assert leftover(table)["item"] != meal["items"][0]["id"]
 
 
-def test_another_food_changes_what_is_refuse(table, reviewer):
+def test_another_food_changes_what_is_refuse_by_a_new_match(table, reviewer, state):
     meal = table.ate(left_of_apple(60.0)).get()
     assert leftover(table)["class"] == "food_left"
     reviewer.say("set_food", item=meal["items"][0]["id"], food="pomelo")  # 44 % of it are skin and seeds
     assert (leftover(table)["class"], leftover(table)["food"]["key"]) == ("refuse", "pomelo")
-
-
-def test_matches_are_appended_never_changed(table, reviewer, state):
-    meal = table.ate(left_of_apple(60.0)).get()
-    reviewer.say("set_food", item=meal["items"][0]["id"], food="pomelo")
     reviewer.say("confirm", item=meal["items"][0]["id"])
     with state.database.read() as session:
         rows = session.query(Leftover).order_by(Leftover.version).all()
@@ -279,22 +239,15 @@ def test_what_no_camera_saw_nobody_has_looked_for_after_the_meal(table, particip
     assert said["items"][-1]["left_g"] > 0.0  # but what a person says is left of it is
 
 
-def test_nothing_left_may_be_said_before_the_meal_is_measured(table, participant):
+def test_nothing_left_may_be_said_before_any_pair_is_measured_and_a_pair_says_more(table, participant):
     participant.say("nothing_left")
     table.measured()
-    assert (table.after["status"], table.record("apple")["left_g"]) == ("nothing_left", 0.0)
-
-
-def test_nothing_left_after_a_pair_was_measured_is_refused(table, participant):
-    table.ate(left_of_apple(100.0))
-    assert participant.refused("nothing_left") == (409, "after_pair_measured")
-
-
-def test_pair_that_comes_after_nothing_left_says_more(table, participant):
-    table.measured()
-    participant.say("nothing_left")
+    record = table.record("apple")
+    assert (table.after["status"], record["left_g"], record["provisional"]) == ("nothing_left", 0.0, False)
     table.send_after().after_measured(left_of_apple(100.0))
-    assert (table.after["status"], table.record("apple")["left_g"] > 0) == ("estimated", True)
+    record = table.record("apple")
+    assert (table.after["status"], record["left_g"] > 0, record["provisional"]) == ("estimated", True, False)
+    assert participant.refused("nothing_left") == (409, "after_pair_measured")
 
 
 def test_nothing_left_settles_a_failed_pair(table, participant):
@@ -331,16 +284,17 @@ def change_seqs(state):
         return sorted(row.change_seq for row in session.query(EffectiveRecord))
 
 
-def test_records_are_provisional_until_the_pair_is_measured(waiting):
+def test_records_are_provisional_until_the_pair_is_measured_whatever_the_window(waiting, state):
     assert (waiting.record("apple")["provisional"], waiting.after["status"]) == (True, None)
     assert waiting.after["due_at"] is not None
     waiting.send_after()
+    assert close_windows_in(state, hours=9) == 0
     assert waiting.record("apple")["provisional"]
     waiting.after_measured(left_of_apple(100.0))
     assert (waiting.record("apple")["provisional"], waiting.after["due_at"]) == (False, None)
 
 
-def test_window_ends_and_the_records_are_counted_as_changed(waiting, state):
+def test_window_ends_and_the_records_are_counted_as_changed_and_a_late_pair_is_still_taken(waiting, state):
     assert close_windows_in(state, hours=1) == 0
     before = change_seqs(state)
     assert close_windows_in(state, hours=4) == 1
@@ -348,42 +302,19 @@ def test_window_ends_and_the_records_are_counted_as_changed(waiting, state):
     assert waiting.after is None
     assert min(change_seqs(state)) > max(before)
     assert AfterWindows(state.database).close_due() == 0
-
-
-def test_window_stays_open_while_a_pair_is_about_to_be_measured(waiting, state):
-    waiting.send_after()
-    assert close_windows_in(state, hours=9) == 0
-    assert waiting.record("apple")["provisional"]
-    waiting.after_measured(left_of_apple(100.0))
-    assert not waiting.record("apple")["provisional"]
-
-
-def test_window_ends_over_a_pair_of_which_one_photograph_came(waiting, state):
-    waiting.put("after_left")
-    assert close_windows_in(state, hours=4) == 1
-    assert not waiting.record("apple")["provisional"]
-
-
-def test_pair_after_the_window_is_still_taken(waiting, state):
-    close_windows_in(state, hours=9)
     before = change_seqs(state)
     waiting.send_after().after_measured(left_of_apple(100.0))
     assert waiting.record("apple")["left_g"] > 0
     assert max(change_seqs(state)) > max(before)
 
 
-def test_failed_pair_ends_the_wait_until_another_is_sent(waiting):
+def test_failed_pair_ends_the_wait_until_another_is_sent_and_the_window_ends_over_half_of_it(waiting, state):
     waiting.send_after().after_measured(failure=FAILURE)
     assert not waiting.record("apple")["provisional"]
     waiting.put("after_left", seed=91)
     assert waiting.record("apple")["provisional"]
-
-
-def test_study_that_expects_no_pair_has_no_provisional_records(table):
-    table.measured()
-    assert (table.after, table.record("apple")["provisional"]) == (None, False)
-    table.send_after()
-    assert not table.record("apple")["provisional"]
+    assert close_windows_in(state, hours=9) == 1
+    assert not waiting.record("apple")["provisional"]
 
 
 def test_windows_end_in_bounded_batches(enrol, state, monkeypatch):
@@ -400,9 +331,3 @@ def test_leftovers_of_a_meal_whose_food_is_not_known_are_matched_all_the_same(ta
     meal = table.get()
     assert leftover(table)["item"] == meal["items"][0]["id"]
     assert (leftover(table)["mass_g"], meal["items"][0]["consumed_g"]) == (None, None)
-
-
-def test_hints_of_the_meal_stay_those_of_the_meal(table):
-    table.tell(hints=[{"point": [3, 4], "food": "apple"}])
-    table.ate(left_of_banana(140.0, hint=0), left_of_apple(90.0))
-    assert [item["food"]["key"] for item in table.get()["items"]] == [hint["food"] for hint in HINTS]

@@ -1,6 +1,6 @@
 """Random words of random people about one meal: the records are always those that a rebuild from nothing gives."""
 
-import threading
+import functools
 import uuid
 
 import pytest
@@ -20,8 +20,9 @@ from app.people.models import Device, Participant, Staff
 from app.records.rebuild_records import rebuild_records
 from app.records.review.meal_events import MealEvents
 from app.records.review.schemas import EventIn
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.integration.records.at_once import at_once
+from tests.support import estimates
 from tests.support.estimates import identified_item, scene_artefact, unmeasured_item, vcm
 from tests.support.photographs import pair
 
@@ -167,47 +168,31 @@ def test_records_after_any_events_equal_a_rebuild(table, steps):
     assert rebuild_records(table.state.database, write=False).different == 0
 
 
-def test_of_two_edits_of_one_version_one_wins_and_the_other_is_told_so(table):
+def test_of_edits_of_one_version_one_wins_and_the_others_are_told_so(table):
     table.lay()
     item = table.items()[0].id
     with table.state.database.read() as session:
         version = session.scalar(sa.select(Meal.version).where(Meal.client_id == table.client_id))
-    outcomes, start = [], threading.Barrier(4)
 
     def edit(food):
-        start.wait()
         try:
             table.send(table.participant, "set_food", item=item, expected=frozenset({version}), food=food)
-            outcomes.append(food)
         except PreconditionFailedError as error:
-            outcomes.append(error.facts["version"])
+            return error.facts["version"]
+        return food
 
-    threads = [threading.Thread(target=edit, args=(food,)) for food in ("banana", "pear", "orange", "apple")]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    winners = [outcome for outcome in outcomes if isinstance(outcome, str)]
-    assert (len(outcomes), len(winners)) == (4, 1)
-    assert [outcome for outcome in outcomes if not isinstance(outcome, str)] == [version + 1] * 3
-    assert [event.new["food"] for event in table.rows(MealEvent)] == winners
+    foods = ("banana", "pear", "orange", "apple")
+    outcomes = at_once(*(functools.partial(edit, food) for food in foods))
+    (winner,) = set(outcomes) & set(foods)
+    assert sorted(outcome for outcome in outcomes if outcome != winner) == [version + 1] * 3
+    assert [event.new["food"] for event in table.rows(MealEvent)] == [winner]
 
 
-def test_one_event_sent_twice_at_the_same_time_is_one(table):
+def test_one_event_sent_thrice_at_the_same_time_is_one(table):
     table.lay()
-    item = table.items()[0].id
-    event = new_event("set_food", item=item, food="banana")
-    news, start = [], threading.Barrier(3)
-
-    def send():
-        start.wait()
-        news.append(table.state.part(MealEvents).append(table.participant, table.client_id, event, expected=None)[1])
-
-    threads = [threading.Thread(target=send) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    event = new_event("set_food", item=table.items()[0].id, food="banana")
+    append = table.state.part(MealEvents).append
+    news = at_once(*[lambda: append(table.participant, table.client_id, event, expected=None)[1]] * 3)
     assert sorted(news) == [False, False, True]
     assert len(table.rows(MealEvent)) == 1
 

@@ -10,9 +10,9 @@ from app.meals.meal_parts import parts_of
 from app.meals.record_models import EffectiveRecord, ItemFood
 from app.records.rebuild_records import rebuild_records
 from app.records.recompute_records import recompute_nutrients
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import identified_item
 from tests.support.photographs import pair
 
@@ -29,6 +29,7 @@ def recompute(state):
     recompute_nutrients(state.database, write=True, author="test", reason="test", tell=lambda _: None)
 
 
+@pytest.mark.both_stores
 @pytest.mark.parametrize(("module", "build"), [("rebuild_records", rebuild), ("recompute_records", recompute)])
 def test_confirmation_during_a_rebuild_stays_in_record_and_index(phone, state, client, monkeypatch, module, build):
     body = meal_metadata()

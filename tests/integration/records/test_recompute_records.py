@@ -1,4 +1,4 @@
-"""Figures of a food change: records follow when asked, and only what follows from the food changes."""
+"""Figures or densities of a food change: records follow when asked, in their study, and nothing else changes."""
 
 import dataclasses
 import uuid
@@ -7,30 +7,31 @@ from datetime import UTC, date, datetime
 import pytest
 import sqlalchemy as sa
 
+from app.core.units import Unit
 from app.foods import queries as foods
+from app.foods.component_names import Figure
+from app.foods.edits import edit_food
+from app.foods.edits.edit_food import Editor, FoodEdit
 from app.foods.food_releases import use_release
 from app.foods.food_values import food_value
 from app.foods.import_foods import write_food
 from app.foods.models import FoodActivation, FoodRelease
+from app.foods.study_densities import Measurement, add_study_density, withdraw_study_density
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemFood, Recompute
+from app.nutrition.foods import Density
 from app.records.project_records import project_meal
 from app.records.rebuild_records import rebuild_records
 from app.records.recompute_records import recompute_nutrients
-from tests.support import estimates
-from tests.integration.conftest import meal_metadata
+from tests.integration.records.eating import APPLE_HINT, eaten
 from tests.support.estimates import found_item, unmeasured_item
-from tests.support.photographs import pair
 
 
 @pytest.fixture
 def meal_id(phone, state):
     """Two apples, one of them without a volume."""
-    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "apple"}])
-    assert phone.post(pair(), body).status_code == 202
-    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1))
-    return body["id"]
+    return eaten(phone, state, found_item(hint=0), unmeasured_item(hint=1), hints=APPLE_HINT * 2)
 
 
 def correct_apple(state, **changes):
@@ -39,15 +40,8 @@ def correct_apple(state, **changes):
     with state.database.write() as session:
         apple = foods.foods_by_key(session, ["apple"])["apple"]
         value = dataclasses.replace(food_value(session, apple), **changes)
-        release = FoodRelease(
-            source="local",
-            name="local",
-            version="1",
-            released_on=date(2026, 11, 21),
-            checksum="l" * 64,
-            imported_at=now,
-            completed_at=now,
-        )
+        names = {"source": "local", "name": "local", "version": "1", "checksum": "l" * 64}
+        release = FoodRelease(released_on=date(2026, 11, 21), imported_at=now, completed_at=now, **names)
         session.add(release)
         session.flush()
         session.add(FoodActivation(name="local", release_id=release.id, author="me", activated_at=now))
@@ -65,16 +59,11 @@ def record_of(phone):
     return sorted(found, key=lambda one: one["volume_ml"] is None)
 
 
-def test_nothing_changes_where_no_figure_has(meal_id, state):
+@pytest.mark.usefixtures("meal_id")
+def test_dry_run_tells_the_difference_and_changes_nothing_nor_does_a_run_without_one(phone, state):
+    before = record_of(phone)
     done, told = recompute(state)
     assert (done.compared, done.changed, told) == (2, 0, [])
-    with state.database.read() as session:
-        assert session.scalars(sa.select(Recompute)).all() == []
-
-
-@pytest.mark.usefixtures("meal_id")
-def test_dry_run_tells_the_difference_and_changes_nothing(phone, state):
-    before = record_of(phone)
     correct_apple(state, per_100_g={"208": 104.0, "401": 4.6})
     done, told = recompute(state, write=False)
     assert done.changed == 2
@@ -84,14 +73,22 @@ def test_dry_run_tells_the_difference_and_changes_nothing(phone, state):
     assert measured.columns["carbohydrate_g"][1] is None  # no longer known, and not 0
     assert "mass_g" not in measured.columns
     assert record_of(phone) == before
+    with state.database.read() as session:
+        assert session.scalars(sa.select(Recompute)).all() == []
 
 
 @pytest.mark.usefixtures("meal_id")
 def test_records_are_made_anew_and_the_old_ones_stay(phone, state):
-    before = record_of(phone)
+    def items():
+        with state.database.read() as session:
+            rows = session.scalars(sa.select(Item).order_by(Item.id))
+            return [(item.id, item.volume_ml, item.rings, item.flags) for item in rows]
+
+    before, items_before = record_of(phone), items()
     correct_apple(state, per_100_g={"208": 104.0})
     done, _ = recompute(state)
     after = record_of(phone)
+    assert items() == items_before
     assert done.changed == 2
     assert [one["volume_ml"] for one in after] == [one["volume_ml"] for one in before]
     assert after[0]["energy_kcal"] == pytest.approx(2 * before[0]["energy_kcal"])
@@ -146,21 +143,11 @@ def say(state, meal_client_id, kinds):
         meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(meal_client_id))).one()
         items = session.scalars(sa.select(Item).order_by(Item.position)).all()
         events = [(kind, item.id) for kind in kinds for item in items]
-        session.add_all(
-            MealEvent(
-                id=uuid.uuid4(),
-                meal_id=meal.id,
-                sequence=number,
-                item_id=item_id,
-                kind=kind,
-                layer="participant",
-                old={},
-                new={"mass_g": 120.0, "of": "as_seen", "relative_sd": 0.1} if kind == "set_mass" else {},
-                request_sha256="",
-                created_at=datetime.now(UTC),
-            )
-            for number, (kind, item_id) in enumerate(events, 1)
-        )
+        common = {"meal_id": meal.id, "layer": "participant", "request_sha256": "", "created_at": datetime.now(UTC)}
+        mass = {"mass_g": 120.0, "of": "as_seen", "relative_sd": 0.1}
+        for number, (kind, item_id) in enumerate(events, 1):
+            told = {"kind": kind, "old": {}, "new": mass if kind == "set_mass" else {}}
+            session.add(MealEvent(id=uuid.uuid4(), sequence=number, item_id=item_id, **told, **common))
         project_meal(session, meal)
 
 
@@ -176,26 +163,41 @@ def test_food_that_no_table_has_any_more_is_left_as_it_is_and_counted(phone, sta
 @pytest.mark.usefixtures("meal_id")
 def test_only_the_named_study_is_computed_anew(phone, state, enrol):
     other = enrol("P002", study="other")
-    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
-    assert other.post(pair(1), body).status_code == 202
-    estimates.save(state, body["id"], found_item(hint=0))
+    meal_id = eaten(other, state, seed=1)
     correct_apple(state, per_100_g={"208": 104.0})
     done, told = recompute(state, study_code="other")
     assert (done.compared, done.changed) == (1, 1)
-    assert str(told[0].meal_id) == body["id"]
+    assert str(told[0].meal_id) == meal_id
     assert {one["food_table"] for one in record_of(phone)} != {"local 1"}
 
 
-@pytest.mark.usefixtures("meal_id")
-def test_items_and_their_volumes_are_never_touched(state):
-    def items():
-        with state.database.read() as session:
-            return [
-                (item.id, item.volume_ml, item.rings, item.flags)
-                for item in session.scalars(sa.select(Item).order_by(Item.id))
-            ]
+EDITOR = Editor("a test", "to see")
 
-    before = items()
-    correct_apple(state, densities=(), per_100_g={"208": 1.0})
+
+def test_a_correction_reaches_records_and_its_undoing_too(phone, state):
+    eaten(phone, state)
+    before = record_of(phone)[0]
+    energy = FoodEdit(nutrients={"ENERC_KCAL": Figure(104.0, Unit.KCAL)})
+    edit_food.edit_food(state.database, "apple", energy, EDITOR)
+    assert record_of(phone)[0] == before
     recompute(state)
-    assert items() == before
+    assert record_of(phone)[0]["energy_kcal"] == pytest.approx(2 * before["energy_kcal"])
+    edit_food.restore_food(state.database, "apple", 1, EDITOR)
+    recompute(state)
+    assert record_of(phone)[0]["energy_kcal"] == pytest.approx(before["energy_kcal"])
+
+
+def test_a_study_s_density_reaches_its_own_records_only(enrol, state):
+    ours, theirs = enrol("P001", "pilot"), enrol("P002", "second")
+    for phone in (ours, theirs):
+        eaten(phone, state)
+    before, others = record_of(ours)[0], record_of(theirs)[0]
+    half = before["mass_g"] / before["volume_ml"] / 2
+    measured = Measurement("apple", Density(half, 0.01, "raw", "solid", "study", "scale"))
+    row = add_study_density(state.database, "pilot", measured, EDITOR)
+    recompute(state)
+    assert record_of(ours)[0]["mass_g"] == pytest.approx(before["mass_g"] / 2)
+    assert record_of(theirs)[0] == others
+    withdraw_study_density(state.database, "pilot", row.id, EDITOR)
+    recompute(state)
+    assert record_of(ours)[0]["mass_g"] == pytest.approx(before["mass_g"])

@@ -1,7 +1,6 @@
 """What a worker asks the pipeline for a region that a person drew, and what becomes of the answer."""
 
 import json
-import threading
 import uuid
 
 import pytest
@@ -12,9 +11,9 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import Run
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
+from tests.support import estimates
 from tests.support.estimates import answer, found_item
 from tests.support.photographs import pair
 
@@ -111,15 +110,3 @@ def test_child_that_ends_badly_leaves_a_flag_and_the_meal_as_it_was(participant,
     with state.database.read() as session:
         purposes = [run.purpose for run in session.scalars(sa.select(Run).order_by(Run.created_at))]
     assert purposes == ["meal", "remeasure"]
-
-
-def test_phone_can_wait_for_a_region_that_is_measured(participant, client, state):
-    apple, _ = participant.items()
-    participant.say("redraw", item=apple["id"], polygon=RING)
-    answers = []
-    path = f"/v1/meals/{participant.meal_id}?wait=30"
-    phone = threading.Thread(target=lambda: answers.append(client.get(path, headers=participant.headers).json()))
-    phone.start()
-    estimates.save(state, participant.meal_id, found_item(70.0), purpose="remeasure", regions=[apple["id"]])
-    phone.join()
-    assert answers[0]["items"][0]["volume_ml"] == 70.0

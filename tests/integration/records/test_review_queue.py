@@ -2,11 +2,9 @@
 
 import pytest
 
-from tests.support import estimates
-from tests.integration.conftest import meal_metadata
+from tests.integration.records.eating import eaten
 from tests.integration.records.reviewing import Speaker, new_event
 from tests.support.estimates import found_item, unmeasured_item
-from tests.support.photographs import pair
 
 QUEUE = "/v1/studies/pilot/review-queue"
 
@@ -24,14 +22,7 @@ def queue(client, admin):
 @pytest.fixture
 def meal_of(state):
     """An estimated meal of a phone, from a list of its items."""
-
-    def meal_of(phone, *items, **changes):
-        body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], **changes)
-        assert phone.post(pair(), body).status_code == 202
-        estimates.save(state, body["id"], *items)
-        return body["id"]
-
-    return meal_of
+    return lambda phone, *items: eaten(phone, state, *items)
 
 
 def doubtful(relative_sd, **changes):
@@ -83,34 +74,22 @@ def test_filters_leave_out_what_they_name(queue, enrol, meal_of):
     assert len(queue(provisional=False)["items"]) == 3
 
 
-def test_viewers_and_phones_see_no_queue(client, phone):
-    assert client.get(QUEUE, headers=phone.headers).status_code == 403
-
-
-def test_question_is_open_until_it_is_answered(client, phone, admin, meal_of):
+def test_question_of_a_reviewer_is_open_to_its_participant_until_it_is_answered(client, enrol, admin, meal_of):
+    phone, other = enrol("P001"), enrol("P002")
     meal_id = meal_of(phone, found_item())
     participant, reviewer = Speaker(client, phone.headers, meal_id), Speaker(client, admin, meal_id)
-    item = participant.items()[0]["id"]
-    question = new_event("question", item=item, text="Did you peel it?")
+    question = new_event("question", item=participant.items()[0]["id"], text="Did you peel it?")
+    assert participant.refused("question", text="Why?") == (403, "event_not_yours")
     assert reviewer.send(question).status_code == 201
-    open_ones = phone.get("/v1/me/questions").json()["items"]
-    assert [(row["id"], row["meal"], row["text"]) for row in open_ones] == [
-        (question["id"], meal_id, "Did you peel it?")
-    ]
+    (asked,) = phone.get("/v1/me/questions").json()["items"]
+    assert (asked["id"], asked["meal"], asked["text"]) == (question["id"], meal_id, "Did you peel it?")
+    assert other.get("/v1/me/questions").json()["items"] == []
     assert reviewer.refused("answer", question=question["id"], text="No.") == (403, "event_not_yours")
     answer = new_event("answer", question=question["id"], text="Yes.")
-    assert participant.send(answer, if_match=open_ones[0]["etag"]).status_code == 201
+    assert participant.send(answer, if_match=asked["etag"]).status_code == 201
     assert phone.get("/v1/me/questions").json()["items"] == []
     assert participant.refused("answer", question=question["id"], text="No.") == (409, "question_answered")
     participant.say("undo", event=answer["id"])
     assert len(phone.get("/v1/me/questions").json()["items"]) == 1
     reviewer.say("undo", event=question["id"])
     assert phone.get("/v1/me/questions").json()["items"] == []
-
-
-def test_participant_asks_no_questions_and_sees_only_their_own(client, enrol, admin, meal_of):
-    first, second = enrol("P001"), enrol("P002")
-    meal_id = meal_of(first, found_item())
-    Speaker(client, admin, meal_id).say("question", text="Who cooked it?")
-    assert Speaker(client, first.headers, meal_id).refused("question", text="Why?") == (403, "event_not_yours")
-    assert second.get("/v1/me/questions").json()["items"] == []

@@ -10,8 +10,9 @@ from app.cli.demo import show_meal
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.records.meal_schemas import MealOut
 from app.records.rebuild_records import rebuild_records
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
+from tests.integration.records.eating import eaten
+from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.photographs import pair
 
@@ -23,58 +24,39 @@ DERIVED = ("mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS)
 @pytest.fixture
 def meal(phone, state):
     """An apple that was measured beside milk in an opaque bowl."""
-    body = meal_metadata(hints=HINTS)
-    assert phone.post(pair(), body).status_code == 202
-    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1))
-    return phone.get(f"/v1/meals/{body['id']}").json()
+    meal_id = eaten(phone, state, found_item(hint=0), unmeasured_item(hint=1), hints=HINTS)
+    return phone.get(f"/v1/meals/{meal_id}").json()
 
 
-def test_meal_shows_outline_food_and_flag_and_waits_for_a_person(meal):
-    apple, milk = meal["items"]
+def test_meal_shows_outline_food_and_flag_no_amount_and_incomplete_totals_and_waits_for_a_person(meal, capsys):
+    (apple, milk), totals = meal["items"], meal["totals"]
     assert (meal["status"], apple["status"], milk["status"]) == ("needs_review", "proposed", "needs_review")
     assert milk["polygon"] == apple["polygon"]
     assert (milk["food"]["key"], milk["flags"]) == ("milk-whole", ["not_measurable"])
     assert [candidate["food"]["key"] for candidate in milk["candidates"]] == ["milk-whole"]
-
-
-def test_meal_shows_no_amount_of_it(meal):
-    milk = meal["items"][1]
     amounts = ("volume_ml", "volume_interval_ml", "mass_g", "mass_interval_g", "edible_g")
     assert [milk[name] for name in amounts] == [None] * len(amounts)
     assert milk["nutrients"] == []
     assert milk["density_g_per_ml"] > 0  # for the volume that a person sets
+    assert (totals["unmeasured_items"], totals["consumed_g"]) == (1, apple["consumed_g"])
+    assert {total["coverage"] for total in totals["nutrients"]} == {None}
+    amounts = {one["number"]: [one["amount"], *(one["interval"] or [])] for one in apple["nutrients"]}
+    assert {
+        one["number"]: pytest.approx([one["amount"], *(one["interval"] or [])]) for one in totals["nutrients"]
+    } == amounts
+    show_meal(MealOut.model_validate(meal))
+    assert "not measured: not_measurable" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("meal")
-def test_records_have_nulls_in_json_and_empty_cells_in_csv(phone):
+def test_records_have_nulls_in_json_and_empty_cells_in_csv_also_when_they_are_rebuilt(phone, state):
     record = phone.get("/v1/records", food="milk-whole").json()["items"][0]
     assert [record[name] for name in (*VOLUME, *DERIVED)] == [None] * len((*VOLUME, *DERIVED))
     assert record["status"] == "needs_review"
     row = next(csv.DictReader(io.StringIO(phone.get("/v1/records", food="milk-whole", format="csv").text)))
     assert {row[name] for name in (*VOLUME, *DERIVED)} == {""}
     assert row["food_key"] == "milk-whole"
-
-
-@pytest.mark.usefixtures("meal")
-def test_totals_of_the_meal_say_that_they_are_incomplete(meal):
-    apple, totals = meal["items"][0], meal["totals"]
-    assert totals["unmeasured_items"] == 1
-    assert totals["consumed_g"] == apple["consumed_g"]
-    assert {total["coverage"] for total in totals["nutrients"]} == {None}
-    amounts = {one["number"]: [one["amount"], *(one["interval"] or [])] for one in apple["nutrients"]}
-    assert {
-        one["number"]: pytest.approx([one["amount"], *(one["interval"] or [])]) for one in totals["nutrients"]
-    } == amounts
-
-
-@pytest.mark.usefixtures("meal")
-def test_rebuilt_record_is_the_same(state):
     assert rebuild_records(state.database, write=False).different == 0
-
-
-def test_demo_prints_that_an_item_was_not_measured(meal, capsys):
-    show_meal(MealOut.model_validate(meal))
-    assert "not measured: not_measurable" in capsys.readouterr().out
 
 
 def test_meal_that_is_not_measured_has_no_total_and_one_without_foods_has_nothing(phone, state):

@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import threading
 import uuid
 from datetime import UTC, datetime
 
@@ -20,16 +19,15 @@ from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
 from app.releases.file_runner import FileRunner
 from app.remeasurements.feed_workers import FeedWorkers
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
-from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table
+from tests.integration.records.at_once import at_once
+from tests.integration.records.eating import eaten
 from tests.integration.remeasurements.measuring_again import PATH, Again
+from tests.support import estimates
 from tests.support.commands import run_tada
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
-
-HINTS = [{"point": [30, 20], "food": "apple"}]
 
 
 @pytest.fixture
@@ -43,11 +41,8 @@ def meals(phone, state):
     return [measured(phone, state, hour) for hour in (8, 12, 18)]
 
 
-def measured(phone, state, hour, volume_ml=185.0, **changes):
-    body = meal_metadata(hints=HINTS, captured_at=f"2026-11-20T{hour:02}:30:00+08:00", **changes)
-    assert phone.post(pair(hour), body).status_code == 202
-    estimates.save(state, body["id"], found_item(volume_ml))
-    return body["id"]
+def measured(phone, state, hour):
+    return eaten(phone, state, seed=hour, captured_at=f"2026-11-20T{hour:02}:30:00+08:00")
 
 
 def answers_of(meals, volume_ml=185.0):
@@ -91,14 +86,19 @@ def test_progress_is_counted_and_the_table_is_a_file_too(again, meals):
     assert listed == [ended]
 
 
-def test_plan_tells_what_would_be_measured_and_changes_nothing(again, meals, phone):
+def test_plan_tells_what_would_be_measured_of_both_pairs_and_changes_nothing(again, meals, phone, state):
+    def plan(**params):
+        path = "/v1/studies/pilot/remeasurement-plan"
+        return again.client.get(path, headers=again.headers, params=params).json()
+
     phone.client.post("/v1/declared-meals", headers=phone.headers, json=meal_metadata(items=[{"food": "apple"}]))
-    answer = again.client.get("/v1/studies/pilot/remeasurement-plan", headers=again.headers)
-    assert answer.json() == {"pairs": 4, "would_measure": 3, "would_skip": {"no_photographs": 1}}
-    answer = again.client.get(
-        "/v1/studies/pilot/remeasurement-plan", headers=again.headers, params={"meal": meals[1:], "limit": 1}
-    )
-    assert answer.json() == {"pairs": 1, "would_measure": 1, "would_skip": {}}
+    assert plan() == {"pairs": 4, "would_measure": 3, "would_skip": {"no_photographs": 1}}
+    assert plan(meal=meals[1:], limit=1) == {"pairs": 1, "would_measure": 1, "would_skip": {}}
+    table = Table(phone, state).measured().send_after()
+    skipped = {"no_photographs": 1, "waits_for_estimate": 1}
+    assert plan() == {"pairs": 6, "would_measure": 4, "would_skip": skipped}
+    table.after_measured()
+    assert plan()["would_measure"] == 5
     assert again.client.get(PATH, headers=again.headers).json()["items"] == []
     assert again.feed(3) == 0
 
@@ -138,8 +138,8 @@ def test_named_meals_and_a_limit_choose_the_first_that_were_eaten(again, meals):
     _, rows = again.done(answers_of(meals[:1]), limit=1)
     assert [row["meal_id"] for row in rows] == meals[:1]
     other = str(uuid.uuid4())
-    answer = again.client.post(PATH, headers=again.headers, json={"meals": [meals[0], other]})
-    assert (answer.status_code, answer.json()["meal"]) == (404, other)
+    assert again.start(404, meals=[meals[0], other])["meal"] == other
+    assert again.get(other).status_code == 404
 
 
 def test_stopped_it_gives_its_pair_back_and_continued_it_loses_and_doubles_nothing(again, meals, state):
@@ -147,9 +147,15 @@ def test_stopped_it_gives_its_pair_back_and_continued_it_loses_and_doubles_nothi
     assert again.feed(1) == 1
     estimates.save(state, meals[0], found_item(190.0), purpose="rerun")
     assert again.feed(2) == 2
+    ready = again.client.get("/readyz").json()  # background jobs are no meals that wait
+    assert ready["oldest_waiting_seconds"] is None
     stopped = again.deed(started["id"], "stop")
     assert (stopped["state"], stopped["waiting"], stopped["measured"]) == ("stopped", 2, 1)
     assert again.live() == []
+    with state.database.read() as session:
+        assert None not in session.scalars(sa.select(Job.finished_at).where(Job.is_background)).all()
+    with pytest.raises(sa.exc.NoResultFound):  # a worker that comes back saves nothing
+        estimates.save(state, meals[1], found_item(190.0), purpose="rerun")
     assert again.feed(3) == 0
     assert again.deed(started["id"], "stop") == stopped
     assert again.deed(started["id"], "continue")["state"] == "running"
@@ -170,18 +176,6 @@ def test_stopped_it_gives_its_pair_back_and_continued_it_loses_and_doubles_nothi
     ]
 
 
-def test_result_of_a_job_that_was_stopped_is_not_saved(again, meals, state):
-    """The worker's transaction asks for the job, as app/jobs/job_runner.py does."""
-    started = again.start()
-    assert again.feed(1) == 1
-    again.deed(started["id"], "stop")
-    with state.database.read() as session:
-        job = session.scalars(sa.select(Job).where(Job.is_background)).one()
-        assert job.finished_at is not None
-    with pytest.raises(sa.exc.NoResultFound):
-        estimates.save(state, meals[0], found_item(190.0), purpose="rerun")
-
-
 def test_same_request_again_is_the_same_remeasurement_and_another_has_to_wait(again, meals):
     started = again.start()
     assert again.start(200)["id"] == started["id"]
@@ -198,15 +192,12 @@ def test_same_request_again_is_the_same_remeasurement_and_another_has_to_wait(ag
     assert again.start()["id"] != started["id"]  # it is done: a new one
 
 
+@pytest.mark.both_stores
 def test_workers_that_feed_at_the_same_time_queue_each_pair_once(again, phone, state):
     meals = [measured(phone, state, hour) for hour in range(6, 14)]
     again.start()
     feeds = [FeedWorkers(state.database, JobQueue()) for _ in range(4)]
-    threads = [threading.Thread(target=lambda feed=feed: [feed(1) for _ in range(3)]) for feed in feeds]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(*(lambda feed=feed: [feed(1) for _ in range(3)] for feed in feeds))
     while again.feed(1):
         pass
     live = again.live()
@@ -249,21 +240,6 @@ def test_erased_meal_takes_its_part_of_the_remeasurement_with_it(again, meals, p
         assert len(session.scalars(sa.select(RemeasuredItem)).all()) == 1
 
 
-def test_roles_owners_start_and_viewers_read(again, meals, client, admin):
-    owner, viewer = (make_staff(client, admin, role, pilot=role) for role in ("owner", "viewer"))
-    started = owner.post(PATH, json={}).json()
-    assert viewer.get(f"{PATH}/{started['id']}/items").status_code == 200
-    assert viewer.post(f"{PATH}/{started['id']}/stop").status_code == 403
-    assert viewer.post(PATH, json={}).status_code == 403
-    assert client.get(f"{PATH}/{uuid.uuid4()}", headers=admin).status_code == 404
-
-
-def test_background_jobs_do_not_count_as_waiting_meals(again, meals, client, state):
-    again.start()
-    assert again.feed(3) == 3
-    assert client.get("/readyz").json()["oldest_waiting_seconds"] is None
-
-
 @pytest.fixture
 def tada(settings, client):
     def run(*arguments):
@@ -277,7 +253,11 @@ def tada(settings, client):
     return run
 
 
-def test_command_lists_a_plan_and_changes_nothing(again, meals, tada):
+def test_command_lists_a_plan_and_changes_nothing_and_refuses_what_is_not_there(again, meals, tada):
+    nowhere = tada("remeasure", "nowhere")
+    assert (nowhere.returncode, nowhere.stderr) == (2, "tada: There is no such study.\n")
+    missing = str(uuid.uuid4())
+    assert tada("remeasure", missing).stderr == f"tada: There is no meal {missing}.\n"
     ended = tada("remeasure", "pilot", "--dry-run", "--limit", "2")
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
@@ -326,19 +306,3 @@ def test_interrupted_command_stops_it_and_the_same_command_goes_on(again, meals,
     again.measure(answers_of(meals[:2]))
     with again.state.database.read() as session:
         assert session.scalars(sa.select(Remeasurement.state)).all() == ["done"]
-
-
-def test_command_refuses_what_is_not_there(again, meals, tada):
-    ended = tada("remeasure", "nowhere")
-    assert (ended.returncode, ended.stderr) == (2, "tada: There is no such study.\n")
-    missing = str(uuid.uuid4())
-    assert tada("remeasure", missing).stderr == f"tada: There is no meal {missing}.\n"
-
-
-def test_after_meal_pair_counts_as_a_pair_of_its_own_and_is_skipped_by_its_own_reason(again, phone, state):
-    table = Table(phone, state).measured().send_after()
-    plan = again.client.get("/v1/studies/pilot/remeasurement-plan", headers=again.headers).json()
-    assert plan == {"pairs": 2, "would_measure": 1, "would_skip": {"waits_for_estimate": 1}}
-    table.after_measured()
-    plan = again.client.get("/v1/studies/pilot/remeasurement-plan", headers=again.headers).json()
-    assert plan["would_measure"] == 2

@@ -7,12 +7,12 @@ from app.children.faults import JOB_GAVE_UP
 from app.meals.job_models import Job
 from app.meals.record_models import EffectiveRecord, Item, Run
 from app.records.rebuild_records import rebuild_records
-from tests.support import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import RED, YELLOW, Table, left_of_apple
 from tests.integration.records.reviewing import Speaker, new_event
 from tests.integration.remeasurements.measuring_again import Again
+from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 
@@ -80,9 +80,14 @@ def remeasured(again, participant, *items, **changes):
 
 
 def test_items_keep_their_ids_and_get_the_new_outline_volume_and_grams(again, participant, state):
-    before = participant.items()
+    def first_rows():
+        with state.database.read() as session:
+            return [(item.id, item.rings, item.volume_ml) for item in session.scalars(sa.select(Item))]
+
+    before, rows_before = participant.items(), first_rows()
     numbers, rows = remeasured(again, participant, banana(91.0), apple(200.0, moved(APPLE), flags=["small_baseline"]))
     after = participant.items()
+    assert first_rows() == rows_before
     assert [item["id"] for item in after] == [item["id"] for item in before]
     assert volumes(participant) == {"apple": 200.0, "banana": 91.0}
     assert (after[0]["polygon"], after[0]["flags"]) == ([moved(APPLE)], ["small_baseline"])
@@ -95,6 +100,7 @@ def test_items_keep_their_ids_and_get_the_new_outline_volume_and_grams(again, pa
     with state.database.read() as session:
         runs = session.scalars(sa.select(Run).order_by(Run.created_at)).all()
         assert {record.run_id for record in session.scalars(sa.select(EffectiveRecord))} == {runs[-1].id}
+        assert {job.turn for job in session.scalars(sa.select(Job).where(Job.is_background))} == {0}
     assert [run.purpose for run in runs] == ["meal", "meal"]
     assert str(runs[-1].remeasurement_id) == numbers["id"]
 
@@ -199,17 +205,13 @@ def test_item_that_a_person_rejected_stays_rejected_whether_it_is_seen_again_or_
     assert (first["status"], second["volume_ml"]) == ("rejected", 95.0)
 
 
-def test_run_that_fails_is_kept_beside_the_old_one(again, participant, state):
+def test_run_that_fails_is_kept_beside_the_old_one_and_a_job_without_a_run_leaves_its_reason(again, participant, state):
     before = participant.meal()
     numbers, _ = remeasured(again, participant, **NO_MARKER)
     assert numbers["reasons"] == {"marker_not_found": 1}
     assert participant.meal() == before
     with state.database.read() as session:
         assert [run.purpose for run in session.scalars(sa.select(Run).order_by(Run.created_at))] == ["meal", "rerun"]
-
-
-def test_job_that_ends_without_a_run_leaves_the_meal_and_the_reason(again, participant, state):
-    before = participant.meal()
     started = again.start()
     assert again.feed(1) == 1
     again.fail(JOB_GAVE_UP)
@@ -260,6 +262,7 @@ def test_what_was_left_is_measured_again_too_and_stays_with_its_food(again, clie
     assert table.after["leftovers"] == [now]
 
 
+@pytest.mark.both_stores
 def test_pair_that_is_to_be_measured_by_its_own_job_is_not_touched(again, client, phone, state, admin):
     body = meal_metadata(hints=HINTS)
     phone.post(pair(), body)
@@ -271,12 +274,3 @@ def test_pair_that_is_to_be_measured_by_its_own_job_is_not_touched(again, client
     numbers = again.get(started["id"]).json()
     assert numbers["reasons"] == {"waits_for_estimate": 1}
     assert client.get(f"/v1/meals/{body['id']}", headers=admin).json()["status"] == "queued"
-
-
-def test_item_rows_of_the_first_run_are_not_changed(again, participant, state):
-    with state.database.read() as session:
-        before = [(item.id, item.rings, item.volume_ml) for item in session.scalars(sa.select(Item))]
-    remeasured(again, participant, apple(300.0), banana(100.0))
-    with state.database.read() as session:
-        assert [(item.id, item.rings, item.volume_ml) for item in session.scalars(sa.select(Item))] == before
-        assert all(job.turn == 0 for job in session.scalars(sa.select(Job).where(Job.is_background)))

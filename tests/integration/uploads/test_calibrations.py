@@ -53,18 +53,9 @@ def kept_camera(focal=960.0, width=1200, height=900, cx=600.0, k1=0.0):
 
 def keep(state, device, *, model=None, age=0, withdrawn=False, **camera):
     now = datetime.now(UTC)
-    row = CameraCalibration(
-        id=uuid.uuid4(),
-        device_id=device.id,
-        model=model,
-        marker="plain:9x7:11",
-        camera=kept_camera(**camera),
-        rms_px=0.2,
-        photographs=10,
-        author="test",
-        created_at=now - timedelta(hours=age),
-        withdrawn_at=now if withdrawn else None,
-    )
+    measured = {"marker": "plain:9x7:11", "camera": kept_camera(**camera), "rms_px": 0.2, "photographs": 10}
+    times = {"created_at": now - timedelta(hours=age), "withdrawn_at": now if withdrawn else None}
+    row = CameraCalibration(id=uuid.uuid4(), device_id=device.id, model=model, author="test", **measured, **times)
     with state.database.write() as session:
         session.add(row)
     return row.id
@@ -157,12 +148,19 @@ def test_owner_withdraws_a_calibration_and_for_another_phone_there_is_none(phone
     assert chosen(state, device).chosen_from == "exif"
 
 
-def test_newest_calibration_of_the_phone_holds_until_it_is_withdrawn(phone, state):
+def test_newest_calibration_of_the_phone_that_fits_holds_until_it_is_withdrawn_but_the_meals_own_always(phone, state):
     (device,) = devices(state)
     older = keep(state, device, age=2, focal=950.0)
     keep(state, device, age=1, focal=990.0, withdrawn=True)
     found = chosen(state, device)
     assert (found.chosen_from, found.calibrations, found.camera.fx) == ("device", (older,), 950.0)
+    with state.database.write() as session:
+        session.query(Study).one().camera = kept_camera(width=1000, height=1000)
+    assert chosen(state, device, [(1000, 1000)] * 2).chosen_from == "study"
+    assert chosen(state, device, [(1200, 900), (1000, 1000)]).chosen_from == "exif"
+    assert chosen(state, device, [(900, 1200)] * 2).chosen_from == "device"  # turned by a quarter
+    own = chosen(state, device, [(1000, 1000)] * 2, given=kept_camera(focal=1234.0))
+    assert (own.chosen_from, own.camera.fx) == ("meal", 1234.0)
 
 
 def test_phone_without_calibration_gets_the_median_of_its_model_at_its_size(phone, enrol, state):
@@ -194,18 +192,6 @@ def test_single_phone_of_the_model_stands_for_it_and_other_models_and_studies_do
     with state.database.write() as session:
         session.get(Device, first.id).model = "Phone 8"
     assert chosen(state, first).chosen_from == "exif"
-
-
-def test_calibration_that_does_not_fit_is_passed_over_but_the_meals_own_camera_never(phone, state):
-    (device,) = devices(state)
-    keep(state, device)
-    with state.database.write() as session:
-        session.query(Study).one().camera = kept_camera(width=1000, height=1000)
-    assert chosen(state, device, [(1000, 1000)] * 2).chosen_from == "study"
-    assert chosen(state, device, [(1200, 900), (1000, 1000)]).chosen_from == "exif"
-    assert chosen(state, device, [(900, 1200)] * 2).chosen_from == "device"  # turned by a quarter
-    own = chosen(state, device, [(1000, 1000)] * 2, given=kept_camera(focal=1234.0))
-    assert (own.chosen_from, own.camera.fx) == ("meal", 1234.0)
 
 
 def test_median_of_one_camera_is_that_camera():

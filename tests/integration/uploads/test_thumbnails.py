@@ -58,19 +58,14 @@ def is_kept(answer):
     return answer.content == small_picture()
 
 
-def test_run_leaves_both_photographs_small_upright_and_without_metadata_though_nothing_was_measured(tmp_path):
+def test_run_leaves_both_photographs_small_upright_and_without_metadata_as_pictures_are_made_at_their_width(tmp_path):
     exif = Image.Exif()
     exif[0x0112], exif[0x010F] = 6, "a maker"  # lies on its side
-    paths = {}
-    for seed, side in enumerate(("left", "right")):
-        paths[side] = tmp_path / side
-        paths[side].write_bytes(photograph(seed, exif=exif))
-    request = {
-        "photographs": {name: str(path) for name, path in paths.items()},
-        "options": OPTIONS,
-        "output_dir": str(tmp_path),
-        "max_pixels": 10**7,
-    }
+    paths = {side: tmp_path / side for side in ("left", "right")}
+    for seed, path in enumerate(paths.values()):
+        path.write_bytes(photograph(seed, exif=exif))
+    photographs = {name: str(path) for name, path in paths.items()}
+    request = {"photographs": photographs, "options": OPTIONS, "output_dir": str(tmp_path), "max_pixels": 10**7}
     answer = estimate_task(request, lambda _: None)
     assert answer["failure"] is not None
     for side in paths:
@@ -82,20 +77,14 @@ def test_run_leaves_both_photographs_small_upright_and_without_metadata_though_n
         assert picture.size == (THUMBNAIL_PX, round(640 * THUMBNAIL_PX / 480))
         assert not picture.getexif()
         assert b"a maker" not in content
-
-
-def test_thumbnail_looks_as_the_picture_that_is_made_at_its_width(tmp_path):
-    left, output = tmp_path / "left", tmp_path / "made.jpg"
-    left.write_bytes(photograph(1))
-    request = {"photo": str(left), "output": str(output), "width_px": THUMBNAIL_PX, "max_pixels": 10**7}
+    thumbnail, made = np.asarray(Image.open(tmp_path / "thumbnail_left.jpg"), float), tmp_path / "made.jpg"
+    request = {"photo": photographs["left"], "output": str(made), "width_px": THUMBNAIL_PX, "max_pixels": 10**7}
     picture_task(request | {"colour": None}, lambda _: None)
-    paths = {"photographs": {"left": str(left), "right": str(left)}, "output_dir": str(tmp_path), "max_pixels": 10**7}
-    estimate_task(paths | {"options": OPTIONS}, lambda _: None)
-    pixels = [np.asarray(Image.open(path), float) for path in (output, tmp_path / "thumbnail_left.jpg")]
-    assert np.abs(pixels[0] - pixels[1]).mean() < 4.0  # of 255; halved while decoded, or afterwards
+    difference = np.abs(np.asarray(Image.open(made), float) - thumbnail).mean()
+    assert difference < 4.0  # of 255; halved while decoded, or afterwards
     gains = colour_to_json(ColourCorrection(np.diag([2.0, 1.0, 1.0]), "white"))
     picture_task(request | {"colour": gains}, lambda _: None)
-    assert np.abs(np.asarray(Image.open(output), float) - pixels[1]).mean() > 10.0
+    assert np.abs(np.asarray(Image.open(made), float) - thumbnail).mean() > 10.0
 
 
 def test_thumbnail_is_served_at_its_width_alone_and_noted(phone, state, kept):

@@ -1,0 +1,126 @@
+"""How a worker has a meal estimated: on how many cores, and which ends of a child are worth another try."""
+
+import errno
+import uuid
+
+import pytest
+import sqlalchemy as sa
+from structlog.testing import capture_logs
+
+from app.children.child_pool import ChildResult
+from app.children.faults import BrokenOff, is_passing
+from app.estimates import estimate_meal
+from app.estimates.estimate_meal import AWAITS_ROOM, EstimateMeal
+from app.meals.job_models import Job
+from tests.integration.conftest import meal_metadata
+from tests.support.photographs import pair
+
+
+class Children:
+    def __init__(self, result):
+        self.result = result
+        self.alone = []
+        self.cores = []
+
+    def run(self, request, on_stage, *, name, is_alone):
+        self.alone.append(is_alone)
+        self.cores.append(request.arguments["cores"])
+        return self.result
+
+
+@pytest.fixture
+def sent(phone):
+    body = meal_metadata()
+    answer = phone.post(pair(), metadata=body)
+    assert answer.status_code == 202
+    return f"/v1/meals/{body['id']}"
+
+
+@pytest.fixture
+def job_id(sent, state):
+    with state.database.read() as session:
+        return session.query(Job).one().id
+
+
+@pytest.mark.parametrize("outcome", ["killed", "stalled", "timed_out"])
+def test_estimate_that_the_machine_ended_is_worth_another_try_and_the_phone_sees_that_it_waits(
+    phone, state, sent, job_id, outcome
+):
+    """Of a meal that was erased meanwhile nothing is said: a worker once logged NoResultFound."""
+    children = Children(ChildResult(outcome, limit="120 s"))
+    work = EstimateMeal(state.database, state.blobs, children, state.settings)
+    with pytest.raises(BrokenOff) as broken:
+        work.compute(job_id, is_alone=True)
+    assert children.alone == [True]
+    assert broken.value.failure.code in ("estimate_killed", "estimate_timed_out")
+    work.await_room(job_id)
+    meal = phone.get(sent).json()
+    assert (meal["status"], meal["stage"], meal["failure"]) == ("processing", AWAITS_ROOM, None)
+    with capture_logs() as logs:
+        work.await_room(uuid.uuid4())
+    assert logs == []
+
+
+def test_estimate_that_its_photographs_ended_is_not_tried_again(state, job_id):
+    for outcome, code in (("crashed", "estimate_crashed"), ("out_of_memory", "estimate_out_of_memory")):
+        children = Children(ChildResult(outcome, limit="3072 MiB"))
+        work = EstimateMeal(state.database, state.blobs, children, state.settings)
+        answer = work.load(work.compute(job_id)).answer
+        assert answer.failure.code == code
+        assert "{limit}" not in answer.failure.message
+
+
+def test_disk_that_is_full_for_a_while_in_the_child_fails_no_meal(state, job_id):
+    """In a storm a full disk met the child at its output: the meal was `internal_error` at once."""
+    children = Children(ChildResult("raised", message="OSError: no space left on device", errno=errno.ENOSPC))
+    with pytest.raises(OSError, match="no space left") as full:
+        EstimateMeal(state.database, state.blobs, children, state.settings).compute(job_id)
+    assert is_passing(full.value)
+
+
+WORKER = "worker-1"
+
+
+@pytest.fixture
+def four_cores(monkeypatch):
+    monkeypatch.setattr(estimate_meal, "usable_cores", lambda: 4)
+
+
+@pytest.fixture
+def jobs(phone, state):
+    """Three jobs, the first claimed by the worker, the others by another one."""
+    for _ in range(3):
+        assert phone.post(pair(), metadata=meal_metadata()).status_code == 202
+    with state.database.write() as session:
+        first, *others = session.scalars(sa.select(Job).order_by(Job.enqueued_at)).all()
+        first.executor_id = WORKER
+        for each in others:
+            each.executor_id = "worker-2"
+        return first.id, [each.id for each in others]
+
+
+def give_to(state, executor_id, job_ids):
+    with state.database.write() as session:
+        session.execute(sa.update(Job).where(Job.id.in_(job_ids)).values(executor_id=executor_id))
+
+
+def cores_of(state, job_id, *, concurrency=4, is_alone=False):
+    children = Children(ChildResult("crashed"))
+    settings = state.settings.model_copy(update={"worker_concurrency": concurrency})
+    EstimateMeal(state.database, state.blobs, children, settings).compute(job_id, is_alone=is_alone)
+    return children.cores
+
+
+def test_only_job_has_all_cores_that_its_worker_may_use_and_leaves_some_to_others(state, four_cores, jobs):
+    own, others = jobs
+    assert cores_of(state, own) == [4]
+    assert cores_of(state, own, concurrency=2) == [2]
+    assert cores_of(state, own, is_alone=True) == [1]  # tried alone because the machine is full
+    give_to(state, WORKER, others[:1])
+    assert cores_of(state, own) == [2]
+    give_to(state, None, others)  # those that wait find idle cores
+    assert cores_of(state, own) == [4]
+    assert cores_of(state, own, concurrency=3) == [1]
+    with state.database.write() as session:
+        session.execute(sa.update(Job).values(is_background=True))
+    assert cores_of(state, own) == [1]
