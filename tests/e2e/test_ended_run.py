@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -16,9 +17,10 @@ REPOSITORY = pathlib.Path(__file__).parents[2]
 pytestmark = pytest.mark.slow
 
 
-def shared_memory():
-    """Return what PostgreSQL servers have in memory."""
-    return {path.name for path in MEMORY.glob("PostgreSQL.*")}
+def shared_memory(folder):
+    """Return the files in memory that processes of the run have mapped, such as PostgreSQL's."""
+    maps = "".join(pathlib.Path(f"/proc/{process}/maps").read_text() for process in processes_of(folder))
+    return set(re.findall(rf"{MEMORY}/PostgreSQL\.\d+", maps))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
@@ -27,7 +29,6 @@ def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
     ready = tmp_path / "ready"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment |= {"HELD_RUN_IS_READY": str(ready)}
-    before = shared_memory()
     run = subprocess.Popen(
         [sys.executable, "-m", "pytest", "-q", f"-n{workers}", "-p", "no:cacheprovider", "tests/e2e/held_run.py"],
         cwd=REPOSITORY,
@@ -39,9 +40,12 @@ def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
     folder = ready.read_text()
     assert len(processes_of(folder)) > 5  # PostgreSQL, S3, Chromium, the server and its worker
 
+    mapped = shared_memory(folder)
+    assert mapped
+
     run.send_signal(number)
     run.wait()
 
     wait_until(lambda: not pathlib.Path(folder).exists(), "the run's folder to be deleted")
     assert processes_of(folder) == []
-    assert shared_memory() <= before
+    assert [name for name in mapped if pathlib.Path(name).exists()] == []

@@ -15,7 +15,6 @@ from app.estimates.estimate_files import estimate_files, read_options
 SEED = 39
 PLATES = {plate.folder or "apple": plate for plate in (APPLE, DOUGHNUT, ORANGE, RICE, SALAD)}
 SCENES = ("meal-04", "meal-09", "meal-12", "table-03", "table-06", "hard-01-touching")
-MIDDLE_PX = 12  # a point of a bundled plate is moved by at most so much
 PLAUSIBLE_ML = {  # what a person may have on the plate, from half of a small one to two large ones
     "apple": (40, 600),
     "banana": (40, 500),
@@ -63,12 +62,13 @@ def require_believable(answer, hints):
         assert least < item["volume_ml"] < most, hint
 
 
+@pytest.mark.parametrize("moved_px", [0, pytest.param(12, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", PLATES)
-def test_bundled_pair_has_believable_volumes(name):
+def test_bundled_pair_has_believable_volumes(name, moved_px):
     plate, draw = PLATES[name], random.Random(f"{SEED} {name}")
     hints = []
     for (x, y), food in plate.points:
-        point = [x + draw.randint(-MIDDLE_PX, MIDDLE_PX), y + draw.randint(-MIDDLE_PX, MIDDLE_PX)]
+        point = [x + draw.randint(-moved_px, moved_px), y + draw.randint(-moved_px, moved_px)]
         hints.append({"point": point, "food": food})
     folder = pathlib.Path(str(importlib.resources.files("app"))) / "demo_data" / plate.folder
     require_believable(estimate(folder, "plain:9x7:11", hints), hints)
