@@ -14,62 +14,46 @@ from tests.support.waiting import PATIENCE_SECONDS
 
 NOT_PUBLIC = {
     "0.0.0.0": "unspecified",
-    "0.1.2.3": "this network",
     "10.0.0.1": "private",
-    "10.255.255.255": "private",
     "100.64.0.1": "carriers' NAT",
     "100.127.255.254": "carriers' NAT",
     "127.0.0.1": "loopback",
-    "127.255.255.254": "loopback",
     "169.254.169.254": "metadata",
     "172.16.0.1": "private",
     "172.31.255.255": "private",
     "192.0.0.8": "protocol assignments",
     "192.0.0.192": "metadata of a cloud",
-    "192.0.2.1": "documentation",
     "192.88.99.1": "6to4 relay",
     "192.168.1.1": "private",
     "198.18.0.1": "benchmarks",
     "198.19.255.255": "benchmarks",
-    "198.51.100.1": "documentation",
     "203.0.113.1": "documentation",
     "224.0.0.1": "multicast",
-    "239.255.255.250": "multicast",
     "240.0.0.1": "reserved",
     "255.255.255.255": "broadcast",
     "::": "unspecified",
     "::1": "loopback",
-    "::127.0.0.1": "IPv4-compatible",
     "::8.8.8.8": "IPv4-compatible",
-    "::ffff:127.0.0.1": "IPv4-mapped",
     "::ffff:8.8.8.8": "IPv4-mapped, even of a public one",
     "::ffff:0:127.0.0.1": "IPv4-translated",
-    "64:ff9b::7f00:1": "NAT64",
     "64:ff9b::808:808": "NAT64, even of a public one",
     "64:ff9b:1::a00:1": "local NAT64",
     "100::1": "discard",
     "2001::1": "Teredo",
-    "2001:0:7f00:1::": "Teredo",
     "2001:2::1": "benchmarks",
     "2001:20::1": "ORCHID",
     "2001:db8::1": "documentation",
     "2002:7f00:1::": "6to4 of the loopback",
-    "2002:a9fe:a9fe::1": "6to4 of the metadata service",
     "2606:4700::5efe:7f00:1": "ISATAP of the loopback",
-    "2606:4700::200:5efe:a00:1": "ISATAP of a private address",
     "3fff::1": "documentation",
     "5f00::1": "segment routing",
     "fc00::1": "unique local",
-    "fd00:ec2::254": "metadata",
     "fe80::1": "link-local",
-    "fe80::1%eth0": "link-local with a zone",
     "2606:4700::1%eth0": "a zone",
     "fec0::1": "site-local",
     "ff02::1": "multicast",
     "4000::1": "not handed out",
     "no address": "no address",
-    "127.1": "short",
-    "0x7f.0.0.1": "hexadecimal",
     "": "empty",
 }
 PUBLIC = ["1.1.1.1", "8.8.8.8", "9.255.255.255", "100.63.255.255", "100.128.0.1", "128.0.0.1", "172.15.0.1"]
@@ -78,51 +62,40 @@ PUBLIC += ["2001:4860:4860::8888", "2a00:1450:4001::1", "2003::1"]
 
 REFUSED_URLS = [
     # schemes
-    "http://hooks.example.org/", "ftp://hooks.example.org/", "file:///etc/passwd", "gopher://hooks.example.org/",
-    "javascript:alert(1)", "data:text/plain,x", "//hooks.example.org/", "hooks.example.org", "", "https:", "https://",
-    "https:///path", "https:hooks.example.org", "unix:///run/docker.sock", "ws://hooks.example.org/",
+    "http://hooks.example.org/", "file:///etc/passwd", "javascript:alert(1)", "//hooks.example.org/", "",
+    "https:", "https:///path", "https:hooks.example.org", "http://127.0.0.1:8000/",  # without the setting
     # who is it for: parts that readers of URLs take differently
-    "https://user@hooks.example.org/", "https://user:secret@hooks.example.org/", "https://:@hooks.example.org/",
-    "https://hooks.example.org@127.0.0.1/", "https://127.0.0.1:80@hooks.example.org/", "https://@hooks.example.org/",
+    "https://user@hooks.example.org/", "https://:@hooks.example.org/", "https://@hooks.example.org/",
     "https://hooks.example.org\\@127.0.0.1/", "https:\\\\hooks.example.org/", "https://hooks.example.org\\.evil.org/",
     "https://hooks.example.org/#fragment", "https://hooks.example.org#@127.0.0.1/", "https://hooks.example.org/#",
     "https://hooks.example.org /", " https://hooks.example.org/", "https://hooks.example.org/a b",
     "https://hooks.example.org/\r\nHost: 127.0.0.1", "https://hooks.example.org/\n", "https://hooks\t.example.org/",
-    "https://hooks.example.org/\x00", "https://hooks.example.org/\x7f", "https://[hooks.example.org]/",
+    "https://hooks.example.org/\x00", "https://hooks.example.org/\x7f", "https://hooks.example.org/" + "a" * 500,
+    # names, also of one label: the host itself, or whatever the search list makes of them
     "https://hooks.example.org:/", "https://hooks..example.org/", "https://.example.org/", "https://example.org./",
     "https://-a.example.org/", "https://a-.example.org/", "https://a_b.example.org/", "https://*.example.org/",
-    "https://hooks%2eexample.org/", "https://127%2e0.0.1/", f"https://{'a' * 64}.example.org/",
-    # names of one label: the host itself, or whatever the search list makes of them
-    "https://localhost/", "https://LOCALHOST/", "https://metadata/", "https://db/", "https://localhost./",
+    "https://hooks%2eexample.org/", f"https://{'a' * 64}.example.org/", "https://localhost/", "https://localhost./",
     # numbers that some resolvers take for an address
-    "https://2130706433/", "https://017700000001/", "https://0x7f000001/", "https://0x7f.0x0.0x0.0x1/",
-    "https://127.1/", "https://127.0.1/", "https://0177.0.0.1/", "https://0x7f.1/", "https://0/", "https://127.0.0.1./",
-    "https://1.2.3.4.5/", "https://256.1.1.1/", "https://01.02.03.04/", "https://hooks.example.0x1/", "https://a.0x/",
-    "https://1.2.3.0x/",
+    "https://2130706433/", "https://0x7f000001/", "https://0x7f.0x0.0x0.0x1/", "https://127.1/", "https://0177.0.0.1/",
+    "https://0/", "https://127.0.0.1./", "https://1.2.3.4.5/", "https://256.1.1.1/", "https://hooks.example.0x1/",
+    "https://a.0x/", "https://1.2.3.0x/",
     # letters that normalise to others
-    "https://１２７.0.0.1/", "https://127。0。0。1/", "https://①②⑦.0.0.1/", "https://ⓛⓞⓒⓐⓛⓗⓞⓢⓣ/", "https://ﬁle.example.org/",
-    "https://bücher.example/", "https://example.org／@127.0.0.1/", "https://hooks.example.org／", "https://exam\u00adple.org/",
-    "https://hooks\u200b.example.org/", "https://\u202ehooks.example.org/",
+    "https://１２７.0.0.1/", "https://127。0。0。1/", "https://ⓛⓞⓒⓐⓛⓗⓞⓢⓣ/", "https://bücher.example/",
+    "https://example.org／@127.0.0.1/", "https://exam\u00adple.org/", "https://hooks\u200b.example.org/",
     # addresses
-    "https://[::1", "https://::1/", "https://[::1%25eth0]/", "https://[fe80::1%eth0]/", "https://[v1.fe80::a]/",
+    "https://[::1", "https://::1/", "https://[fe80::1%eth0]/", "https://[v1.fe80::a]/", "https://[hooks.example.org]/",
     "https://[1.2.3.4]/", "https://[]/", "https://[::ffff:127.0.0.1.1]/",
     # ports
-    "https://hooks.example.org:22/", "https://hooks.example.org:25/", "https://hooks.example.org:80/",
-    "https://hooks.example.org:0/", "https://hooks.example.org:1023/", "https://hooks.example.org:65536/",
-    "https://hooks.example.org:-1/", "https://hooks.example.org:0x1bb/", "https://hooks.example.org:a/",
-    "https://hooks.example.org:443:443/", "https://hooks.example.org:٤٤٣/",
-    # the loopback, without the setting
-    "http://127.0.0.1:8000/",
-    "https://hooks.example.org/" + "a" * 500,
+    "https://hooks.example.org:442/", "https://hooks.example.org:444/", "https://hooks.example.org:1023/",
+    "https://hooks.example.org:0/", "https://hooks.example.org:65536/", "https://hooks.example.org:-1/",
+    "https://hooks.example.org:0x1bb/", "https://hooks.example.org:443:443/", "https://hooks.example.org:٤٤٣/",
 ]  # fmt: skip
 
 GOOD_URLS = {
-    "https://hooks.example.org": ("hooks.example.org", 443, "/", "hooks.example.org"),
     "https://Hooks.Example.ORG/Path?a=B&c=%20": ("hooks.example.org", 443, "/Path?a=B&c=%20", "hooks.example.org"),
     "HTTPS://hooks.example.org:443/": ("hooks.example.org", 443, "/", "hooks.example.org"),
     "https://hooks.example.org:1024/a": ("hooks.example.org", 1024, "/a", "hooks.example.org:1024"),
     "https://hooks.example.org:65535?x": ("hooks.example.org", 65535, "/?x", "hooks.example.org:65535"),
-    "https://xn--bcher-kva.example/": ("xn--bcher-kva.example", 443, "/", "xn--bcher-kva.example"),
     "https://8.8.8.8/": ("8.8.8.8", 443, "/", "8.8.8.8"),
     "https://[2606:4700:0:0::1111]:8443/": ("2606:4700::1111", 8443, "/", "[2606:4700::1111]:8443"),
     "https://1.example.org/": ("1.example.org", 443, "/", "1.example.org"),
@@ -180,7 +153,7 @@ def test_valid_url_is_parsed(url):
     assert target.scheme == "https"
 
 
-@given(st.text(max_size=60))
+@given(st.text("aZ09.-_:/\\@#?%[]& \t\r\n\x00\u00e9\uff11\u3002\uff0f\u24db\u200b", max_size=60))
 def test_any_text_is_parsed_or_refused(text):
     for url in (text, f"https://{text}/", f"https://hooks.example.org{text}"):
         try:
@@ -192,28 +165,19 @@ def test_any_text_is_parsed_or_refused(text):
         assert not set("\r\n \t@#") & set(target.host_header + target.path.split("?")[0].replace("@", ""))
 
 
-@pytest.mark.parametrize("address", NOT_PUBLIC)
-def test_one_bad_answer_among_good_ones_refuses_all(address):
+def test_all_public_answers_are_handed_on_in_their_order_and_one_bad_one_or_none_refuses_all():
     target = parse_target("https://hooks.example.org/", allow_loopback=False)
-    for answers in ([address], ["8.8.8.8", address], [address, "8.8.8.8"]):
+    public = ("2606:4700::1111", "8.8.8.8")
+    assert resolve_safely(target, allow_loopback=False, resolve=resolving_to(*public)) == public
+    for answers in (["10.0.0.1"], ["8.8.8.8", "10.0.0.1"], ["10.0.0.1", "8.8.8.8"]):
         with pytest.raises(AddressError) as refused:
             resolve_safely(target, allow_loopback=False, resolve=resolving_to(*answers))
-        assert not address or address not in refused.value.message  # it would draw a map of the network
-
-
-def test_all_public_answers_are_handed_on_in_their_order():
-    target = parse_target("https://hooks.example.org/", allow_loopback=False)
-    found = resolve_safely(target, allow_loopback=False, resolve=resolving_to("2606:4700::1111", "8.8.8.8"))
-    assert found == ("2606:4700::1111", "8.8.8.8")
-
-
-def test_name_without_an_answer_is_refused():
-    target = parse_target("https://hooks.example.org/", allow_loopback=False)
+        assert "10.0.0.1" not in refused.value.message  # it would draw a map of the network
     with pytest.raises(AddressError, match="does not resolve"):
         resolve_safely(target, allow_loopback=False, resolve=resolving_to())
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1", "10.0.0.1", "169.254.169.254", "[::1]", "[::ffff:127.0.0.1]"])
+@pytest.mark.parametrize("address", ["127.0.0.1", "[::1]"])
 def test_address_in_the_url_is_checked_as_a_resolved_one_is(address):
     target = parse_target(f"https://{address}/", allow_loopback=False)
     with pytest.raises(AddressError, match="not public"):

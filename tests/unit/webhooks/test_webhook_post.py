@@ -11,7 +11,6 @@ import httpx2
 import pytest
 
 from app.webhooks import webhook_post
-from app.webhooks.safe_address import parse_target
 from app.webhooks.webhook_post import KEPT_HOSTS, MAX_BODY_BYTES, WebhookPost
 from tests.support.receivers import certificates, raw_receiver, read_request, receiver
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
@@ -38,7 +37,7 @@ def answering(*chunks):
     return talk
 
 
-@pytest.mark.parametrize(("status", "is_success"), [(200, True), (204, True), (299, True), (300, False), (500, False)])
+@pytest.mark.parametrize(("status", "is_success"), [(200, True), (299, True), (300, False)])
 def test_success_is_2xx_and_nothing_else(status, is_success):
     with receiver(answer=status) as hook:
         answer = post(hook.url)
@@ -48,7 +47,7 @@ def test_success_is_2xx_and_nothing_else(status, is_success):
     assert got.headers["Host"] == f"127.0.0.1:{hook.port}"
 
 
-@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+@pytest.mark.parametrize("status", [301, 307])
 def test_redirect_is_a_failure_and_is_not_followed(status):
     with receiver() as inner, receiver(answer=status, headers={"Location": inner.url}) as outer:
         assert not post(outer.url).is_success
@@ -83,22 +82,20 @@ def test_connection_goes_to_the_checked_address_while_name_and_certificate_are_t
     assert hook.received[0].headers["Host"] == f"hooks.example.org:{hook.port}"
 
 
-@pytest.mark.parametrize("name", ["other.example.org", "127.0.0.1"])
-def test_certificate_of_another_name_is_refused(tmp_path, name):
-    """Also one for the address that is connected to: the URL's name counts."""
+@pytest.mark.parametrize(
+    ("name", "host", "is_trusted"),
+    [
+        ("other.example.org", "hooks.example.org", True),
+        ("127.0.0.1", "hooks.example.org", True),  # the address that is connected to: the URL's name counts
+        ("127.0.0.1", "127.0.0.1", False),
+    ],
+)
+def test_certificate_of_another_name_or_one_that_is_not_trusted_is_refused(tmp_path, name, host, is_trusted):
     server, client = certificates(tmp_path, name)
     with receiver(tls=server) as hook:
-        url = f"https://hooks.example.org:{hook.port}/"
-        answer = post(url, resolve=lambda *_: ["127.0.0.1"], tls=client)
+        trust = {"tls": client} if is_trusted else {}
+        answer = post(f"https://{host}:{hook.port}/", resolve=lambda *_: ["127.0.0.1"], **trust)
     assert answer.status is None
-    assert answer.error.startswith("The certificate was not accepted")
-    assert hook.received == []
-
-
-def test_untrusted_certificate_is_refused(tmp_path):
-    server, _ = certificates(tmp_path, "127.0.0.1")
-    with receiver(tls=server) as hook:
-        answer = post(f"https://127.0.0.1:{hook.port}/")
     assert answer.error.startswith("The certificate was not accepted")
     assert hook.received == []
 
@@ -149,20 +146,14 @@ def test_slow_response_does_not_extend_the_total_time():
     assert (answer.status, answer.error) == (None, "No answer within 0.5 seconds.")
 
 
-def test_silent_receiver_times_out():
-    done = threading.Event()
-    answer = posted_to(lambda _: done.wait(PATIENCE_SECONDS), seconds=0.3)
-    done.set()
-    assert answer.error == "No answer within 0.3 seconds."
-
-
-def test_receiver_that_does_not_read_times_out():
+@pytest.mark.parametrize("size", [7, 50_000_000])  # the second is not read: it fills the kernel's buffers
+def test_receiver_that_is_silent_or_does_not_read_times_out(size):
     done = threading.Event()
     with raw_receiver(lambda _: done.wait(PATIENCE_SECONDS)) as port:
-        sender = WebhookPost(allow_loopback=True, total_seconds=0.5)
-        answer = sender.send(f"http://127.0.0.1:{port}/", {}, b"x" * 50_000_000)
+        sender = WebhookPost(allow_loopback=True, total_seconds=0.3)
+        answer = sender.send(f"http://127.0.0.1:{port}/", {}, b"x" * size)
         done.set()
-    assert answer.error == "No answer within 0.5 seconds."
+    assert answer.error == "No answer within 0.3 seconds."
 
 
 def test_stalled_tls_handshake_times_out(tmp_path):
@@ -195,15 +186,11 @@ def test_endless_body_is_not_read():
     "chunks",
     [
         [b""],
-        [b"\r\n\r\n"],
         [b"SSH-2.0-OpenSSH_9.2\r\n"],
         [b"HTTP/1.1 banana\r\n\r\n"],
-        [b"HTTP/1.1 99999 OK\r\n\r\n"],
         [b"HTTP/1.1 -1 OK\r\n\r\n"],
         [b"HTTP/1.1 200 " + b"a" * 100_000],
         [b"HTTP/1.1 200 OK\r\n", *[b"X-%d: a\r\n" % n for n in range(1000)], b"\r\n"],
-        [b"HTTP/1.1 200 OK\r\n", *[b"X-%d: " % n + b"a" * 60_000 + b"\r\n" for n in range(20)]],
-        [b"\x00\xff" * 1000],
         [b"HTTP/1.1 100 Continue\r\n\r\n"] * 10_000,
     ],
     ids=lambda chunks: repr(chunks[0][:20]) + f"x{len(chunks)}",
@@ -214,36 +201,27 @@ def test_answer_that_is_not_http_is_a_failure_with_our_message(chunks):
     assert answer.error in ("The answer was not HTTP.", "The connection failed.")
 
 
-def test_text_of_the_receiver_is_never_stored():
+def test_text_of_the_receiver_is_not_stored_a_continue_is_passed_over_and_a_refusal_is_reported():
     answer = posted_to(answering(b"HTTP/1.1 500 my secret reason\r\nX-Secret: hidden\r\n\r\nsecret body"))
     assert "secret" not in repr(answer)
     assert answer.status == 500
-
-
-def test_continue_before_the_answer_is_passed_over():
     assert posted_to(answering(b"HTTP/1.1 100 Continue\r\n\r\n", OK)).status == 200
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
+    assert post(f"http://127.0.0.1:{port}/").error == "The connection was refused."
 
 
 @pytest.mark.parametrize(
     ("header", "seconds"),
     [
         (b"120", 120.0),
-        (b"0", 0.0),
         (b"-5", None),
         (b"Wed, 21 Oct 2026 07:28:00 GMT", None),
-        (b"1e9", None),
-        (b"", None),
     ],
 )
 def test_retry_after_is_read_in_seconds(header, seconds):
     answer = posted_to(answering(b"HTTP/1.1 503 Busy\r\nRetry-After: " + header + b"\r\n\r\n"))
     assert (answer.status, answer.retry_after_seconds) == (503, seconds)
-
-
-def test_refused_connection_is_reported():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        port = listening.getsockname()[1]
-    assert post(f"http://127.0.0.1:{port}/").error == "The connection was refused."
 
 
 def test_request_has_one_host_and_the_bodys_length():
@@ -264,10 +242,6 @@ def test_request_has_one_host_and_the_bodys_length():
         b"Connection: close",
     ]
     assert body == BODY
-
-
-def test_request_target_is_path_and_query():
-    assert parse_target("https://hooks.example.org/x?y", allow_loopback=False).path == "/x?y"
 
 
 def post_each(urls, *, seconds=10.0, **options):
@@ -293,21 +267,13 @@ class Keeping:
             connection.sendall(self.answer)
 
 
-def test_kept_connection_serves_many_posts():
-    keeping = Keeping(b"HTTP/1.1 201 Created\r\nContent-Length: 2\r\n\r\nok")
+@pytest.mark.parametrize(("size", "connections"), [(2, 1), (4 * MAX_BODY_BYTES, 5)])
+def test_kept_connection_serves_many_posts_but_not_after_a_long_body(size, connections):
+    keeping = Keeping(b"HTTP/1.1 201 Created\r\nContent-Length: %d\r\n\r\n" % size + bytes(size))
     with raw_receiver(keeping) as port:
         answers = post_each([f"http://127.0.0.1:{port}/{number}" for number in range(5)])
     assert [answer.status for answer in answers] == [201] * 5
-    assert keeping.connections == 1
-
-
-def test_connection_is_not_kept_after_a_long_body():
-    size = 4 * MAX_BODY_BYTES
-    keeping = Keeping(b"HTTP/1.1 201 Created\r\nContent-Length: %d\r\n\r\n" % size + bytes(size))
-    with raw_receiver(keeping) as port:
-        answers = post_each([f"http://127.0.0.1:{port}/"] * 2)
-    assert [answer.status for answer in answers] == [201] * 2
-    assert keeping.connections == 2
+    assert keeping.connections == connections
 
 
 def test_connection_of_one_name_is_not_used_for_another_name_at_the_same_address(tmp_path):
@@ -345,28 +311,22 @@ def keep_once(connection, *chunks):
         connection.sendall(chunk)
 
 
-def test_post_on_a_connection_that_its_peer_ends_unanswered_is_sent_once_more_by_a_new_one():
-    with raw_receiver(Line(keep_once, keep)) as port:
-        answers = post_each([f"http://127.0.0.1:{port}/"] * 2)
-    assert [answer.status for answer in answers] == [200, 200]
+NOT_HTTP = "The answer was not HTTP."
 
 
-def test_post_by_a_new_connection_is_sent_once_only():
-    with raw_receiver(Line(read_request, keep)) as port:
-        answers = post_each([f"http://127.0.0.1:{port}/"] * 2)
-    assert [answer.error for answer in answers] == ["The answer was not HTTP.", None]
-
-
-def test_second_connection_that_ends_unanswered_too_is_a_failure():
-    with raw_receiver(Line(keep_once, read_request, keep)) as port:
-        answers = post_each([f"http://127.0.0.1:{port}/"] * 3)
-    assert [answer.error for answer in answers] == [None, "The answer was not HTTP.", None]
-
-
-def test_post_that_was_answered_by_something_else_than_http_is_not_sent_again():
-    with raw_receiver(Line(lambda connection: keep_once(connection, b"HTTP/1.1 banana\r\n\r\n"), keep)) as port:
-        answers = post_each([f"http://127.0.0.1:{port}/"] * 2)
-    assert [answer.error for answer in answers] == [None, "The answer was not HTTP."]
+@pytest.mark.parametrize(
+    ("talks", "errors"),
+    [
+        ([keep_once, keep], [None, None]),
+        ([read_request, keep], [NOT_HTTP, None]),  # by a new connection it is sent once only
+        ([keep_once, read_request, keep], [None, NOT_HTTP, None]),  # the second connection ends unanswered too
+        ([lambda connection: keep_once(connection, b"HTTP/1.1 banana\r\n\r\n"), keep], [None, NOT_HTTP]),
+    ],
+)
+def test_post_on_a_kept_connection_that_ends_unanswered_is_sent_once_more_by_a_new_one(talks, errors):
+    with raw_receiver(Line(*talks)) as port:
+        answers = post_each([f"http://127.0.0.1:{port}/"] * len(errors))
+    assert [answer.error for answer in answers] == errors
 
 
 @pytest.mark.parametrize("status", [201, 410])
@@ -405,13 +365,10 @@ def test_status_counts_though_the_total_time_ends_within_the_body(monkeypatch):
     assert (answer.status, answer.error) == (410, None)
 
 
-def test_name_that_leads_to_a_private_address_is_refused_each_time():
+def test_name_of_a_private_address_is_refused_each_time_and_one_that_failed_is_looked_up_again_and_then_no_more():
     urls = ["https://push.example.org/a", "https://push.example.org/b"]
     answers = post_each(urls, resolve=lambda *_: ["169.254.169.254"])
     assert [answer.error for answer in answers] == ["The URL leads to an address that is not public."] * 2
-
-
-def test_name_is_looked_up_again_after_a_failure_and_then_no_more():
     lookups = iter([[], ["8.8.8.8"]])
     accept = httpx2.MockTransport(lambda _: httpx2.Response(201))
     answers = post_each(["https://push.example.org/"] * 3, resolve=lambda *_: next(lookups), transport=accept)

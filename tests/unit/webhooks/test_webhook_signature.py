@@ -24,13 +24,10 @@ def test_signature_is_that_of_the_standards_own_libraries():
     assert found == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
 
 
-def test_secret_has_the_standards_form_and_is_drawn_anew():
+def test_secret_has_the_standards_form_and_is_drawn_anew_and_each_part_is_signed():
     drawn = {new_secret() for _ in range(100)}
     assert len(drawn) == 100
     assert all(24 <= len(base64.b64decode(secret.removeprefix("whsec_"), validate=True)) <= 64 for secret in drawn)
-
-
-def test_each_part_is_signed():
     secret = new_secret()
     signatures = {
         sign(secret, "a", 1, b"body"),
@@ -42,7 +39,7 @@ def test_each_part_is_signed():
     assert len(signatures) == 5
 
 
-def test_old_secret_also_signs_until_it_expires():
+def test_old_secret_also_signs_until_it_expires_and_a_second_rotation_forgets_it():
     first = SigningSecrets(new_secret())
     second = first.rotated(NOW)
     within, after = NOW + timedelta(hours=23), NOW + timedelta(hours=25)
@@ -51,10 +48,6 @@ def test_old_secret_also_signs_until_it_expires():
         sign(secret, "a", int(within.timestamp()), b"") for secret in (second.current, first.current)
     )
     assert second.signatures("a", after, b"") == sign(second.current, "a", int(after.timestamp()), b"")
-
-
-def test_second_rotation_forgets_the_first_secret():
-    first = SigningSecrets(new_secret())
     third = first.rotated(NOW).rotated(NOW)
     assert first.current not in (third.current, third.previous)
 
