@@ -85,16 +85,6 @@ def test_unmeasured_meal_makes_the_days_coverage_null_and_one_confirmed_without_
         assert (mean["plausibility"]["verdict"], mean["plausibility"]["days"]) == ("unknown", 0)
 
 
-def test_day_with_all_food_left_is_whole_with_nothing_eaten(phone, state, client, admin):
-    add_meal(state, "P001", "2026-11-01", eaten_item(-2.0, energy_kcal=-1.0, protein_g=None))
-    add_meal(state, "P001", "2026-11-02", eaten_item(100.0, energy_kcal=500.0))
-    close(phone, "2026-11-01", "2026-11-02")
-    untouched = rows_of(client, admin)[0]
-    assert (untouched["energy_kcal"], untouched["energy_kcal_coverage"]) == (-1.0, 1.0)
-    assert (untouched["protein_g"], untouched["protein_g_coverage"]) == (None, 0.0)
-    assert intakes(client, admin)[0]["plausibility"]["days"] == 2
-
-
 def test_pages_lead_through_all_days_of_all_participants_and_each_sees_its_own(enrol, state, client, admin):
     phones = [enrol(code) for code in ("P001", "P002", "P003")]
     for code, _ in zip(("P001", "P002", "P003"), phones, strict=True):
@@ -263,15 +253,20 @@ def test_closed_day_of_meals_that_were_confirmed_without_food_is_a_day_of_nothin
     add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), status="confirmed")
     add_meal(state, "P001", "2026-11-02", status="confirmed")
     add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=3000.0))
+    add_meal(state, "P001", "2026-11-05", eaten_item(-2.0, energy_kcal=-1.0, protein_g=None))  # all of it was left
     assert rows_of(client, admin)[0]["energy_kcal"] is None  # an open day may lack a meal
     close(phone, "2026-11-01", "2026-11-02", "2026-11-03")
-    rejected, empty, _ = rows_of(client, admin)
+    rejected, empty, _, untouched = rows_of(client, admin)
+    assert (untouched["energy_kcal"], untouched["energy_kcal_coverage"]) == (-1.0, 1.0)
+    assert (untouched["protein_g"], untouched["protein_g_coverage"]) == (None, 0.0)
     for day in (rejected, empty):
         assert (day["energy_kcal"], day["energy_kcal_coverage"], day["consumed_g"]) == (0.0, 1.0, 0.0)
         assert (day["ate_nothing"], day["plausibility"]) == (False, "low")  # ate_nothing is a word of its own
     mean = intakes(client, admin)[0]
     assert mean["components"]["energy_kcal"] == {"mean": pytest.approx(1000.0), "days": 3, "coverage": 1.0}
     assert mean["plausibility"]["days"] == 3
+    close(phone, "2026-11-05")
+    assert intakes(client, admin)[0]["plausibility"]["days"] == 4  # a day of nothing eaten is whole
     close(phone, "2026-11-04")
     no_meal = rows_of(client, admin)[3]
     assert (no_meal["day_status"], no_meal["ate_nothing"]) == ("closed", False)

@@ -99,20 +99,18 @@ def send_and_delete(phone, day):
     assert phone.client.delete(f"/v1/meals/{body['id']}", headers=phone.headers).status_code == 200
 
 
-def test_meal_overrides_the_entry_that_nothing_was_eaten(phone, state):
-    assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
-    add_meal(state, "P001", DAY, delay=timedelta(days=400))
+def test_meal_that_comes_late_marks_the_closed_day_until_it_is_closed_again(phone, state):
+    path = "/v1/me/days/2026-11-18"
+    assert say(phone, NOTHING, 0, path=path).json()["ate_nothing"] is True
+    add_meal(state, "P001", "2026-11-18", delay=timedelta(days=400))  # it overrides the entry
     day = days_of(phone)[0]
     assert (day["status"], day["ate_nothing"], day["meals"], day["meals_after_closing"]) == ("closed", False, 1, 1)
-
-
-def test_meal_that_comes_late_marks_the_closed_day_until_it_is_closed_again(phone, state):
     add_meal(state, "P001", DAY)
     assert say(phone, CLOSED, 0).json()["meals_after_closing"] == 0
     with state.database.write() as session:  # closed a minute after midnight, seen from a phone that was off
         session.execute(sa.update(DiaryDay).values(changed_at=datetime(2026, 11, 20, 0, 1, tzinfo=UTC)))
     add_meal(state, "P001", DAY, delay=timedelta(days=1))
-    day = days_of(phone)[0]
+    day = days_of(phone)[1]
     assert (day["status"], day["meals"], day["meals_after_closing"]) == ("closed", 2, 1)
     assert say(phone, CLOSED, 1).json()["meals_after_closing"] == 0
 
@@ -133,15 +131,10 @@ def test_reviewers_entry_overrides_earlier_and_later_ones_of_the_participant(pho
     assert (answer.status_code, answer.json()["status"], answer.json()["decided_by"]) == (200, "open", "reviewer")
     later = say(phone, CLOSED, 2).json()
     assert (later["status"], later["decided_by"], later["version"]) == ("open", "reviewer", 3)
-
-
-def test_newest_event_of_the_highest_layer_is_effective():
-    def event(kind, layer):
-        return DayEvent(kind=kind, layer=layer)
-
-    words = [event("closed", "participant"), event("reopened", "reviewer"), event("ate_nothing", "participant")]
-    assert effective_event(words) is words[1]
-    assert effective_event([words[0], words[2]]) is words[2]
+    events = [DayEvent(kind=kind, layer="participant") for kind in ("closed", "ate_nothing")]
+    reopened = DayEvent(kind="reopened", layer="reviewer")
+    assert effective_event([events[0], reopened, events[1]]) is reopened
+    assert effective_event(events) is events[1]
 
 
 def test_range_that_cannot_be_listed_is_refused_and_open_ends_are_filled_in(phone):

@@ -165,34 +165,31 @@ def test_location_and_gps_tags_are_cut_before_sealing_unless_the_study_keeps_the
     assert body["images"]["left"]["received_sha256"] == image.received_sha256
 
 
-def test_full_disk_is_told_and_the_same_request_works_later(phone, state, monkeypatch):
-    photos, metadata = pair(), meal_metadata()
-
+def test_full_or_nearly_full_disk_is_told_and_the_same_request_works_later(phone, state, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with monkeypatch.context() as patch:
-        patch.setattr(type(state.blobs), "put_files", full)
-        answer = phone.post(photos, metadata)
-    assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (503, "storage_full", True)
-    assert int(answer.headers["retry-after"]) > 0
-    assert_nothing_kept(state)
-    assert phone.post(photos, metadata).status_code == 202
-
-
-def test_low_disk_refuses_before_reading_the_body_and_says_when_to_come_back(phone, state, monkeypatch):
     def is_read(_):
         raise AssertionError("the body was read")
 
-    announced = meal_metadata()
-    phone.put(f"/v1/meals/{announced.pop('id')}", json=announced)
-    monkeypatch.setattr(type(state.blobs), "free_bytes", lambda _: -1)
-    monkeypatch.setattr(Request, "stream", is_read)
-    image = f"/v1/meals/{uuid.uuid4()}/images/left"
-    for answer in (phone.post(pair()), phone.put(image, content=photograph(), headers={"Content-Type": "image/jpeg"})):
-        assert (answer.status_code, answer.json()["code"]) == (503, "storage_full")
-        assert answer.json()["retryable"] is True
-        assert int(answer.headers["retry-after"]) >= 30
+    photos, metadata = pair(), meal_metadata()
+    jpeg = {"Content-Type": "image/jpeg"}
+    for patches in (
+        {(type(state.blobs), "put_files"): full},
+        {(type(state.blobs), "free_bytes"): lambda _: -1, (Request, "stream"): is_read},
+    ):
+        with monkeypatch.context() as patch:
+            for (owner, name), value in patches.items():
+                patch.setattr(owner, name, value)
+            answers = [phone.post(photos, metadata)]
+            if len(patches) == 2:  # a photograph by itself neither
+                image = f"/v1/meals/{uuid.uuid4()}/images/left"
+                answers.append(phone.put(image, content=photos["left"], headers=jpeg))
+        for answer in answers:
+            assert (*refusal(answer), answer.json()["retryable"]) == (503, "storage_full", True)
+            assert int(answer.headers["retry-after"]) >= 30
+        assert_nothing_kept(state)
+    assert phone.post(photos, metadata).status_code == 202
 
 
 def test_backlog_refuses_no_meal(phone, state):

@@ -151,7 +151,7 @@ def test_failed_meal_tells_its_sentence_in_every_language(phone, state):
     failure = {"code": "baseline_too_small", "message": "Too close.", "advice": "Step aside."}
     save(state, body["id"], failure=failure)
     told = phone.get(f"/v1/meals/{body['id']}").json()["failure"]
-    assert told["code"] == "baseline_too_small"
+    assert failure.items() <= told.items()
     assert told["localised"] == {locale: sentence("baseline_too_small", locale) for locale in ("en", "de", "es", "zh")}
 
 
