@@ -23,28 +23,27 @@ def shared_memory(folder):
     return set(re.findall(rf"{MEMORY}/PostgreSQL\.\d+", maps))
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, 0), (signal.SIGTERM, 1), (signal.SIGKILL, 1)])
 def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
     ready = tmp_path / "ready"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    environment |= {"HELD_RUN_IS_READY": str(ready)}
-    run = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-m", "pytest", "-q", f"-n{workers}", "-p", "no:cacheprovider", "tests/e2e/held_run.py"],
         cwd=REPOSITORY,
-        env=environment,
+        env=environment | {"HELD_RUN_IS_READY": str(ready)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-    )
-    wait_until(lambda: ready.exists() or run.poll() is not None, "the run to hold everything")
-    folder = ready.read_text()
-    assert len(processes_of(folder)) > 5  # PostgreSQL, S3, Chromium, the server and its worker
-
-    mapped = shared_memory(folder)
-    assert mapped
-
-    run.send_signal(number)
-    run.wait()
+    ) as run:
+        try:
+            wait_until(
+                lambda: ready.exists() or run.poll() is not None, "the run to hold everything", patience_seconds=600
+            )
+            folder = ready.read_text()
+            mapped = shared_memory(folder)
+            assert len(processes_of(folder)) > 5  # PostgreSQL, S3, Chromium, the server and its worker
+            assert mapped
+        finally:
+            run.send_signal(number)
 
     wait_until(lambda: not pathlib.Path(folder).exists(), "the run's folder to be deleted")
     assert processes_of(folder) == []
