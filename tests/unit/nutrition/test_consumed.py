@@ -10,7 +10,7 @@ from app.nutrition.mass import consumed_mass, estimate_mass
 DENSITY = Density(0.9, 0.054, "raw", "solid", "measured", "a test")  # 6 %
 DOUBT = Doubt(pair=0.04, item=0.06)
 EDIBLE = 0.8
-MEALS = 4000
+MEALS = 2000
 
 
 def factor(rng, relative_sd):
@@ -30,15 +30,15 @@ def simulated(rng, served_ml, left_ml):
     return found, true_density * EDIBLE * (served_ml - sum(left_ml))
 
 
-@pytest.mark.parametrize("left_ml", [(20.0,), (100.0,), (60.0, 40.0), (180.0,), (200.0,)])
+@pytest.mark.parametrize("left_ml", [(20.0,), (60.0, 40.0), (200.0,)])
 def test_ninety_percent_intervals_hold_nine_truths_in_ten(left_ml):
     rng = np.random.default_rng(17)
     meals = [simulated(rng, 200.0, left_ml) for _ in range(MEALS)]
     covered = np.mean([found.low <= truth <= found.high for found, truth in meals])
-    assert covered == pytest.approx(0.9, abs=0.02)  # 4,000 draws: 0.5 % sd; the normal stands for lognormals: 1 %
+    assert covered == pytest.approx(0.9, abs=0.025)  # 2,000 draws: 0.7 % sd; the normal stands for lognormals: 1 %
 
 
-@pytest.mark.parametrize("left_ml", [(100.0,), (190.0,), (200.0,)])
+@pytest.mark.parametrize("left_ml", [(100.0,), (200.0,)])
 def test_signed_differences_are_right_on_average_and_clipped_ones_are_not(left_ml):
     rng = np.random.default_rng(18)
     meals = [simulated(rng, 200.0, left_ml) for _ in range(MEALS)]
@@ -50,8 +50,8 @@ def test_signed_differences_are_right_on_average_and_clipped_ones_are_not(left_m
         assert clipped.mean() > 10.0 * standard_error  # what was hardly touched seems to have been eaten
 
 
-def test_error_of_the_density_does_not_add_to_that_of_two_volumes():
-    """Served and left are weighed by one density: 200 g - 180 g is as sure as the volumes are."""
+def test_error_of_the_density_does_not_add_to_that_of_two_volumes_and_more_left_is_less_eaten():
+    # Served and left are weighed by one density: 200 g - 180 g is as sure as the volumes are.
     sure = Density(0.9, 0.0, "raw", "solid", "measured", "a test")
     spread = [
         consumed_mass(estimate_mass(200.0, DOUBT, each), [estimate_mass(180.0, DOUBT, each)], food_key="x")
@@ -59,9 +59,6 @@ def test_error_of_the_density_does_not_add_to_that_of_two_volumes():
     ]
     widths = [found.high - found.low for found in spread]
     assert widths[1] < 1.02 * widths[0]
-
-
-def test_more_of_it_left_is_less_of_it_eaten():
     served = estimate_mass(200.0, DOUBT, DENSITY)
     eaten = [
         consumed_mass(served, [estimate_mass(left, DOUBT, DENSITY)], food_key="x").value for left in (20.0, 60.0, 190.0)

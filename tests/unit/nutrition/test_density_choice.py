@@ -5,31 +5,22 @@ from app.nutrition.foods import Density, load_starter_table
 from tests.unit.nutrition.make_food import make_density, make_food
 
 
-def test_bases_are_preferred_in_the_stated_order():
+def test_bases_are_preferred_in_the_stated_order_and_the_studys_own_measurement_before_all_others():
     bases = ("group", "related", "portion", "fao", "measured")
     food = make_food(densities=[make_density(basis=basis) for basis in bases])
-    choice = resolve_density(food)
-    assert choice.chosen.basis == "measured"
-    assert [rejected.density.basis for rejected in choice.alternatives] == ["fao", "portion", "related", "group"]
+    choice = resolve_density(food, study_densities=[make_density(0.85, basis="measured")])
+    assert (choice.chosen.g_per_ml, choice.chosen.basis) == (0.85, "study")
+    order = [rejected.density.basis for rejected in choice.alternatives]
+    assert order == ["measured", "fao", "portion", "related", "group"]
+    assert resolve_density(food).chosen.basis == "measured"
 
 
-def test_the_studys_own_measurement_goes_before_all_others():
-    own = make_density(0.85, basis="measured")
-    choice = resolve_density(make_food(densities=[make_density(0.79)]), study_densities=[own])
-    assert choice.chosen.g_per_ml == 0.85
-    assert choice.chosen.basis == "study"
-    assert choice.alternatives[0].density.g_per_ml == 0.79
-
-
-def test_cup_of_slices_never_weighs_a_whole_apple():
+def test_cup_of_slices_weighs_a_heap_of_slices_and_never_a_whole_apple():
     slices = make_density(0.46, kind="bulk", basis="portion", state="slices")
     group = make_density(0.97, 0.24, basis="group", state="any")
     choice = resolve_density(make_food(densities=[slices, group]))
     assert choice.chosen is group
     assert "bulk, but a whole piece takes a solid density" in choice.alternatives[0].reason
-
-
-def test_heap_of_slices_takes_the_bulk_density():
     apple = load_starter_table().food("apple")
     assert resolve_density(apple).chosen.kind == "solid"
     heap = resolve_density(apple, form="heap")
@@ -44,14 +35,11 @@ def test_without_the_right_kind_the_best_other_is_taken_with_a_wide_spread():
     assert "no bulk density" in choice.reason
 
 
-def test_chosen_and_alternatives_are_all_that_is_known():
+def test_chosen_and_alternatives_are_all_that_is_known_and_none_where_nothing_is():
     for food in load_starter_table().foods:
         choice = resolve_density(food)
         shown = [choice.chosen, *(rejected.density for rejected in choice.alternatives)]
         assert sorted(map(repr, shown)) == sorted(map(repr, food.densities))
-
-
-def test_food_without_density_has_no_choice():
     assert resolve_density(make_food()) is None
 
 

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.core.units import kj_from_kcal
 from app.nutrition.intakes.energy_requirement import (
     ACTIVITIES,
     Person,
@@ -25,18 +24,12 @@ def adult(**changes):
 @pytest.mark.parametrize(
     ("sex", "height_m", "bmi", "printed"),
     [
-        ("male", 1.50, 18.5001, (1848, 2009, 2215, 2554)),
         ("male", 1.50, 24.99, (2080, 2267, 2506, 2898)),
         ("male", 1.65, 18.5001, (2068, 2254, 2490, 2880)),
-        ("male", 1.65, 24.99, (2349, 2566, 2842, 3296)),
-        ("male", 1.80, 18.5001, (2301, 2513, 2782, 3225)),
         ("male", 1.80, 24.99, (2635, 2884, 3200, 3720)),
         ("female", 1.50, 18.5001, (1625, 1803, 2025, 2291)),
-        ("female", 1.50, 24.99, (1762, 1956, 2198, 2489)),
-        ("female", 1.65, 18.5001, (1816, 2016, 2267, 2567)),
         ("female", 1.65, 24.99, (1982, 2202, 2477, 2807)),
         ("female", 1.80, 18.5001, (2015, 2239, 2519, 2855)),
-        ("female", 1.80, 24.99, (2211, 2459, 2769, 3141)),
     ],
 )
 def test_adults_energy_is_the_printed_one(sex, height_m, bmi, printed):
@@ -69,11 +62,8 @@ def girl(**changes):
     )
 
 
-def test_girls_energy_is_the_equation_by_hand():
+def test_girls_and_overweight_adults_energy_is_the_equation_by_hand():
     assert estimated_energy_requirement(girl()).kcal_per_day == pytest.approx(2369.27, abs=0.01)
-
-
-def test_overweight_adults_energy_is_the_equation_by_hand():
     man = adult(age_years=45, weight_kg=110.0, height_m=1.75, activity="low_active")
     woman = adult(sex="female", age_years=45, weight_kg=90.0, height_m=1.65, activity="active")
     assert estimated_energy_requirement(man).kcal_per_day == pytest.approx(3134.70, abs=0.01)
@@ -88,20 +78,15 @@ def test_infants_energy_needs_weight_alone(months, growth_kcal):
     assert estimated_energy_requirement(Person(months / 12, weight_kg=8.0)).kcal_per_day == 89 * 8 - 100 + growth_kcal
 
 
-@pytest.mark.parametrize(("trimester", "added_kcal"), [(1, 0), (2, 340), (3, 452)])
 @pytest.mark.parametrize("woman", [adult(sex="female", weight_kg=60.0), girl()])
-def test_pregnancy_adds_by_trimester(woman, trimester, added_kcal):
-    pregnant = replace(woman, is_pregnant=True, trimester=trimester)
+def test_pregnancy_adds_by_trimester_and_lactation_by_half_year(woman):
     plain_kcal = estimated_energy_requirement(woman).kcal_per_day
-    assert estimated_energy_requirement(pregnant).kcal_per_day == pytest.approx(plain_kcal + added_kcal)
-
-
-@pytest.mark.parametrize(("months", "added_kcal"), [(0, 330), (5, 330), (6, 400), (11, 400)])
-def test_lactation_adds_by_half_year(months, added_kcal):
-    woman = adult(sex="female", weight_kg=60.0)
-    nursing = replace(woman, is_lactating=True, lactation_months=months)
-    plain_kcal = estimated_energy_requirement(woman).kcal_per_day
-    assert estimated_energy_requirement(nursing).kcal_per_day == pytest.approx(plain_kcal + added_kcal)
+    for trimester, added_kcal in ((1, 0), (2, 340), (3, 452)):
+        pregnant = replace(woman, is_pregnant=True, trimester=trimester)
+        assert estimated_energy_requirement(pregnant).kcal_per_day == pytest.approx(plain_kcal + added_kcal)
+    for months, added_kcal in ((0, 330), (5, 330), (6, 400), (11, 400)):
+        nursing = replace(woman, is_lactating=True, lactation_months=months)
+        assert estimated_energy_requirement(nursing).kcal_per_day == pytest.approx(plain_kcal + added_kcal)
 
 
 @given(
@@ -122,18 +107,14 @@ def test_more_activity_and_more_weight_need_more_energy(age_years, sex, height_m
         assert heavier.kcal_per_day > energy(weight_kg, "active").kcal_per_day
 
 
-@pytest.mark.parametrize("name", ["sex", "weight_kg", "height_m", "activity"])
-def test_a_missing_input_is_named_and_nothing_is_assumed(name):
-    found = estimated_energy_requirement(adult(**{name: None}))
-    assert not found
-    assert (found.reason, found.inputs) == ("missing", (name,))
-
-
-def test_all_missing_inputs_are_named_at_once():
+def test_all_missing_inputs_are_named_at_once_and_nothing_is_assumed():
+    for name in ("sex", "weight_kg", "height_m", "activity"):
+        found = estimated_energy_requirement(adult(**{name: None}))
+        assert not found
+        assert (found.reason, found.inputs) == ("missing", (name,))
     assert estimated_energy_requirement(Person(30)).inputs == ("sex", "weight_kg", "height_m", "activity")
     assert estimated_energy_requirement(Person(0.5)).inputs == ("weight_kg",)
-    pregnant = adult(sex=None, is_pregnant=True)
-    assert estimated_energy_requirement(pregnant).inputs == ("trimester",)
+    assert estimated_energy_requirement(adult(sex=None, is_pregnant=True)).inputs == ("trimester",)
     assert estimated_energy_requirement(adult(sex="female", is_lactating=True)).inputs == ("lactation_months",)
 
 
@@ -195,19 +176,6 @@ def test_values_that_cannot_be_are_refused(changes):
 def test_basal_rate_is_the_printed_one(age_years, sex, weight_kg, kcal, sd_kcal):
     found = basal_metabolic_rate(Person(age_years, sex, weight_kg))
     assert (found.kcal_per_day, found.sd_kcal) == (pytest.approx(kcal, abs=0.06), sd_kcal)
-
-
-# Schofield's equations in kJ, rounded at their source to whole kJ a kilogram: within 1 % of the ones in kcal.
-@pytest.mark.parametrize(
-    ("age_years", "sex", "per_kg_kj", "constant_kj"),
-    [(2, "male", 249, -127), (5, "male", 95, 2110), (15, "male", 74, 2754), (25, "male", 63, 2896),
-     (45, "male", 48, 3653), (70, "male", 49, 2459), (2, "female", 244, -130), (5, "female", 85, 2033),
-     (15, "female", 56, 2898), (25, "female", 62, 2036), (45, "female", 34, 3538), (70, "female", 38, 2755)],
-)  # fmt: skip
-def test_basal_rate_agrees_with_its_form_in_kilojoules(age_years, sex, per_kg_kj, constant_kj):
-    for weight_kg in (12.0, 40.0, 80.0):
-        found = basal_metabolic_rate(Person(age_years, sex, weight_kg))
-        assert kj_from_kcal(found.kcal_per_day) == pytest.approx(per_kg_kj * weight_kg + constant_kj, rel=0.01)
 
 
 def test_basal_rate_names_what_is_missing_and_leaves_out_pregnancy():

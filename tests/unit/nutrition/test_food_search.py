@@ -44,81 +44,51 @@ def test_what_a_person_means_goes_first_whatever_the_tables_order(words, better,
     assert ranked(words, food(worse), food(better)) == [better, worse]
 
 
-def test_grain_is_eaten_cooked_and_fruit_raw():
+def test_grain_is_eaten_cooked_food_for_babies_goes_behind_and_equal_foods_keep_the_tables_order():
     rice = [food(f"Rice, {state}", group="Cereal Grains and Pasta", state=state) for state in ("raw", "cooked")]
     assert ranked("rice", *rice) == ["Rice, cooked", "Rice, raw"]
-
-
-def test_food_for_babies_goes_behind_unless_asked_for():
     foods = food("Bananas, with tapioca, strained", group="Baby Foods"), food("Bananas, sliced, with apple and mango")
     assert ranked("banana", *foods)[0] == "Bananas, sliced, with apple and mango"
-
-
-def test_foods_without_one_of_the_words_are_left_out():
-    assert ranked("apple pie", food("Apples, raw"), food("Pie, cherry")) == []
-
-
-def test_words_match_in_one_label_not_across_labels():
-    assert ranked("red banana", food("Bananas, raw", "red fruit")) == []
-
-
-def test_a_word_as_typed_goes_before_a_mistyped_one():
-    foods = food("Pears, raw"), food("Peas, green, strained, canned, condensed, dried")
-    assert ranked("peas", *foods, peas={"pear": 1, "pears": 1})[0].startswith("Peas")
-
-
-def test_one_wrong_letter_goes_before_two():
-    assert ranked("aple", food("Ales"), food("Apples"), aple={"apple": 1, "ale": 2}) == ["Apples", "Ales"]
-
-
-def test_equal_foods_keep_the_tables_order():
     foods = food("Cheese, brie", order=(1,)), food("Cheese, edam", order=(0,))
     assert ranked("cheese", *foods) == ["Cheese, edam", "Cheese, brie"]
-
-
-def test_the_matching_label_is_told():
-    (match,) = rank([query("courgette")], [food("Squash, summer, zucchini", "Courgettes")])
-    assert match.label == "Courgettes"
-
-
-def test_an_alias_that_a_published_table_gives_many_foods_goes_behind_a_name():
     foods = food("Beef, ground, raw", "hamburger"), food("Fast foods, hamburger; single, regular patty; plain")
-    assert ranked("hamburger", *foods)[0] == foods[1].labels[0]
+    assert ranked("hamburger", *foods)[0] == foods[1].labels[0]  # a published table gives an alias to many foods
 
 
-def test_figures_match_whole():
+def test_all_words_match_in_one_label_figures_whole_and_in_a_script_without_blanks_parts():
+    assert ranked("apple pie", food("Apples, raw"), food("Pie, cherry")) == []
+    assert ranked("red banana", food("Bananas, raw", "red fruit")) == []
     assert ranked("2% milk", food("Milk, 20 g protein"), food("Milk, reduced fat, 2%")) == ["Milk, reduced fat, 2%"]
-
-
-def test_parts_of_a_word_match_in_a_script_without_blanks():
     assert ranked("果", food("苹果")) == ["苹果"]
 
 
-def test_a_dish_of_fndds_takes_the_place_of_the_first_dish():
+def test_a_word_as_typed_goes_before_a_mistyped_one_and_one_wrong_letter_before_two():
+    foods = food("Pears, raw"), food("Peas, green, strained, canned, condensed, dried")
+    assert ranked("peas", *foods, peas={"pear": 1, "pears": 1})[0].startswith("Peas")
+    assert ranked("aple", food("Ales"), food("Apples"), aple={"apple": 1, "ale": 2}) == ["Apples", "Ales"]
+
+
+def test_the_matching_label_is_told_and_label_keys_are_equal_for_labels_that_mean_the_same():
+    (match,) = rank([query("courgette")], [food("Squash, summer, zucchini", "Courgettes")])
+    assert match.label == "Courgettes"
+    assert label_key("Potatoes, Baked") == label_key("baked potato")
+    assert label_key("Pear") != label_key("Pears, dried")
+
+
+def test_a_dish_of_fndds_takes_the_place_of_the_first_dish_but_not_of_what_is_none_or_matches_better():
     ours = food("Lasagna with meat sauce", "lasagna", is_mixed_dish=True, is_curated=True)
     fndds = food("Lasagna with meat and spinach, frozen", is_mixed_dish=True, is_fndds=True)
     assert ranked("lasagna", ours, fndds)[0] == fndds.labels[0]
-
-
-def test_a_dish_of_fndds_does_not_go_before_what_is_no_dish_or_matches_better():
     egg, creamed = food("Egg, boiled"), food("Egg, creamed", is_mixed_dish=True, is_fndds=True)
     assert ranked("egg", creamed, egg)[0] == "Egg, boiled"
     soup, stew = food("Soup, tomato", is_mixed_dish=True), food("Stew, tomato", is_mixed_dish=True, is_fndds=True)
     assert ranked("tomato soup", stew, soup) == ["Soup, tomato"]
 
 
-def test_index_holds_forms_of_words_and_short_beginnings_of_heads():
+def test_index_holds_forms_of_words_and_beginnings_of_heads_and_ranks_a_food_by_its_head_first():
     ranks = posting_ranks("Apples, raw", ["Golden one"], "Fruits", "raw")
     assert {"apples", "apple", "a*", "ap*", "raw", "golden", "g*", "go*", "one"} <= ranks.keys()
     assert "r*" not in ranks
-
-
-def test_index_ranks_a_food_by_its_head_before_one_that_has_the_word_further_on():
     ranks = [posting_ranks(name, [], "", None)["apple"] for name in ("Apples, raw", "Apple juice", "Strudel, apple")]
     assert ranks == sorted(ranks)
     assert len(set(ranks)) == 3
-
-
-def test_label_key_is_equal_for_labels_that_mean_the_same():
-    assert label_key("Potatoes, Baked") == label_key("baked potato")
-    assert label_key("Pear") != label_key("Pears, dried")

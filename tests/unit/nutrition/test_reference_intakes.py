@@ -1,8 +1,6 @@
 """Figures against the published tables (NASEM 2019, appendix J; IOM 2011), and what must hold of every line."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.intakes.life_stage import LifeStage, life_stage
@@ -41,14 +39,6 @@ def test_age_and_sex_give_the_column(age_years, sex, stage):
     assert life_stage(age_years, sex) == stage
 
 
-@given(age_years=st.floats(0, 120), sex=st.sampled_from(["female", "male"]))
-def test_every_age_has_one_column_and_its_nutrients(age_years, sex):
-    stage = life_stage(age_years, sex)
-    assert (
-        len({(intake.number, intake.per) for intake in reference_intakes(stage)}) == len(reference_intakes(stage)) >= 31
-    )
-
-
 def test_pregnancy_and_lactation_have_their_own_columns_also_without_a_sex():
     assert life_stage(14, is_pregnant=True) == "pregnant_14_18"
     assert life_stage(30.9, "female", is_pregnant=True) == "pregnant_19_30"
@@ -60,10 +50,8 @@ def test_pregnancy_and_lactation_have_their_own_columns_also_without_a_sex():
     [
         ({"age_years": -0.1}, "between 0 and 120"),
         ({"age_years": 120.1}, "between 0 and 120"),
-        ({"age_years": float("nan")}, "between 0 and 120"),
         ({"age_years": 9.0}, "differ by sex"),
         ({"age_years": 25.0, "sex": "male", "is_pregnant": True}, "for females"),
-        ({"age_years": 25.0, "sex": "male", "is_lactating": True}, "for females"),
         ({"age_years": 13.9, "sex": "female", "is_pregnant": True}, "14 to 50"),
         ({"age_years": 51.0, "sex": "female", "is_lactating": True}, "14 to 50"),
         ({"age_years": 25.0, "sex": "female", "is_pregnant": True, "is_lactating": True}, "at once"),
@@ -79,32 +67,23 @@ PUBLISHED = {
     ("female_31_50", "303"): (8.1, 18, None, 45),
     ("male_19_30", "303"): (6, 8, None, 45),
     ("pregnant_19_30", "303"): (22, 27, None, 45),
-    ("lactating_14_18", "303"): (7, 10, None, 45),
     ("infant_7_12_months", "303"): (6.9, 11, None, 40),
     ("infant_0_6_months", "303"): (None, None, 0.27, 40),
     ("male_over_70", "301"): (1000, 1200, None, 2000),
-    ("female_14_18", "301"): (1100, 1300, None, 3000),
-    ("male_over_70", "328"): (10, 20, None, 100),
     ("infant_7_12_months", "328"): (None, None, 10, 38),
     ("male_19_30", "401"): (75, 90, None, 2000),
-    ("lactating_31_50", "401"): (100, 120, None, 2000),
     ("female_19_30", "320"): (500, 700, None, 3000),
-    ("lactating_14_18", "320"): (885, 1200, None, 2800),
     ("male_51_70", "415"): (1.4, 1.7, None, 100),
     ("pregnant_14_18", "435"): (520, 600, None, 800),
     ("child_4_8", "312"): (0.34, 0.44, None, 3),
     ("male_14_18", "309"): (8.5, 11, None, 34),
-    ("female_14_18", "309"): (7.3, 9, None, 34),
     ("female_over_70", "305"): (580, 700, None, 3000),
-    ("pregnant_31_50", "305"): (580, 700, None, 3500),
     ("female_9_13", "317"): (35, 40, None, 280),
     ("female_19_30", "306"): (None, None, 2600, None),
-    ("pregnant_31_50", "306"): (None, None, 2900, None),
     ("male_19_30", "315"): (None, None, 2.3, 11),
     ("female_19_30", "430"): (None, None, 90, None),
     ("male_51_70", "291"): (None, None, 30, None),
     ("pregnant_19_30", "205"): (135, 175, None, None),
-    ("infant_7_12_months", "205"): (None, None, 95, None),
     ("male_19_30", "255"): (None, None, 3700, None),
     ("infant_0_6_months", "204"): (None, None, 31, None),
     ("male_9_13", "313"): (None, None, 2000, 10000),
@@ -154,31 +133,32 @@ def test_a_ul_tells_what_it_counts_and_with_what_it_compares():
     assert all(scopes[number] == ("all_sources", number) for number in rest)
 
 
-def test_no_figure_stands_where_the_source_sets_none():
+def test_figures_of_every_line_are_in_order_in_the_components_unit_and_only_where_the_source_sets_them():
     for stage, intake in EVERY_INTAKE:
         assert intake.rda is None or intake.ai is None, (stage, intake.number)
         assert intake.ear is None or intake.rda is not None, (stage, intake.number)
         assert (intake.ul_scope is None) == (intake.ul is None), (stage, intake.number)
-
-
-def test_ear_lies_below_rda_and_both_below_a_ul_of_all_sources():
-    for stage, intake in EVERY_INTAKE:
         assert intake.ear is None or intake.ear < intake.rda, (stage, intake.number)
         if intake.ul_scope == "all_sources":
             assert (intake.rda or intake.ai) <= intake.ul, (stage, intake.number)
+        component = COMPONENT_BY_NUMBER[intake.number]
+        assert (intake.unit, intake.tagname) == (component.unit, component.tagname)
+        assert intake.ul_number is None or COMPONENT_BY_NUMBER[intake.ul_number].unit == intake.unit
 
 
-def test_every_stage_has_the_same_nutrients_but_fibre_in_infants_and_fat_after_them():
+def test_every_stage_has_the_same_nutrients_in_their_own_expression_each_with_its_source():
     everywhere = {intake.number for _, intake in EVERY_INTAKE}
     for stage in LifeStage:
-        missing = everywhere - {intake.number for intake in reference_intakes(stage)}
+        numbers = {intake.number for intake in reference_intakes(stage)}
+        assert len({(each.number, each.per) for each in reference_intakes(stage)}) == len(reference_intakes(stage))
+        missing = everywhere - numbers
         assert missing == ({"291"} if stage.startswith("infant") else {"204"})
-
-
-def test_each_line_names_its_source_volume_and_year():
     assert {intake.source[:8] for _, intake in EVERY_INTAKE} == {
         "IOM 1997", "IOM 1998", "IOM 2000", "IOM 2001", "IOM 2002", "IOM 2005", "IOM 2011", "NASEM 20",
     }  # fmt: skip
+    numbers = {intake.number for _, intake in EVERY_INTAKE}
+    assert {"435", "320", "328", "323", "430"} <= numbers
+    assert not numbers & {"417", "431", "318", "324", "319", "205.2"}
 
 
 @pytest.mark.parametrize(
@@ -188,20 +168,13 @@ def test_distribution_ranges_follow_age(age_years, fat, protein):
     ranges = {found.number: (found.low_percent, found.high_percent) for found in distribution_ranges(age_years)}
     assert (ranges["204"], ranges["203"], ranges["205"]) == (fat, protein, (45, 65))
     assert (ranges["675"], ranges["851"]) == ((5, 10), (0.6, 1.2))
+    assert distribution_ranges(0.99) == ()  # infants have none
 
 
-def test_infants_have_no_distribution_range():
-    assert distribution_ranges(0.99) == ()
-
-
-def test_figures_are_in_the_unit_of_the_component_that_they_are_compared_with():
-    for _, intake in EVERY_INTAKE:
-        component = COMPONENT_BY_NUMBER[intake.number]
-        assert (intake.unit, intake.tagname) == (component.unit, component.tagname)
-        assert intake.ul_number is None or COMPONENT_BY_NUMBER[intake.ul_number].unit == intake.unit
-
-
-def test_expressions_are_those_of_the_reference_values():
-    numbers = {intake.number for _, intake in EVERY_INTAKE}
-    assert {"435", "320", "328", "323", "430"} <= numbers
-    assert not numbers & {"417", "431", "318", "324", "319", "205.2"}
+def test_every_stage_is_named_as_a_person_says_it():
+    told = [stage.in_words for stage in LifeStage]
+    assert told[:4] == ["infant, 0 to 6 months", "infant, 7 to 12 months", "child, 1 to 3", "child, 4 to 8"]
+    assert LifeStage.MALE_19_30.in_words == "male, 19 to 30"
+    assert LifeStage.FEMALE_OVER_70.in_words == "female, over 70"
+    assert LifeStage.PREGNANT_14_18.in_words == "pregnant, 14 to 18"
+    assert len(set(told)) == len(LifeStage)

@@ -18,47 +18,31 @@ def classes(served_ml, *left_ml, reviewed=None, edible_share=0.64):
     return classify_left(mass(served_ml, edible_share), pieces, reviewed or [None] * len(left_ml))
 
 
-def test_banana_peel_is_classified_as_refuse_and_flagged():
-    assert classes(150, 50) == [("refuse", REFUSE_ASSUMED)]
+FOOD = ("food_left", None)
 
 
-def test_half_a_banana_is_food_left_and_flagged_as_possible_refuse():
-    assert classes(150, 80) == [("food_left", REFUSE_POSSIBLE)]
+@pytest.mark.parametrize(
+    ("left_ml", "edible_share", "expected"),
+    [
+        ([50], 0.64, [("refuse", REFUSE_ASSUMED)]),  # a banana's peel
+        ([80], 0.64, [("food_left", REFUSE_POSSIBLE)]),  # half a banana
+        ([148], 0.64, [FOOD]),  # far larger than any refuse
+        ([60], 0.96, [FOOD]),
+        ([10], 1.0, [FOOD]),  # eaten whole
+        ([80, 40], 0.64, [FOOD, ("refuse", REFUSE_ASSUMED)]),
+        ([None], 0.64, [FOOD]),  # of unknown amount
+    ],
+)
+def test_piece_is_refuse_if_it_weighs_no_more_than_the_foods_refuse(left_ml, edible_share, expected):
+    assert classes(150, *left_ml, edible_share=edible_share) == expected
 
 
-def test_piece_far_larger_than_any_refuse_is_food_left_without_a_flag():
-    assert classes(150, 148) == [("food_left", None)]
-    assert classes(150, 60, edible_share=0.96) == [("food_left", None)]
-
-
-def test_food_that_is_eaten_whole_leaves_no_refuse():
-    assert classes(150, 10, edible_share=1.0) == [("food_left", None)]
-
-
-def test_peel_and_half_of_the_food_are_distinguished_by_amount():
-    assert classes(150, 80, 40) == [("food_left", None), ("refuse", REFUSE_ASSUMED)]
-
-
-def test_refuse_of_all_pieces_together_is_no_more_than_the_food_had():
-    labels = [label for label, _ in classes(150, 40, 40, 40)]
-    assert labels.count("refuse") == 1
-
-
-def test_reviewed_refuse_counts_towards_the_limit():
+def test_reviewed_class_is_kept_and_refuse_of_all_pieces_together_is_no_more_than_the_food_had():
+    assert [label for label, _ in classes(150, 40, 40, 40)].count("refuse") == 1
     assert classes(150, 50, 40, reviewed=["refuse", None])[1][0] == "food_left"
-
-
-@pytest.mark.parametrize("label", ["food_left", "refuse"])
-def test_reviewed_class_is_kept_without_a_flag(label):
-    assert classes(150, 50, reviewed=[label]) == [(label, None)]
-
-
-def test_piece_of_unknown_amount_is_food_left():
-    assert classes(150, None) == [("food_left", None)]
-
-
-def test_item_of_unknown_amount_has_food_left():
-    assert classify_left(None, [mass(50)], [None]) == [("food_left", None)]
+    for label in ("food_left", "refuse"):
+        assert classes(150, 50, reviewed=[label]) == [(label, None)]
+    assert classify_left(None, [mass(50)], [None]) == [FOOD]  # the item's own amount is unknown
 
 
 def test_larger_doubt_classifies_larger_pieces_as_refuse():

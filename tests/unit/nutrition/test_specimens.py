@@ -11,24 +11,15 @@ def specimens(*pairs):
     return [Specimen("", volume_ml, mass_g) for volume_ml, mass_g in pairs]
 
 
-def test_median_and_standard_deviation():
+def test_density_is_the_median_with_a_spread_of_at_least_the_volumes_rounding():
     g_per_ml, sd = median_density(specimens((100, 80), (100, 90), (100, 130)), volume_step_ml=0.001)
     assert g_per_ml == pytest.approx(0.9)
     assert sd == pytest.approx(math.sqrt((0.2**2 + 0.1**2 + 0.3**2) / 2))
-
-
-def test_equal_specimens_differ_by_what_their_volumes_were_rounded_to():
     g_per_ml, sd = median_density(specimens((100, 80), (100, 80)), volume_step_ml=10.0)
     assert (g_per_ml, sd) == (0.8, pytest.approx(0.8 * 10 / math.sqrt(12) / 100))
-
-
-def test_twice_the_volume_is_half_the_density():
     once = median_density(specimens((100, 80), (150, 130)), volume_step_ml=1.0)
     twice = median_density(specimens((200, 80), (300, 130)), volume_step_ml=2.0)
     assert twice == pytest.approx([figure / 2 for figure in once])
-
-
-def test_one_specimen_has_no_spread():
     with pytest.raises(ValueError, match="a spread needs two"):
         median_density(specimens((100, 80)), volume_step_ml=1.0)
 

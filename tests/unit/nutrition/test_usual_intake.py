@@ -62,26 +62,21 @@ def test_interval_holds_the_true_share_about_as_often_as_it_says():
     assert held >= 50  # 90 % of 60 is 54, with a standard deviation of 2.3
 
 
-def variances(days):
-    return PersonSums.of(np.concatenate(days), np.array([person.size for person in days])).variances()
+def sums_of(days):
+    return PersonSums.of(np.concatenate(days), np.array([len(person) for person in days]))
 
 
-def test_variances_are_recovered():
+def test_balanced_variances_equal_those_of_the_textbook_and_recover_the_known_ones():
     days, _ = normal_group(np.random.default_rng(3), persons=3000, days=3)
-    found = variances(days)
+    found, amounts = sums_of(days).variances(), np.array(days)
+    between_square = 3 * amounts.mean(axis=1).var(ddof=1)
+    within_square = amounts.var(axis=1, ddof=1).mean()
+    assert found.mean == pytest.approx(amounts.mean())
+    assert found.within == pytest.approx(within_square)
+    assert found.between == pytest.approx((between_square - within_square) / 3)
     assert found.mean == pytest.approx(100.0, abs=1.5)
     assert math.sqrt(found.within) == pytest.approx(30.0, rel=0.03)
     assert math.sqrt(found.between) == pytest.approx(15.0, rel=0.08)
-
-
-def test_balanced_variances_equal_those_of_the_textbook():
-    days = np.random.default_rng(4).normal(50.0, 9.0, (30, 1)) + np.random.default_rng(5).normal(0.0, 5.0, (30, 4))
-    between_square = 4 * days.mean(axis=1).var(ddof=1)
-    within_square = days.var(axis=1, ddof=1).mean()
-    found = variances(list(days))
-    assert found.within == pytest.approx(within_square)
-    assert found.between == pytest.approx((between_square - within_square) / 4)
-    assert found.mean == pytest.approx(days.mean())
 
 
 def test_unequal_numbers_of_days_are_taken_as_they_are():
@@ -94,17 +89,12 @@ def test_unequal_numbers_of_days_are_taken_as_they_are():
     assert found.usual.std() == pytest.approx(15.0, rel=0.1)
 
 
-def test_amounts_times_a_factor_give_the_same_share_at_the_ear_times_it():
-    days, _ = lognormal_group(np.random.default_rng(7), persons=80)
-    one, other = judged(days, 9.0), judged([1000.0 * person for person in days], 9000.0)
-    assert one.share_below == other.share_below
-    assert other.usual == pytest.approx(1000.0 * one.usual, rel=1e-9)
-
-
-def test_usual_intakes_keep_the_groups_mean():
+def test_amounts_times_a_factor_give_the_same_share_at_the_ear_times_it_and_keep_the_groups_mean():
     days, _ = lognormal_group(np.random.default_rng(8), persons=2000, days=2)
-    found = judged(days, 10.0)
-    assert found.mean == pytest.approx(float(np.mean([person.mean() for person in days])), rel=0.03)
+    one, other = judged(days, 9.0), judged([1000.0 * person for person in days], 9000.0)
+    assert (one.share_below, one.share_low) == (other.share_below, other.share_low)
+    assert other.usual == pytest.approx(1000.0 * one.usual, rel=1e-9)
+    assert one.mean == pytest.approx(float(np.mean([person.mean() for person in days])), rel=0.03)
 
 
 def test_days_with_nothing_of_it_have_no_logarithm():
@@ -120,10 +110,8 @@ def test_days_with_nothing_of_it_have_no_logarithm():
     ("days", "reason"),
     [
         ([[1.0, 2.0]], "too_few_persons"),
-        ([], "too_few_persons"),
         ([[float(person)] for person in range(1, 40)], "no_repeated_days"),
         ([[5.0, 9.0, 7.0]] * 40, "no_difference_between_persons"),
-        ([[5.0, 5.0]] * 40, "no_difference_between_persons"),
         ([[0.0, 0.0]] * 40, "no_difference_between_persons"),
     ],
 )
@@ -134,15 +122,15 @@ def test_group_that_tells_nothing_is_not_judged(days, reason):
     assert not found
 
 
-def test_days_that_never_differ_within_a_person_are_counted_as_they_are():
+def test_days_that_never_differ_are_counted_as_they_are_and_a_share_of_none_has_an_interval():
     days = [[float(amount)] * 2 for amount in range(1, 41)]
     found = judged(days, 10.5)
     assert found.share_below == found.unadjusted_share == pytest.approx(0.25)
     assert found.share_low < 0.25 < found.share_high
-
-
-def sums_of(days):
-    return PersonSums.of(np.concatenate(days), np.array([len(person) for person in days]))
+    days, _ = normal_group(np.random.default_rng(10), persons=50)
+    found = judged(days, 1.0)
+    assert (found.share_below, found.share_low) == (0.0, 0.0)
+    assert 0.03 < found.share_high < 0.1  # one-sided: none of 50 leaves some 5 % possible
 
 
 def one_by_one(scale, sums, ear, rng):
@@ -154,7 +142,7 @@ def one_by_one(scale, sums, ear, rng):
     return shares
 
 
-@pytest.mark.parametrize("persons", [11, 400])
+@pytest.mark.parametrize("persons", [11, 100])
 @pytest.mark.parametrize(
     ("scale", "power"),
     [("as_is", 1), ("square_root", 2), ("cube_root", 3), ("fourth_root", 4), ("logarithm", None)],
@@ -186,18 +174,6 @@ def test_sums_of_persons_are_those_of_their_days():
     sums = sums_of(days)
     assert sums.means == pytest.approx(np.array([person.mean() for person in days]), rel=1e-14)
     assert sums.squares == pytest.approx(np.array([person.size * person.var() for person in days]), rel=1e-9)
-
-
-def test_share_of_none_still_has_an_interval():
-    days, _ = normal_group(np.random.default_rng(10), persons=50)
-    found = judged(days, 1.0)
-    assert (found.share_below, found.share_low) == (0.0, 0.0)
-    assert 0.03 < found.share_high < 0.1  # one-sided: none of 50 leaves some 5 % possible
-
-
-def test_same_seed_gives_the_same_interval():
-    days, _ = normal_group(np.random.default_rng(11), persons=60)
-    assert judged(days, 85.0, 5).share_low == judged(days, 85.0, 5).share_low
 
 
 @pytest.mark.parametrize(

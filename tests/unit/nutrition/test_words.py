@@ -11,13 +11,11 @@ from app.nutrition.words import singular, split_words, trigrams, typo_distance, 
     [
         ("Apples, raw, with skin", ["apples", "raw", "with", "skin"]),
         ("CRÈME Brûlée", ["creme", "brulee"]),
-        ("Äpfel", ["apfel"]),
         ("A\u0308pfel", ["apfel"]),
         ("Smørrebrød, Łódź", ["smorrebrod", "lodz"]),
         ("Straße", ["strasse"]),
         ("ЯБЛОКО", ["яблоко"]),
         ("мёд", ["мед"]),
-        ("苹果", ["苹", "果"]),
         ("苹果 apple 3.25%", ["苹", "果", "apple", "3", "25"]),
         ("がら", ["が", "ら"]),
         ("사과 주스", ["사과", "주스"]),
@@ -27,15 +25,18 @@ from app.nutrition.words import singular, split_words, trigrams, typo_distance, 
         ("\uff21\uff42", ["ab"]),
         ("100%_%", ["100"]),
         ("\x00 \U0001f34e ,;!", []),
-        ("", []),
     ],
 )
 def test_text_is_split_into_folded_words(text, words):
     assert split_words(text) == words
 
 
-def test_long_words_count_by_their_beginning():
+def test_long_words_count_by_their_beginning_singular_is_the_likeliest_form_and_trigrams_mark_the_ends():
     assert split_words("x" * 100) == ["x" * 64]
+    assert (singular("berries"), singular("tomatoes"), singular("bread")) == ("berry", "tomato", "bread")
+    assert trigrams("egg") == {"  e", " eg", "egg", "gg "}
+    assert [typo_distance("noodel", "noodle", 2), typo_distance("zz", "apple", 2)] == [1, None]
+    assert [typo_distance("avac", "avocado", 2, begun=True), typo_distance("avac", "avocado", 2)] == [1, None]
 
 
 @pytest.mark.parametrize(
@@ -48,42 +49,13 @@ def test_long_words_count_by_their_beginning():
         ("leaves", "leaf"),
         ("olives", "olive"),
         ("peaches", "peach"),
-        ("eggs", "egg"),
         ("swiss", "swiss"),
         ("hummus", "hummus"),
-        ("gas", "gas"),
     ],
 )
 def test_forms_of_a_plural_hold_its_singular(plural, one):
     assert one in word_forms(plural)
     assert word_forms(plural)[0] == plural
-
-
-def test_singular_is_the_likeliest_form():
-    assert (singular("berries"), singular("tomatoes"), singular("bread")) == ("berry", "tomato", "bread")
-
-
-def test_trigrams_mark_the_ends():
-    assert trigrams("egg") == {"  e", " eg", "egg", "gg "}
-
-
-@pytest.mark.parametrize(
-    ("typed", "word", "distance"),
-    [
-        ("aple", "apple", 1),
-        ("noodel", "noodle", 1),
-        ("bannana", "banana", 1),
-        ("apple", "apple", 0),
-        ("zz", "apple", None),
-    ],
-)
-def test_typos_are_counted(typed, word, distance):
-    assert typo_distance(typed, word, 2) == distance
-
-
-def test_a_word_that_is_only_begun_is_compared_with_beginnings():
-    assert typo_distance("avac", "avocado", 2, begun=True) == 1
-    assert typo_distance("avac", "avocado", 2) is None
 
 
 def test_distance_equals_that_of_the_recursive_definition():

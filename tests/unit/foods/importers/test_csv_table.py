@@ -51,23 +51,17 @@ def test_template_in_the_documents_imports_and_says_what_its_columns_say():
     ]  # fmt: skip
 
 
-def test_template_in_the_documents_has_every_column():
+def test_template_and_text_in_the_documents_have_every_column():
     header = (DOCS / "food-template.csv").read_text().splitlines()[0].split(",")
     assert tuple(header[: len(COLUMNS)]) == tuple(COLUMNS)
-
-
-def test_every_column_stands_in_the_documents():
     text = (DOCS / "foods.md").read_text()
     assert [column for column in COLUMNS if f"`{column}`" not in text] == []
 
 
-def test_empty_is_not_known_zero_is_zero_and_a_trace_is_zero_and_told(table):
+def test_empty_is_not_known_a_trace_is_zero_units_are_converted_and_neighbouring_components_stay_apart(table):
     imported = read(table("key,name,food_group,CA (mg),NA (mg),K (mg),FE (mg)\n1,Bread,Breads,,0,tr,Trace\n"))
     assert imported.table.foods[0].per_100_g == {"307": 0.0, "306": 0.0, "303": 0.0}
     assert [*imported.skipped.sentences()] == ["2 traces, taken as 0 (1 K (mg), 1 FE (mg))"]
-
-
-def test_units_are_converted_within_their_quantity(table):
     header = "key,name,food_group,ENERC_KCAL (kJ),CA (g),SE (mg),PROCNT (g),VITD (IU),268 (kJ)"
     food = only_food(table(f"{header}\n1,Bread,Breads,418.4,0.02,0.05,9,40,418.4\n"))
     assert food.per_100_g == {
@@ -78,6 +72,9 @@ def test_units_are_converted_within_their_quantity(table):
         "324": 40.0,
         "268": pytest.approx(418.4),
     }
+    header = "key,name,food_group,CHOCDF (g),CHOAVL (g),FOL (ug),FOLDFE (µg),VITD (mcg),FIB- (g)"
+    food = only_food(table(f"{header}\n1,Bread,Breads,50,45,30,40,1,5\n"))
+    assert food.per_100_g == {"205": 50.0, "CHOAVL": 45.0, "417": 30.0, "435": 40.0, "328": 1.0, "FIB-": 5.0}
 
 
 @pytest.mark.parametrize(("header", "is_refused"), [("ENERC_KCAL (kcal)", False), ("ENERC_KCAL (kJ)", True)])
@@ -91,18 +88,9 @@ def test_kilocalories_under_a_header_of_kilojoules_are_noticed(table, header, is
         assert len(read(path).table.foods) == 12
 
 
-def test_neighbouring_components_stay_apart(table):
-    header = "key,name,food_group,CHOCDF (g),CHOAVL (g),FOL (ug),FOLDFE (µg),VITD (mcg),FIB- (g)"
-    food = only_food(table(f"{header}\n1,Bread,Breads,50,45,30,40,1,5\n"))
-    assert food.per_100_g == {"205": 50.0, "CHOAVL": 45.0, "417": 30.0, "435": 40.0, "328": 1.0, "FIB-": 5.0}
-
-
-def test_form_is_judged_where_it_is_empty_and_state_is_not(table):
+def test_form_is_judged_where_it_is_empty_and_refuse_in_brackets_is_off_before_the_photograph(table):
     food = only_food(table("key,name,food_group,form,state\n1,Orange juice,Fruits,,\n"))
     assert (food.form, food.state) == ("liquid", None)
-
-
-def test_refuse_in_brackets_is_off_before_the_photograph(table):
     food = only_food(table('key,name,food_group,refuse\n1,Pineapple,Fruits,"(crown) 16; core 7.8; parings 25"\n'))
     assert [(part.part, part.percent, part.is_served) for part in food.refuse] == [
         ("crown", 16.0, False),
@@ -158,24 +146,19 @@ def test_checksum_follows_the_bytes_and_the_release_and_not_the_files_name(tmp_p
         ("key,name,food_group,colour\n", r"table.csv, line 1: column 'colour' is neither one of key,"),
         ("key,name,food_group,ENERC (kcal)\n", r"line 1: column 'ENERC \(kcal\)': unknown component .*ENERC_KCAL or"),
         ("key,name,food_group,CA (kcal)\n", r"line 1: column 'CA \(kcal\)': kcal does not fit CA, .* in mg"),
-        ("key,name,food_group,VITA_RAE (IU)\n", r"line 1: column 'VITA_RAE \(IU\)': IU does not fit"),
         ("key,name,food_group,CA (%)\n", r"line 1: column 'CA \(%\)': unknown unit '%'"),
-        ("key,name,food_group,CA (ml)\n", r"line 1: column 'CA \(ml\)': ml does not fit"),
         ("key,name,food_group,CA (mg),301 (g)\n", r"line 1: column '301 \(g\)': Calcium, Ca has a column already"),
         ("key,name,food_group,CA (mg),CA (mg)\n", r"line 1: column CA \(mg\) is there twice"),
         ("key,name,food_group\n", r"table.csv: it holds no food"),
         ("key,name,food_group\n1,a,g\n1,b,g\n", r"table.csv, line 3: food 1 is there twice"),
         ("key,name,food_group\n,a,g\n", r"table.csv, line 2: key is empty"),
         ("key,name,food_group\na/b,a,g\n", r"table.csv, line 2: key 'a/b' has more in it than letters"),
-        ("key,name,food_group\n1,,g\n", r"table.csv, line 2: name is empty"),
-        ("key,name,food_group\n1,a,\n", r"table.csv, line 2: food_group is empty"),
         (f"key,name,food_group\n1,{'a' * 301},g\n", r"table.csv, line 2: name has 301 characters; at most 300"),
         ("key,name,food_group\n1,a\n", r"table.csv, line 2: 2 fields under 3 columns"),
         ("key,name,food_group,form\n1,a,g,round\n", r"line 2: form is 'round'; give one of whole, lying"),
         ("key,name,food_group,state\n1,a,g,boiled\n", r"line 2: state is 'boiled'; give one of raw, cooked, as_eaten"),
         ("key,name,food_group,is_mixed_dish\n1,a,g,maybe\n", r"line 2: is_mixed_dish is 'maybe'; give yes or no"),
         ('key,name,food_group,CA (mg)\n1,a,g,"1,5"\n', r"line 2: CA \(mg\) is '1,5', no number; .* with a point"),
-        ("key,name,food_group,CA (mg)\n1,a,g,<5\n", r"line 2: CA \(mg\) is '<5', no number"),
         ("key,name,food_group,CA (mg)\n1,a,g,-5\n", r"line 2: CA \(mg\) is -5, which cannot be"),
         ("key,name,food_group,CA (mg)\n1,a,g,1_0\n", r"line 2: CA \(mg\) is '1_0', no number"),
         ("key,name,food_group,FAT (g)\n1,a,g,101\n", r"line 2: FAT \(g\) is 101: more than 100 g of any food"),
@@ -186,7 +169,6 @@ def test_checksum_follows_the_bytes_and_the_release_and_not_the_files_name(tmp_p
         ("key,name,food_group,g_per_ml,density_kind\n1,a,g,0.8,solid\n", r"line 2: density_source is empty"),
         ("key,name,food_group,g_per_ml,density_kind\n1,a,g,,solid\n", r"line 2: .* but no g_per_ml"),
         ("key,name,food_group,g_per_ml,density_kind\n1,a,g,800,solid\n", r"line 2: g_per_ml is 800, which no food has"),
-        ("", r"table.csv, line 1: no column key, name, food_group"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_file_line_and_column(table, text, message):
@@ -202,7 +184,6 @@ def test_what_is_wrong_is_named_with_file_line_and_column(table, text, message):
         ({"densities.csv": "key,g_per_ml,density_kind,density_source,mood\n"}, r"densities.csv, line 1: unknown"),
         ({"portions.csv": "key,amount,measure\n"}, r"portions.csv, line 1: no column mass_g"),
         ({"portions.csv": PORTIONS + "B,0,cup,10\n"}, r"portions.csv, line 4: amount and mass_g are more than 0"),
-        ({"foods.csv": FOODS.encode("utf-16")}, r"foods.csv, line 1: byte 0xff is not utf-8"),
         ({"foods.csv": FOODS.replace("Apple", "Äpfel").encode("cp1252")}, r"foods.csv, line 2: byte 0xc4 is not utf-8"),
     ],
 )  # fmt: skip
@@ -210,14 +191,11 @@ def test_files_beside_are_checked_too(tmp_path, changed, message):
     files = {"foods.csv": FOODS, "densities.csv": DENSITIES, "portions.csv": PORTIONS, **changed}
     with pytest.raises(ImportFileError, match=message):
         read(write_folder(tmp_path / "folder", files))
-
-
-def test_zip_without_foods_is_refused(tmp_path):
     with pytest.raises(ImportFileError, match=r"table.zip: it holds no foods.csv"):
         read(write_zip(tmp_path / "table.zip", {"densities.csv": DENSITIES}))
 
 
-@pytest.mark.parametrize("name", ["", "a:b", "Cofid", "sr28", "local", "x" * 51])
+@pytest.mark.parametrize("name", ["", "a:b", "Cofid", "sr28", "x" * 51])
 def test_name_that_would_clash_or_break_keys_is_refused(table, name):
     with pytest.raises(InvalidInputError, match="name cannot be"):
         read(table(FOODS), name=name)
