@@ -38,7 +38,6 @@ from tests.support.waiting import PATIENCE_SECONDS, wait_until
 FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
 RECORD_NAMES = [column.name for column in RECORD_COLUMNS]
 FILE_NAMES = [column.name for column in FILE_COLUMNS]
-PROVENANCE_NAMES = FILE_NAMES[len(RECORD_NAMES) :]
 
 
 @pytest.fixture
