@@ -46,5 +46,5 @@ def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
             run.send_signal(number)
 
     wait_until(lambda: not pathlib.Path(folder).exists(), "the run's folder to be deleted")
-    assert processes_of(folder) == []
+    wait_until(lambda: not processes_of(folder), "the last process, which deleted it, to end")
     assert [name for name in mapped if pathlib.Path(name).exists()] == []

@@ -76,6 +76,9 @@ def clean(folder):
         asked.update(processes)
         time.sleep(POLL_SECONDS)
     shutil.rmtree(folder, ignore_errors=True)
+    for path in MEMORY.glob("*faketime_s*_[0-9]*"):  # libfaketime's, named after a process that was killed
+        if not pathlib.Path("/proc", path.name.rpartition("_")[2]).exists():
+            path.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":
