@@ -63,10 +63,6 @@ def _fill_disk(arguments, on_stage):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _read_removed(arguments, on_stage):
-    pathlib.Path("/removed/meanwhile").read_bytes()
-
-
 def _print(arguments, on_stage):
     print('{"ok": {"who": "a library"}}', flush=True)  # noqa: T201
     os.write(1, b"C code prints too\n")
@@ -114,7 +110,6 @@ TASKS = {
     "hold": _hold,
     "eat_memory": _eat_memory,
     "fill_disk": _fill_disk,
-    "read_removed": _read_removed,
     "raise": _raise,
     "print": _print,
     "stages": _stages,

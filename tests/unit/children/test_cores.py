@@ -40,50 +40,45 @@ def test_quota_of_the_control_group_limits_the_cores_but_leaves_one(tmp_path, si
     assert usable_cores(root) == expected
 
 
-def test_quota_of_a_group_above_counts(tmp_path, sixteen_cores):
-    root = machine(
-        tmp_path,
-        {
-            "proc/self/cgroup": "0::/system.slice/tada.service\n",
-            "sys/fs/cgroup/system.slice/cpu.max": "200000 100000",
-            "sys/fs/cgroup/system.slice/tada.service/cpu.max": "max 100000",
-        },
-    )
-    assert usable_cores(root) == 2
-
-
-def test_version_one_of_control_groups_is_read(tmp_path, sixteen_cores):
-    root = machine(
-        tmp_path,
-        {
-            "proc/self/cgroup": "5:cpu,cpuacct:/docker/x\n4:memory:/docker/x\n",
-            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "300000\n",
-            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
-            "sys/fs/cgroup/memory/memory.limit_in_bytes": str(2 * GIBIBYTE),
-        },
-    )
-    assert usable_cores(root) == 3
-    assert usable_memory_bytes(root) == 2 * GIBIBYTE
-
-
-def test_no_limit_in_version_one_is_none(tmp_path, sixteen_cores):
-    root = machine(
-        tmp_path,
-        {
-            "proc/self/cgroup": "5:cpu,cpuacct:/\n4:memory:/\n",
-            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
-            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
-            "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712",
-        },
-    )
-    assert usable_cores(root) == 16
-    assert usable_memory_bytes(root) == 64 * GIBIBYTE
-
-
-def test_machine_without_control_groups_has_what_it_has(tmp_path, sixteen_cores):
-    root = machine(tmp_path, {})
-    assert usable_cores(root) == 16
-    assert usable_memory_bytes(root) == 64 * GIBIBYTE
+@pytest.mark.parametrize(
+    ("files", "cores_found", "memory_found"),
+    [
+        (
+            {
+                "proc/self/cgroup": "0::/system.slice/tada.service\n",
+                "sys/fs/cgroup/system.slice/cpu.max": "200000 100000",  # of a group above
+                "sys/fs/cgroup/system.slice/tada.service/cpu.max": "max 100000",
+            },
+            2,
+            64 * GIBIBYTE,
+        ),
+        (
+            {
+                "proc/self/cgroup": "5:cpu,cpuacct:/docker/x\n4:memory:/docker/x\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "300000\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": str(2 * GIBIBYTE),
+            },
+            3,
+            2 * GIBIBYTE,
+        ),
+        (
+            {
+                "proc/self/cgroup": "5:cpu,cpuacct:/\n4:memory:/\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712",
+            },
+            16,
+            64 * GIBIBYTE,
+        ),
+        ({}, 16, 64 * GIBIBYTE),
+    ],
+    ids=["a group above", "version 1", "version 1 without a limit", "no control groups"],
+)
+def test_control_groups_limit_cores_and_memory(tmp_path, sixteen_cores, files, cores_found, memory_found):
+    root = machine(tmp_path, files)
+    assert (usable_cores(root), usable_memory_bytes(root)) == (cores_found, memory_found)
 
 
 def test_affinity_limits_the_cores(tmp_path, monkeypatch):
@@ -92,40 +87,31 @@ def test_affinity_limits_the_cores(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("cores_usable", "memory_bytes", "expected"),
-    [(8, 64 * GIBIBYTE, 8), (8, 4 * GIBIBYTE, 6), (8, ESTIMATE_BYTES, 1), (1, 64 * GIBIBYTE, 1)],
+    ("cores_usable", "memory_bytes", "changes", "expected"),
+    [
+        (8, 64 * GIBIBYTE, {}, 8),
+        (8, 4 * GIBIBYTE, {}, 6),
+        (8, ESTIMATE_BYTES, {}, 1),
+        (8, 64 * GIBIBYTE, {"worker_concurrency": 3}, 3),
+    ],
 )
-def test_concurrency_is_what_cores_and_memory_carry_and_one_at_least(monkeypatch, cores_usable, memory_bytes, expected):
+def test_concurrency_is_the_set_one_or_what_cores_and_memory_carry(
+    monkeypatch, cores_usable, memory_bytes, changes, expected
+):
     monkeypatch.setattr(cores, "usable_cores", lambda: cores_usable)
     monkeypatch.setattr(cores, "usable_memory_bytes", lambda: memory_bytes)
-    assert worker_concurrency(Settings()) == expected
-
-
-def test_concurrency_that_is_set_counts(monkeypatch):
-    monkeypatch.setattr(cores, "usable_cores", lambda: 8)
-    assert worker_concurrency(Settings(worker_concurrency=3)) == 3
+    assert worker_concurrency(Settings(**changes)) == expected
 
 
 @pytest.mark.parametrize(
     ("cores", "running", "waiting", "expected"),
-    [
-        (1, 1, 0, 1),
-        (2, 1, 0, 2),
-        (2, 1, 1, 1),
-        (2, 2, 0, 1),
-        (2, 3, 0, 1),
-        (8, 1, 0, 8),
-        (8, 3, 4, 2),
-        (8, 3, 5, 1),
-    ],
+    [(1, 1, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (2, 2, 0, 1), (2, 3, 0, 1), (8, 3, 4, 2), (8, 3, 5, 1)],
 )
 def test_estimate_has_further_cores_only_while_no_waiting_job_needs_them(cores, running, waiting, expected):
     assert cores_for_estimate(cores, running, waiting) == expected
 
 
-@pytest.mark.parametrize(
-    ("most", "expected"), [(None, 16), ("1", 1), ("4", 4), ("64", 16), ("0", 16), ("4,2", 16), ("", 16)]
-)
+@pytest.mark.parametrize(("most", "expected"), [(None, 16), ("1", 1), ("64", 16), ("0", 16), ("4,2", 16)])
 def test_command_takes_the_cores_of_its_process_and_leaves_libraries_one_thread(monkeypatch, most, expected):
     for name in THREAD_VARIABLES:
         monkeypatch.setenv(name, "3")

@@ -64,16 +64,13 @@ def crowd_of():
         crowd.finish()
 
 
-def test_first_come_is_first_served_within_a_study(crowd_of):
+def test_first_come_is_first_served_within_a_study_and_studies_take_turns(crowd_of):
     crowd = crowd_of()
     for name in ("a", "b", "c"):
         crowd.come(name, "study")
     crowd.let_go("a")
     crowd.let_go("b")
     assert crowd.served == ["a", "b", "c"]
-
-
-def test_study_that_comes_last_does_not_wait_for_all_of_another(crowd_of):
     crowd = crowd_of()
     for name in ("a1", "a2", "a3", "a4"):
         crowd.come(name, "a")

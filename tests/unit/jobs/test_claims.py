@@ -119,24 +119,15 @@ def ids(count):
     return [uuid.UUID(int=number) for number in range(1, count + 1)]
 
 
-def test_no_more_is_claimed_than_there_is_room_for_and_the_next_as_soon_as_a_job_ends(start):
+@pytest.mark.parametrize("error", [None, KeyError("a bug"), JobLeft()])
+def test_no_more_is_claimed_than_there_is_room_for_and_the_next_as_soon_as_a_job_ends_well_or_badly(start, error):
     first, second, third, _ = ids(4)
     _, runs = start(FakeDatabase((1, job_id) for job_id in ids(4)))
     wait_for(runs.has_begun, 2)
     assert sorted(runs.begun) == [first, second]
-    runs.end(second)
+    runs.end(second, error)
     wait_for(runs.has_begun)
     assert sorted(runs.begun) == [first, second, third]
-
-
-@pytest.mark.parametrize("error", [KeyError("a bug"), JobLeft()])
-def test_job_that_ends_badly_makes_room_too(start, error):
-    first, second = ids(2)
-    _, runs = start(FakeDatabase([(1, first), (1, second)]), concurrency=1)
-    wait_for(runs.has_begun)
-    runs.end(first, error)
-    wait_for(runs.has_begun)
-    assert runs.begun == [first, second]
 
 
 def test_next_job_is_claimed_while_one_that_is_computed_is_saved_but_results_do_not_pile_up(start):
@@ -163,10 +154,10 @@ def test_job_that_needs_its_child_again_takes_its_room_back(start):
 
 
 def test_jobs_of_a_newer_protocol_are_left_alone(start):
-    old, newer, older = ids(3)
-    _, runs = start(FakeDatabase([(1, old), (3, newer), (2, older)]), concurrency=3, protocol=2)
+    old, newer, same = ids(3)
+    _, runs = start(FakeDatabase([(1, old), (3, newer), (2, same)]), concurrency=3, protocol=2)
     wait_for(runs.has_begun, 2)
-    assert sorted(runs.begun) == [old, older]
+    assert sorted(runs.begun) == [old, same]
 
 
 def test_worker_that_has_lost_its_lease_claims_nothing(start):
@@ -213,16 +204,11 @@ def test_background_jobs_are_queued_and_run_while_nothing_else_waits_on_all_core
     assert sorted(runs.begun) == ids(3)
 
 
-def test_waiting_meal_is_claimed_before_any_background_job(start):
+def test_waiting_meal_is_claimed_before_any_background_job_and_takes_the_core_that_they_leave_free(start):
     meal, rerun = ids(2)
-    database = FakeDatabase([(1, rerun), (1, meal)], background=[rerun])
-    _, runs = start(database, concurrency=1)
+    _, runs = start(FakeDatabase([(1, rerun), (1, meal)], background=[rerun]), concurrency=1)
     wait_for(runs.has_begun)
     assert runs.begun == [meal]
-
-
-def test_meal_takes_the_core_that_background_jobs_leave_free(start):
-    rerun, meal = ids(2)
     database = FakeDatabase()
     claiming, runs = start(database, concurrency=2, backlog=backlog_of(database, [rerun]))
     wait_for(runs.has_begun)

@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 from app.core.settings import Settings
 from app.jobs.supervisor import WorkerProcess, settings_environment
 from tests.support.waiting import wait_until
@@ -68,6 +70,7 @@ time.sleep(600)
     wait_until(lambda: has_ended(worker), "the worker to end")
 
 
+@pytest.mark.slow
 def test_worker_beside_the_server_gives_way_to_it():
     """One on its own does not: its machine is there for it."""
     script = "import os, sys, app.worker; app.worker.run_worker = lambda _: print(os.nice(0)) or 0; app.worker.main()"
