@@ -29,20 +29,14 @@ def tagged_tiff():
     return buffer.getvalue()
 
 
-def test_size_and_format_are_those_of_the_header(path):
+def test_size_and_format_are_those_of_the_header_and_a_confidence_map_or_an_empty_file_is_no_map(path):
     for content, media_type in ((depth_png(), "image/png"), (depth_tiff(), TIFF)):
         path.write_bytes(content)
         facts = inspect_depth(path)
         assert (facts.media_type, facts.width, facts.height) == (media_type, 64, 48)
-
-
-def test_confidence_map_has_8_bits_and_a_depth_map_has_not(path):
     path.write_bytes(confidence_png())
     assert inspect_depth(path, is_confidence=True).pixels_to_decode == 64 * 48
     assert inspect_depth(path).code == "depth_unreadable"
-
-
-def test_empty_file_is_no_map(path):
     path.write_bytes(b"")
     assert inspect_depth(path).code == "depth_unreadable"
 

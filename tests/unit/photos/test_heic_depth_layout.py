@@ -22,14 +22,13 @@ def layout_of(xmp, levels=LEVELS, **options):
     return read_heic_depth(data, layout)
 
 
-def test_disparity_of_two_cameras_is_relative():
+def test_disparity_of_two_cameras_is_relative_measured_depth_metric_and_a_matte_no_depth():
     depth = HeicDepth(64, 48, 1, (0.0, 255.0), (0.360596, 1.800781), is_inverse=True, is_metric=False)
     assert layout_of(packet(0.360596, 1.800781)) == depth
-
-
-def test_measured_depth_is_metric():
     depth = layout_of(packet(0.25, 1.5, accuracy="absolute", native="hdep"))
     assert (depth.is_inverse, depth.is_metric, depth.value_range) == (False, True, (0.25, 1.5))
+    assert layout_of(packet(0, 1), urn=MATTE) is None
+    assert layout_of(packet(0, 1, native="L008")) is None  # a matte may call itself depth
 
 
 def test_keys_are_read_as_attributes_too():
@@ -41,57 +40,43 @@ def test_keys_are_read_as_attributes_too():
     assert layout_of(xmp.encode()).value_range == (0.5, 2.0)
 
 
-@pytest.mark.parametrize("orientation", [3, 6, 8])
-def test_map_that_is_turned_with_the_photograph_needs_no_further_turn(orientation):
+@pytest.mark.parametrize(
+    ("orientation", "is_turned", "expected"),
+    [(3, True, (1, 64, 48)), (6, True, (1, 48, 64)), (8, True, (1, 48, 64)), (6, False, (6, 64, 48))],
+)
+def test_map_takes_the_photographs_turn_unless_it_is_turned_itself(orientation, is_turned, expected):
     exif = Image.Exif()
     exif[0x112] = orientation
-    depth = layout_of(packet(0, 1), exif=exif.tobytes())
-    assert depth.orientation == 1
-    assert (depth.width, depth.height) == ((64, 48) if orientation == 3 else (48, 64))
-
-
-def test_map_that_is_not_turned_takes_the_photographs_turn():
-    exif = Image.Exif()
-    exif[0x112] = 6
-    data = heic_with_map(RGB, LEVELS, packet(0, 1), exif=exif.tobytes(), is_map_turned=False)
-    depth = read_heic_depth(data, read_heif_layout(data, has_auxiliaries=True))
-    assert (depth.orientation, depth.width, depth.height) == (6, 64, 48)
-
-
-def test_photograph_alone_and_mattes_have_no_depth():
-    assert layout_of(packet(0, 1), urn=MATTE) is None
-    assert layout_of(packet(0, 1, native="L008")) is None  # a matte may call itself depth
+    depth = layout_of(packet(0, 1), exif=exif.tobytes(), is_map_turned=is_turned)
+    assert (depth.orientation, depth.width, depth.height) == expected
 
 
 @pytest.mark.parametrize(
-    ("low", "high"), [("nan", 1), (0, "inf"), (1, 1), (2, 1), ("", 1), (0, "1e300"), ("&amp;", 1), (0, "9" * 80)]
+    "xmp",
+    [packet(low, high) for low, high in [("nan", 1), (0, "inf"), (1, 1), (2, 1), ("", 1), (0, "1e300"), (0, "9" * 80)]]
+    + [None, b"<x:xmpmeta/>", b"\xff" * 1000, packet(0, 1)[:300]],
 )
-def test_range_that_is_none_is_refused(low, high):
-    failure = layout_of(packet(low, high))
+def test_map_without_its_keys_or_of_no_range_is_refused(xmp):
+    failure = layout_of(xmp)
     assert isinstance(failure, Failure)
     assert failure.code == "depth_unreadable"
 
 
-@pytest.mark.parametrize("xmp", [None, b"<x:xmpmeta/>", b"\xff" * 1000, packet(0, 1)[:300]])
-def test_map_without_its_keys_is_refused(xmp):
-    assert layout_of(xmp).code == "depth_unreadable"
-
-
-def test_map_of_another_shape_than_the_photograph_is_refused():
+def test_map_of_another_shape_than_the_photograph_or_a_huge_one_is_refused_before_it_is_decoded():
     assert layout_of(packet(0, 1), levels=LEVELS[:40]).code == "depth_unreadable"
-
-
-def test_map_that_says_it_is_huge_is_refused_before_it_is_decoded():
     data = heic_with_map(RGB, LEVELS, packet(0, 1))
     before, kind, size = data.rpartition(b"ispe\0\0\0\0")
     huge = before + kind + (64_000).to_bytes(4) + (48_000).to_bytes(4) + size[8:]
     assert read_heic_depth(huge, read_heif_layout(huge, has_auxiliaries=True)).code == "depth_unreadable"
 
 
-def test_broken_box_of_the_map_leaves_the_photograph_sound():
+def test_broken_box_of_the_map_leaves_the_photograph_sound_and_a_damaged_file_has_no_map():
     before, _, after = heic_with_map(RGB, LEVELS, packet(0, 1)).rpartition(b"pixi")
     layout = read_heif_layout(before + b"clap" + after, has_auxiliaries=True)  # too short for an aperture
     assert (layout.width, layout.damage, layout.auxiliaries) == (128, None, ())
+    data = heic_with_map(RGB, LEVELS, packet(0, 1))
+    cut = data[: data.index(b"ispe") + 6]
+    assert read_heic_depth(cut, read_heif_layout(cut, has_auxiliaries=True)) is None
 
 
 def test_map_that_is_referred_to_thousands_of_times_is_read_once_and_not_on_arrival():
@@ -99,9 +84,3 @@ def test_map_that_is_referred_to_thousands_of_times_is_read_once_and_not_on_arri
     assert len(read_heif_layout(data, has_auxiliaries=True).auxiliaries) == 1
     on_arrival = read_heif_layout(data)
     assert (on_arrival.damage, on_arrival.auxiliaries) == (None, ())
-
-
-def test_damaged_file_has_no_map():
-    data = heic_with_map(RGB, LEVELS, packet(0, 1))
-    cut = data[: data.index(b"ispe") + 6]
-    assert read_heic_depth(cut, read_heif_layout(cut, has_auxiliaries=True)) is None

@@ -102,7 +102,7 @@ def assert_only_the_location_went(before: bytes, after: bytes) -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("orientation", [1, 6])
 def test_only_the_gps_directory_of_a_jpeg_goes(path, order, orientation):
     data = jpeg(exif_segment(exif_block(order, orientation=orientation)), progressive=True)
     result = cleaned(path, data)
@@ -114,41 +114,24 @@ def test_only_the_gps_directory_of_a_jpeg_goes(path, order, orientation):
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_only_the_gps_directory_of_a_png_goes_and_its_checksum_fits(path, order):
-    data = png(png_chunk(b"eXIf", exif_block(order, orientation=6)))
-    result = cleaned(path, data)
-    assert_only_the_location_went(data, result)
-    start = result.index(b"eXIf")
-    end = start + 4 + int.from_bytes(result[start - 4 : start])
-    assert zlib.crc32(result[start:end]) == int.from_bytes(result[end : end + 4])
-    assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS))
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_only_the_location_of_a_heic_goes(path, order):
-    data = heic(exif=b"Exif\0\0" + exif_block(order), xmp=XMP)
-    result = cleaned(path, data)
-    assert_only_the_location_went(data, result)
-    assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS, *PLACE_WORDS))
-    assert b'xmp:Rating="3"' in result
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_only_the_location_of_a_webp_goes(path, order):
-    data = webp(exif=b"Exif\0\0" + exif_block(order, orientation=6), xmp=XMP)
-    result = cleaned(path, data)
-    assert_only_the_location_went(data, result)
-    assert opened(result).getexif()[ExifTags.Base.Orientation] == 6
-    assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS, *PLACE_WORDS))
-    assert b'xmp:Rating="3"' in result
-
-
-def test_webp_chunk_of_unknown_form_that_speaks_of_coordinates_goes_whole(path):
-    data = webp()
-    size = int.from_bytes(data[4:8], "little")
-    more = webp_chunk(b"GEO ", b'{"latitude": 40.428, "longitude": -86.913}')
-    result = cleaned(path, data[:4] + (size + len(more)).to_bytes(4, "little") + data[8:] + more)
-    assert b"latitude" not in result
+def test_only_the_location_of_a_png_a_heic_and_a_webp_goes(path, order):
+    block = exif_block(order, orientation=6)
+    files = {
+        "png": png(png_chunk(b"eXIf", block), png_itxt(XMP)),
+        "heic": heic(exif=b"Exif\0\0" + exif_block(order), xmp=XMP),
+        "webp": webp(exif=b"Exif\0\0" + block, xmp=XMP),
+    }
+    for kind, data in files.items():
+        result = cleaned(path, data)
+        assert_only_the_location_went(data, result)
+        assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS, *PLACE_WORDS))
+        assert b'xmp:Rating="3"' in result
+        if kind != "heic":
+            assert opened(result).getexif()[ExifTags.Base.Orientation] == 6
+        if kind == "png":  # its checksum fits
+            start = result.index(b"eXIf")
+            end = start + 4 + int.from_bytes(result[start - 4 : start])
+            assert zlib.crc32(result[start:end]) == int.from_bytes(result[end : end + 4])
 
 
 def test_heic_metadata_in_idat_go(path):
@@ -215,16 +198,12 @@ def test_extended_xmp_over_two_segments_is_cleaned_as_one(path, cut):
     assert opened(result).size == opened(jpeg()).size
 
 
-def test_extended_xmp_with_a_part_missing_goes_whole(path):
+def test_extended_xmp_with_a_part_missing_and_xmp_in_wide_characters_go_whole(path):
     result = cleaned(path, jpeg(extended_xmp_segments(XMP, 420)[1]))
     assert not any(word in result for word in PLACE_WORDS)
-
-
-@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be", "utf-32-le"])
-def test_xmp_in_wide_characters_goes_whole(path, coding):
-    wide = XMP.decode().encode(coding)
-    result = cleaned(path, jpeg(xmp_segment(wide)))
-    assert not any(word.decode().encode(coding) in result for word in PLACE_WORDS)
+    for coding in ("utf-16-le", "utf-16-be", "utf-32-le"):
+        result = cleaned(path, jpeg(xmp_segment(XMP.decode().encode(coding))))
+        assert not any(word.decode().encode(coding) in result for word in PLACE_WORDS)
 
 
 def test_places_in_iptc_go_and_the_rest_stays(path):
@@ -247,9 +226,7 @@ def test_xmp_of_a_png_is_cleaned_or_if_compressed_goes_whole(path, compressed):
     np.testing.assert_array_equal(np.asarray(opened(result)), np.asarray(picture()))
 
 
-@pytest.mark.parametrize(
-    "keyword", [b"Raw profile type exif", b"Raw profile type APP1", b"exif:GPSLatitude", b"Location"]
-)
+@pytest.mark.parametrize("keyword", [b"Raw profile type exif", b"exif:GPSLatitude", b"Location"])
 @pytest.mark.parametrize("kind", [b"tEXt", b"zTXt"])
 def test_png_text_that_holds_metadata_goes_whole(path, keyword, kind):
     text = exif_block().hex().encode()
@@ -301,6 +278,9 @@ def test_blocks_of_unknown_form_that_speak_of_coordinates_go_whole(path):
         heic() + box(b"uuid", bytes(16) + claim),
     ):
         assert b"40,25.6895N" not in cleaned(path, data)
+    data, more = webp(), webp_chunk(b"GEO ", claim)
+    size = int.from_bytes(data[4:8], "little") + len(more)
+    assert b"40,25.6895N" not in cleaned(path, data[:4] + size.to_bytes(4, "little") + data[8:] + more)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -331,16 +311,13 @@ def put(block: bytes, at: int, replacement: bytes) -> bytes:
     return block[:at] + replacement + block[at + len(replacement) :]
 
 
-def test_directories_in_a_loop_end_and_are_cleaned(path):
+def test_directories_in_a_loop_end_and_a_gps_directory_reached_also_as_the_next_one_is_cleaned(path):
     block = exif_block(gps=True)
     main_end = 8 + 2 + 5 * 12
     looped = put(block, main_end, (8).to_bytes(4, "little"))
     result = cleaned(path, jpeg(exif_segment(looped)))
     assert not any(gone in result for gone in coordinate_bytes())
     assert opened(result).getexif()[ExifTags.Base.Make] == MAKE
-
-
-def test_gps_directory_reached_also_as_next_directory_is_cleaned(path):
     block = exif_block()
     gps = len(exif_block(gps=False)) + 12
     result = cleaned(path, jpeg(exif_segment(put(block, 8 + 2 + 5 * 12, gps.to_bytes(4, "little")))))
@@ -358,14 +335,11 @@ def test_more_blocks_than_any_camera_writes_go_whole(path):
     assert not any(gone in result for gone in (*coordinate_bytes(), *PLACE_WORDS))
 
 
-def test_xmp_that_goes_whole_keeps_the_orientation(path):
+def test_xmp_that_goes_whole_keeps_the_orientation_and_one_of_too_many_tags_goes(path):
     packet = XMP.replace(b'xmp:Rating="3"', b'tiff:Orientation="6" <').replace(b"\n", b" ")
     result = cleaned(path, jpeg(xmp_segment(packet)))  # cleaned() checks that the facts are the same
     assert opened(result).getexif()[ExifTags.Base.Orientation] == 6
     assert not any(word in result for word in PLACE_WORDS)
-
-
-def test_xmp_of_more_tags_than_any_editor_writes_goes_whole(path):
     result = cleaned(path, jpeg(xmp_segment(b"<a>" + b"<b/>" * MAX_TAGS + b"</a>")))
     assert b"<b/>" not in result
 
@@ -387,30 +361,24 @@ def test_location_is_read_in_degrees(path, order):
         assert location == Location(pytest.approx(LATITUDE), pytest.approx(LONGITUDE))
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
+def test_location_that_makes_no_sense_is_none_and_of_an_emptied_file_nothing_is_removed(path):
+    for old, new in (
         (struct.pack("<LL", 40, 1), struct.pack("<LL", 140, 1)),  # beyond the pole
         (struct.pack("<LL", 40, 1), struct.pack("<LL", 40, 0)),  # divided by zero
         (b"\1\0\2\0\2\0\0\0N\0", b"\1\0\2\0\2\0\0\0?\0"),  # no hemisphere
         (b"".join(coordinate_bytes()[:1]), struct.pack("<6L", 0, 0, 0, 0, 0, 0)),  # unset
-    ],
-)
-def test_location_that_makes_no_sense_is_none(path, old, new):
-    block = exif_block()
-    assert old in block
-    path.write_bytes(jpeg(exif_segment(block.replace(old, new))))
-    assert read_location(path, inspect_photo(path)) is None
-
-
-def test_removal_from_an_emptied_file_changes_nothing(path):
+    ):
+        block = exif_block()
+        assert old in block
+        path.write_bytes(jpeg(exif_segment(block.replace(old, new))))
+        assert read_location(path, inspect_photo(path)) is None
     path.write_bytes(b"")
     assert remove_location(path, PhotoFacts("image/jpeg", 1, 1, 1, 1)) is False
     assert read_location(path, PhotoFacts("image/jpeg", 1, 1, 1, 1)) is None
 
 
 @pytest.mark.slow
-@settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=600, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=corrupted())
 def test_removal_never_raises_never_changes_the_length_and_leaves_the_facts(path, data):
     path.write_bytes(data)
