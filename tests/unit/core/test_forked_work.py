@@ -52,20 +52,21 @@ def test_work_beside_is_done_in_another_process():
     assert (result, is_other, has_left_any) == (1_000_000, True, False)
 
 
-@pytest.mark.parametrize("cores", [1, 2, 3])
-def test_exception_of_an_item_passes_through(cores):
-    kind, text, has_left_any = result_of(f"""
+def test_exception_of_an_item_passes_through():
+    assert result_of("""
         def work(item):
             if item == 3:
                 raise ValueError("item 3")
             return item
 
-        try:
-            mapped(work, range(6), {cores})
-        except ValueError as error:
-            print(json.dumps([type(error).__name__, str(error), has_children()]))
-    """)
-    assert (kind, text, has_left_any) == ("ValueError", "item 3", False)
+        told = []
+        for cores in (1, 2, 3):
+            try:
+                mapped(work, range(6), cores)
+            except ValueError as error:
+                told.append([str(error), has_children()])
+        print(json.dumps(told))
+    """) == [["item 3", False]] * 3  # fmt: skip
 
 
 @pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGKILL)", "os._exit(3)", "raise MemoryError"])
@@ -87,60 +88,45 @@ def test_what_a_process_that_ends_does_not_answer_is_done_here(end):
     assert not has_left_any
 
 
-def test_what_cannot_be_sent_is_done_here():
+def test_what_cannot_be_sent_is_done_here_and_work_that_nobody_asks_for_is_ended_or_not_begun_on_one_core():
     assert result_of("""
         with beside(lambda: (lambda: 7), 2) as other:
-            print(json.dumps(other()()))
-    """) == 7  # fmt: skip
-
-
-def test_work_that_nobody_asks_for_is_ended():
-    assert result_of("""
+            told = [other()()]
         with beside(lambda: time.sleep(3600), 2):
-            was_begun = has_children()
-        print(json.dumps([was_begun, has_children()]))
-    """) == [True, False]  # fmt: skip
-
-
-def test_work_that_nobody_asks_for_is_not_begun_on_one_core():
-    assert result_of("""
-        done = []
-        with beside(lambda: done.append(1), 1):
+            told.append(has_children())
+        told.append(has_children())
+        with beside(lambda: told.append("begun"), 1):
             pass
-        print(json.dumps(done))
-    """) == []  # fmt: skip
+        print(json.dumps(told))
+    """) == [7, True, False]  # fmt: skip
 
 
-def test_process_with_another_thread_is_not_forked():
+def test_process_with_another_thread_or_whose_children_the_kernel_reaps_is_not_forked():
+    """As of a program that was started where SIGCHLD is ignored: it could not wait for them."""
     assert result_of("""
         ending = threading.Event()
         thread = threading.Thread(target=ending.wait)
         thread.start()
         processes = mapped(lambda _: os.getpid(), range(4), 2)
         ending.set()
-        print(json.dumps([each == HERE for each in processes]))
-    """) == [True] * 4  # fmt: skip
-
-
-def test_process_whose_children_the_kernel_reaps_is_not_forked():
-    """As of a program that was started where SIGCHLD is ignored: it could not wait for them."""
-    results = result_of("""
+        thread.join()
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)
         with beside(os.getpid, 2) as other:
-            beside_here = other() == HERE
-        print(json.dumps([beside_here, [made == HERE for made in mapped(lambda _: os.getpid(), range(4), 2)]]))
-    """)
-    assert results == [True, [True] * 4]
+            processes.append(other())
+        processes += mapped(lambda _: os.getpid(), range(4), 2)
+        print(json.dumps([each == HERE for each in processes]))
+    """) == [True] * 9  # fmt: skip
 
 
-@pytest.mark.parametrize("free", [0, 1, 2, 3])
-def test_work_is_done_here_where_descriptors_are_short(free):
-    results = result_of(f"""
-        used = len(os.listdir("/proc/self/fd")) - 1  # less the listing's own
-        resource.setrlimit(resource.RLIMIT_NOFILE, (used + {free}, used + {free}))
-        print(json.dumps(mapped(lambda item: 2 * item, range(4), 2)))
-    """)
-    assert results == [0, 2, 4, 6]
+def test_work_is_done_here_where_descriptors_are_short():
+    assert result_of("""
+        results = []
+        for free in (3, 2, 1, 0):
+            used = len(os.listdir("/proc/self/fd")) - 1  # less the listing's own
+            resource.setrlimit(resource.RLIMIT_NOFILE, (used + free, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+            results.append(mapped(lambda item: 2 * item, range(4), 2))
+        print(json.dumps(results))
+    """) == [[0, 2, 4, 6]] * 4  # fmt: skip
 
 
 def test_forked_process_dies_with_its_parent():

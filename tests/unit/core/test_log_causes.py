@@ -59,14 +59,13 @@ def test_hundreds_of_lines_of_one_cause_have_one_traceback(log, clock):
     assert again["lines_left_out"] == 424 - MAX_LINES
 
 
-def test_lines_of_a_mistake_of_ours_are_all_kept_since_each_may_name_another_meal(log):
+def test_lines_of_a_mistake_of_ours_or_without_an_exception_are_kept_and_another_cause_has_its_own_traceback(log):
     lines = [log("photo_damaged", raised_elsewhere()) for _ in range(5 * MAX_LINES)]
     assert None not in lines
-
-
-def test_another_cause_has_its_own_traceback(log):
     log("request_failed", raised())
     assert "exc_info" in log("request_failed", raised_elsewhere())
+    for told in (None, False):
+        assert log("request", told) == {"event": "request", "exc_info": told}
 
 
 def test_error_that_was_raised_again_is_of_the_cause_that_it_began_with(log):
@@ -81,11 +80,6 @@ def test_error_that_was_raised_again_is_of_the_cause_that_it_began_with(log):
 
     assert "exc_info" in log("a", wrapped())
     assert "exc_info" not in log("b", wrapped())
-
-
-def test_line_without_an_exception_is_left_as_it_is(log):
-    for told in (None, False):
-        assert log("request", told) == {"event": "request", "exc_info": told}
 
 
 def test_exception_that_is_handled_now_is_found(log):

@@ -36,7 +36,6 @@ print(json.dumps([value, pictures, others.ru_utime]))
 @pytest.mark.parametrize(
     ("photographs", "foods"),
     [
-        (["left.jpg", "right.jpg"], 1),
         (["rice_banana_kiwifruit/left.jpg", "rice_banana_kiwifruit/right.jpg"], 3),
         (["left.jpg"], 1),
     ],

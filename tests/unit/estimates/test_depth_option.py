@@ -10,17 +10,19 @@ from app.core.errors import InvalidInputError
 from app.estimates.estimate_files import estimate_files, read_options
 from app.estimates.read_photographs import DepthFiles
 from app.estimates.run_estimate import run_estimate
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, rendered_views
 
 
-@pytest.fixture
-def files(tmp_path):
-    photo = tmp_path / "v1.png"
-    cv2.imwrite(str(photo), rendered_views(Ball((115.0, 15.0), 33.0))[0].photo.pixels_bgr)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("depth")
+    cv2.imwrite(str(folder / "v1.png"), rendered_views(BALL)[0].photo.pixels_bgr)
     camera = {"width": 64, "height": 48, "fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5}
-    (tmp_path / "depth.json").write_text(json.dumps(camera))
-    cv2.imwrite(str(tmp_path / "depth.png"), np.zeros((48, 64), np.uint16))
-    return tmp_path
+    (folder / "depth.json").write_text(json.dumps(camera))
+    cv2.imwrite(str(folder / "depth.png"), np.zeros((48, 64), np.uint16))
+    cv2.imwrite(str(folder / "far.png"), np.full((48, 64), 5000, np.uint16))
+    cv2.imwrite(str(folder / "low.png"), np.zeros((48, 64), np.uint8))
+    return folder
 
 
 def estimated(files, depths, camera="depth.json", confidences=()):
@@ -38,6 +40,7 @@ def estimated(files, depths, camera="depth.json", confidences=()):
     )
 
 
+@pytest.mark.slow
 def test_one_photograph_is_measured(files):
     answer = estimated(files, [])
     assert answer["camera"]["width"] == CAMERA.width
@@ -45,17 +48,28 @@ def test_one_photograph_is_measured(files):
     assert answer["failure"] is None or answer["failure"]["code"] == "no_food_found"
 
 
-@pytest.mark.parametrize("view", ["v1", "left"])
-def test_bad_depth_map_fails_with_its_code(files, view):
-    assert estimated(files, [f"{view}={files / 'depth.png'}"])["failure"]["code"] == "depth_empty"
+@pytest.mark.parametrize(
+    ("depth", "confidences"), [("v1=depth.png", []), ("left=depth.png", []), ("left=far.png", ["v1=low.png"])]
+)
+def test_bad_depth_map_or_its_confidence_fails_with_its_code(files, depth, confidences, monkeypatch):
+    monkeypatch.chdir(files)
+    assert estimated(files, [depth], confidences=confidences)["failure"]["code"] == "depth_empty"
 
 
 @pytest.mark.parametrize(
-    ("depths", "camera"), [(["right=depth.png"], "depth.json"), (["v1"], "depth.json"), (["v1=depth.png"], None)]
+    ("depths", "camera", "confidences"),
+    [
+        (["right=depth.png"], "depth.json", []),
+        (["v1"], "depth.json", []),
+        (["v1=depth.png"], None, []),
+        ([], "depth.json", ["left=depth.png"]),
+    ],
 )
-def test_depth_of_no_photograph_or_without_a_camera_is_refused(files, depths, camera):
-    with pytest.raises(InvalidInputError):
-        estimated(files, depths, camera)
+def test_depth_of_no_photograph_without_a_camera_or_confidence_without_depth_is_refused(
+    files, depths, camera, confidences
+):
+    with pytest.raises(InvalidInputError, match="--depth-confidence" if confidences else None):
+        estimated(files, depths, camera, confidences)
 
 
 def test_depth_leaves_the_marker_out_unless_one_is_named():
@@ -63,37 +77,26 @@ def test_depth_leaves_the_marker_out_unless_one_is_named():
     assert read_options(marker=None, camera=None, method="shape", hints=[]).marker is not None
 
 
-def test_confidence_map_is_read_beside_its_depth_map(files):
-    cv2.imwrite(str(files / "depth.png"), np.full((48, 64), 5000, np.uint16))
-    cv2.imwrite(str(files / "low.png"), np.zeros((48, 64), np.uint8))
-    depths = [f"left={files / 'depth.png'}"]
-    assert estimated(files, depths, confidences=[f"v1={files / 'low.png'}"])["failure"]["code"] == "depth_empty"
-
-
-def test_confidence_map_without_its_depth_map_is_refused(files):
-    with pytest.raises(InvalidInputError, match="--depth-confidence"):
-        estimated(files, [], confidences=[f"left={files / 'depth.png'}"])
-
-
-def test_map_that_cannot_be_used_is_left_out_where_a_marker_gives_the_scale(files):
+def estimated_beside_the_marker(files, camera, *, is_depth_needed):
     options = read_options(marker=str(SPEC), camera=None, method="shape", hints=[], has_depth=True)
+    return run_estimate(
+        {"left": files / "v1.png"},
+        options,
+        max_pixels=10**8,
+        on_stage=lambda _: None,
+        want_artefacts=False,
+        depths={"left": DepthFiles(files / "depth.png", camera)},
+        is_depth_needed=is_depth_needed,
+    )[0]
+
+
+@pytest.mark.slow
+def test_map_that_cannot_be_used_is_left_out_where_a_marker_gives_the_scale(files):
     camera = json.loads((files / "depth.json").read_text())
     turned = camera | {"width": 48, "height": 64, "cx": 23.5, "cy": 31.5}
     for of_map, code in ((camera, "depth_empty"), (turned, "depth_mismatch")):
-        depths = {"left": DepthFiles(files / "depth.png", of_map)}
-        answers = [
-            run_estimate(
-                {"left": files / "v1.png"},
-                options,
-                max_pixels=10**8,
-                on_stage=lambda _: None,
-                want_artefacts=False,
-                depths=depths,
-                is_depth_needed=is_depth_needed,
-            )[0]
-            for is_depth_needed in (True, False)
-        ]
-        assert answers[0].failure.code == code
-        assert answers[1].failure is None
-        assert all("depth_ignored" in item.flags for item in answers[1].items)
-        assert len(answers[1].items) > 0
+        assert estimated_beside_the_marker(files, of_map, is_depth_needed=True).failure.code == code
+    answer = estimated_beside_the_marker(files, turned, is_depth_needed=False)
+    assert answer.failure is None
+    assert len(answer.items) > 0
+    assert all("depth_ignored" in item.flags for item in answer.items)

@@ -6,10 +6,8 @@ import pytest
 from app.estimates.run_estimate import run_estimate
 from app.identification.food_index import shipped_index
 from app.vision.model import EstimateOptions, Hint
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
-from tests.unit.vision.test_pipeline_of_one import on_plain_table
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, on_plain_table, rendered_views
 
-BALL = Ball((115.0, 15.0), 33.0)
 ON_BALL = (720.0, 400.0)
 
 
@@ -20,13 +18,13 @@ def photographs(tmp_path_factory):
     return {"left": path}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hints", "is_recorded"),
     [
         ((), True),
         ((Hint(point=ON_BALL, food="orange"),), True),
         ((Hint(point=ON_BALL, food="orange", usual_form="whole"),), False),
-        ((Hint(point=ON_BALL, form="whole"),), False),
     ],
 )
 def test_index_is_recorded_where_it_told_the_form_of_a_food(photographs, hints, is_recorded):

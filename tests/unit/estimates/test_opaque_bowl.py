@@ -19,16 +19,15 @@ from app.vision.scene import liquids
 from app.vision.scene.segmentation import segment_foods
 from app.vision.scene.support import Support
 from app.vision.scene.vessel import Vessel
-from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, rendered_views
 
-BALL = Ball((115.0, 15.0), 33.0)
 NO_WALL = Vessel(np.array(BALL.centre_mm), 50.0, 45.0, np.empty((0, 2)))
 HIDDEN_FLOOR = Support(20.0, 15.0, "bowl")
 OPTIONS = EstimateOptions(SPEC, CAMERA, hints=(Hint(point=(748.0, 362.0), food="apple"),))
 
 
-@pytest.fixture(scope="module")
-def estimate():
+@pytest.mark.slow
+def test_opaque_bowl_has_its_outline_hint_and_flag_but_no_volume_amount_or_picture_of_one(capsys):
     def in_a_bowl(*arguments, **options):
         foods = segment_foods(*arguments, **options)
         regions = [replace(region, support=HIDDEN_FLOOR, vessel=NO_WALL) for region in foods.regions]
@@ -37,43 +36,28 @@ def estimate():
     left, right = rendered_views(BALL)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(liquids, "segment_foods", in_a_bowl)
-        return pipeline.estimate_meal(PhotoPair(left.photo, right.photo), OPTIONS, want_artefacts=True)
-
-
-@pytest.fixture(scope="module")
-def item(estimate):
+        estimate = pipeline.estimate_meal(PhotoPair(left.photo, right.photo), OPTIONS, want_artefacts=True)
     answer = json.loads(json.dumps(estimate_to_json(estimate, OPTIONS)))
     assert answer["failure"] is None
     (item,) = answer["items"]
-    return item
-
-
-@pytest.mark.slow
-def test_opaque_bowl_has_its_outline_hint_and_flag_but_no_volume(item):
     assert len(item["polygon"]) > 10
     assert (item["hint"], item["flags"]) == (0, ["not_measurable"])
     assert (item["volume_ml"], item["volume_interval_ml"], item["relative_sd"]) == (None, None, {})
+    names = {artefact.name for artefact in estimate.artefacts}
+    assert {"overlay.jpg", "disparity.jpg", "points.ply"} <= names
+    assert names.isdisjoint({"slices.jpg", "points.jpg"})
+    amounts = amounts_of(item, load_starter_table().food("apple"))
+    print_estimate(estimate_to_json(estimate, OPTIONS) | {"items": [item | amounts]}, None)
+    assert "item 1: not measured, Apple, raw, with skin  [not_measurable]" in capsys.readouterr().out
 
 
-def test_amounts_of_an_unknown_volume_are_null_and_the_food_stays(item):
+def test_amounts_of_an_unknown_volume_are_null_and_the_food_stays():
     apple = load_starter_table().food("apple")
-    assert amounts_of(item, apple) == {
+    unknown = {"volume_ml": None, "volume_interval_ml": None, "relative_sd": {}}
+    assert amounts_of(unknown, apple) == {
         "food": {"key": "apple", "name": apple.name},
         "mass_g": None,
         "mass_interval_g": None,
         "edible_g": None,
         "energy_kcal": None,
     }
-
-
-def test_command_line_says_in_words_that_it_was_not_measured(estimate, item, capsys):
-    amounts = amounts_of(item, load_starter_table().food("apple"))
-    print_estimate(estimate_to_json(estimate, OPTIONS) | {"items": [item | amounts]}, None)
-    assert "item 1: not measured, Apple, raw, with skin  [not_measurable]" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_pictures_are_drawn_without_those_of_a_volume(estimate):
-    names = {artefact.name for artefact in estimate.artefacts}
-    assert {"overlay.jpg", "disparity.jpg", "points.ply"} <= names
-    assert names.isdisjoint({"slices.jpg", "points.jpg"})

@@ -19,20 +19,14 @@ def rig_file(tmp_path):
     return path
 
 
-def test_options_with_a_rig_have_no_marker_and_survive_json(rig_file):
+def test_options_with_a_rig_have_no_marker_survive_json_and_a_rig_beside_one_is_refused(rig_file):
     options = read_options(marker=None, camera=None, rig=rig_file, method="shape", hints=())
     assert options.marker is None
     assert options.rig.baseline_mm == 60.0
     assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
-
-
-def test_without_a_rig_the_default_marker_holds():
     options = read_options(marker=None, camera=None, method="shape", hints=())
     assert str(options.marker) == "plain:9x7:11"
     assert options.rig is None
-
-
-def test_rig_beside_a_marker_or_a_camera_is_refused(rig_file):
     for given in ({"marker": "plain:9x7:11", "camera": None}, {"marker": None, "camera": rig_file}):
         with pytest.raises(InvalidInputError, match="leave --marker and --camera out"):
             read_options(**given, rig=rig_file, method="shape", hints=())
@@ -50,12 +44,9 @@ def test_file_that_is_no_rig_is_refused_with_its_name(tmp_path, content, reason)
     assert "broken.json" in refused.value.message
 
 
-def test_empty_marker_is_refused_and_does_not_become_the_default():
+def test_empty_marker_and_options_without_any_scale_are_refused():
     with pytest.raises(InvalidInputError, match="no marker"):
         read_options(marker="", camera=None, method="shape", hints=())
-
-
-def test_options_without_any_scale_are_refused():
     with pytest.raises(InvalidInputError) as refused:
         options_from_json({"marker": None, "hints": []})
     assert refused.value.code == "marker_missing"

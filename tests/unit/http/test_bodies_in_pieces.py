@@ -56,7 +56,7 @@ def told(body):
 BODY = bytes(range(256)) * 2000
 
 
-@pytest.mark.parametrize("cuts", [[1, 2], [1, 2, 3, 511_999], list(range(100_000, 512_000, 100_000)), [511_999], []])
+@pytest.mark.parametrize("cuts", [[1, 2, 3, 511_999], list(range(100_000, 512_000, 100_000)), []])
 def test_body_in_pieces_arrives_as_it_was_sent(port, cuts):
     pieces = [BODY[start:end] for start, end in pairwise([0, *cuts, len(BODY)])]
     assert answers(port, head(BODY), *pieces) == [told(BODY)]

@@ -14,25 +14,14 @@ async def app(scope, receive, send):
     await send({"type": "http.response.body", "body": b"row 2\n"})
 
 
-@pytest.fixture(scope="module")
-def port():
-    with watched_server(app) as found:
-        yield found
-
-
 def read_all(port, request):
     with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as sock:
         sock.sendall(request)
-        data = b""
-        while piece := sock.recv(65536):
-            data += piece
-    return data
+        return b"".join(iter(lambda: sock.recv(65536), b""))
 
 
-def test_answer_to_http_1_0_that_is_whole_ends_in_order(port):
-    assert read_all(port, b"GET /whole HTTP/1.0\r\n\r\n").endswith(b"row 1\nrow 2\n")
-
-
-def test_answer_to_http_1_0_that_breaks_off_is_no_whole_one(port):
-    with pytest.raises(ConnectionResetError):
-        read_all(port, b"GET /broken HTTP/1.0\r\n\r\n")
+def test_answer_to_http_1_0_that_breaks_off_is_no_whole_one():
+    with watched_server(app) as port:
+        assert read_all(port, b"GET /whole HTTP/1.0\r\n\r\n").endswith(b"row 1\nrow 2\n")
+        with pytest.raises(ConnectionResetError):
+            read_all(port, b"GET /broken HTTP/1.0\r\n\r\n")

@@ -47,20 +47,14 @@ async def takes_no_more(message):
         await anyio.sleep_forever()
 
 
-def test_source_that_was_read_to_its_end_is_closed_once():
+def test_source_is_closed_once_when_it_was_read_to_its_end_the_caller_hung_up_or_it_failed():
     source = Source()
     answer(source, stays, takes)
     assert source.closed == 1
-
-
-def test_source_is_closed_when_the_caller_hangs_up_before_anything_or_in_the_midst():
     for send in (takes, takes_no_more):
         source = Source(pieces=10_000)
         answer(source, hangs_up, send)
         assert source.closed == 1
-
-
-def test_source_that_fails_is_closed():
     source = Source(fault=OSError("the disk"))
     with pytest.raises(OSError, match="the disk"):
         answer(source, stays, takes)

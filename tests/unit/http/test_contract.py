@@ -2,43 +2,23 @@
 
 import re
 
-import pytest
 from openapi_spec_validator import OpenAPIV31SpecValidator
 
-from app.core.settings import Settings
-from app.main import create_app
 from app.openapi import COMPARE_CLOCKS, COUNTED_AT_401, LOCATED, LOCATED_AGAIN, TAGGED
 from app.people.access.access_rules import RULES
 
 NAME = re.compile(r"^(get|post|put|patch|delete|search)(_[a-z]+)+$")
 
 
-@pytest.fixture(scope="module")
-def document(tmp_path_factory):
-    return create_app(Settings(data_dir=tmp_path_factory.mktemp("contract"))).openapi()
-
-
-@pytest.fixture(scope="module")
-def operations(document):
-    return {
-        (method.upper(), path): operation
-        for path, methods in document["paths"].items()
-        for method, operation in methods.items()
-    }
-
-
 def test_document_is_valid(document):
     assert [error.message for error in OpenAPIV31SpecValidator(document).iter_errors()] == []
 
 
-def test_operation_ids_read_as_names_and_are_each_given_once(operations):
+def test_every_operation_has_an_id_a_summary_and_a_tag_and_no_parameter_twice(operations):
     ids = [operation["operationId"] for operation in operations.values()]
     assert [each for each in ids if not NAME.match(each)] == []
     assert len(set(ids)) == len(ids)
     assert set(ids) >= LOCATED | LOCATED_AGAIN | TAGGED | COUNTED_AT_401 | COMPARE_CLOCKS
-
-
-def test_every_operation_has_a_summary_and_a_tag(operations):
     summaries = [operation["summary"] for operation in operations.values()]
     assert [each for each in summaries if not 7 <= len(each) <= 110 or " " not in each] == []
     assert len(set(summaries)) > 0.9 * len(summaries)
@@ -46,12 +26,24 @@ def test_every_operation_has_a_summary_and_a_tag(operations):
         made_of_the_id = operation["operationId"].replace("_", " ").casefold()
         assert operation["summary"].casefold() != made_of_the_id, call
         assert operation["tags"], call
-
-
-def test_no_parameter_is_given_twice(operations):
-    for call, operation in operations.items():
         names = [(each["in"], each["name"].casefold()) for each in operation.get("parameters", ())]
         assert len(set(names)) == len(names), call
+
+
+def test_every_field_and_parameter_has_a_description(document, operations):
+    fields = {
+        (schema, name): field
+        for schema, content in document["components"]["schemas"].items()
+        for name, field in content.get("properties", {}).items()
+    }
+    parameters = {
+        (call, parameter["in"], parameter["name"]): parameter
+        for call, operation in operations.items()
+        for parameter in operation.get("parameters", ())
+    }
+    assert (len(fields) > 1000, len(parameters) > 250) == (True, True)
+    described = fields | parameters
+    assert [name for name, each in described.items() if not each.get("description", "").strip()] == []
 
 
 def test_no_two_schemas_share_a_name(document):

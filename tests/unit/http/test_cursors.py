@@ -4,42 +4,26 @@ import uuid
 from datetime import UTC, date, datetime, timedelta, timezone
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.core.errors import InvalidInputError
 from app.http.paging import DAY, ID, INSTANT, NUMBER, TEXT, WHOLE_NUMBER, decode_cursor, encode_cursor
 
 INSTANTS = st.datetimes(datetime(2, 1, 1), datetime(9998, 1, 1), timezones=st.just(UTC))  # noqa: DTZ001
+FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 TEXTS = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]))
 
 
-@settings(deadline=None)
-@given(INSTANTS, st.uuids(), st.dates(), st.integers(0, 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False))
-def test_key_is_read_as_it_was_written(instant, row, day, count, number):
-    assert decode_cursor("l", encode_cursor("l", instant, row), INSTANT, ID) == (instant, row)
+@given(INSTANTS, st.uuids(), st.dates(), st.integers(0, 2**63 - 1), FLOATS, TEXTS)
+def test_key_is_read_as_it_was_written(instant, row, day, count, number, text):
+    there = instant.astimezone(timezone(timedelta(hours=8)))
+    assert decode_cursor("l", encode_cursor("l", there, row), INSTANT, ID) == (instant, row)
     assert decode_cursor("l", encode_cursor("l", day, row), DAY, ID) == (day, row)
-    assert decode_cursor("l", encode_cursor("l", count, "kind", "row"), WHOLE_NUMBER, TEXT, TEXT) == (
-        count,
-        "kind",
-        "row",
-    )
+    kept = encode_cursor("l", count, "kind", "row")
+    assert decode_cursor("l", kept, WHOLE_NUMBER, TEXT, TEXT) == (count, "kind", "row")
     assert decode_cursor("l", encode_cursor("l", number), NUMBER) == number
-
-
-@settings(deadline=None)
-@given(TEXTS)
-def test_key_of_one_text_may_be_any_text(text):
     assert decode_cursor("l", encode_cursor("l", text), TEXT) == text
-
-
-def test_without_a_cursor_the_list_begins():
-    assert decode_cursor("l", None, TEXT) is None
-
-
-def test_instant_of_another_zone_is_the_same_instant():
-    there = datetime(2026, 11, 20, 12, tzinfo=timezone(timedelta(hours=8)))
-    assert decode_cursor("l", encode_cursor("l", there), INSTANT) == there
 
 
 @pytest.mark.parametrize(
@@ -48,22 +32,16 @@ def test_instant_of_another_zone_is_the_same_instant():
         (WHOLE_NUMBER, "-1"),
         (WHOLE_NUMBER, "007"),
         (WHOLE_NUMBER, str(2**63)),
-        (WHOLE_NUMBER, "1_0"),
         (WHOLE_NUMBER, "\u0661"),
-        (WHOLE_NUMBER, ""),
         (NUMBER, "nan"),
-        (NUMBER, "inf"),
         (NUMBER, "1e400"),
         (NUMBER, "5e-1"),
         (INSTANT, "2026-11-20T12:00:00"),
-        (INSTANT, "2026-11-20"),
         (INSTANT, "0001-01-01T00:00:00+23:59"),
         (INSTANT, "2026-11-20T12:00:00+08:00"),
         (DAY, "2026-02-30"),
         (DAY, "20261120"),
-        (DAY, "2026-W47-5"),
         (ID, str(uuid.UUID(int=7))),
-        (ID, "x"),
         (TEXT, "a\0b"),
     ],
 )
@@ -73,16 +51,14 @@ def test_key_that_could_not_have_been_written_is_no_cursor(part, text):
     assert caught.value.code == "cursor_invalid"
 
 
-@pytest.mark.parametrize("key", ["", "2026-11-20", f"2026-11-20 {'0' * 32} more"])
-def test_key_of_more_or_fewer_parts_is_no_cursor(key):
-    with pytest.raises(InvalidInputError, match="broken"):
-        decode_cursor("l", encode_cursor("l", key), DAY, ID)
-
-
-def test_cursor_of_another_list_is_told_as_such():
+def test_key_of_more_or_fewer_parts_or_of_another_list_is_no_cursor_and_without_one_the_list_begins():
+    for key in ("", "2026-11-20", f"2026-11-20 {'0' * 32} more"):
+        with pytest.raises(InvalidInputError, match="broken"):
+            decode_cursor("l", encode_cursor("l", key), DAY, ID)
     with pytest.raises(InvalidInputError) as caught:
         decode_cursor("l", encode_cursor("m", date(2026, 11, 20)), DAY)
     assert caught.value.code == "cursor_of_other_filters"
+    assert decode_cursor("l", None, TEXT) is None
 
 
 def test_cursor_of_changes_that_was_kept_over_an_upgrade_still_leads_on():

@@ -39,17 +39,13 @@ def test_rows_given_by_place_are_written_as_rows_given_one_by_one(output):
     assert file(by_place=True) == file(by_place=False)
 
 
-def test_each_row_has_the_values_at_its_place():
+def test_each_row_has_the_values_at_its_place_and_pieces_and_repeated_rows_keep_their_order():
     rows, _ = batch(by_place=True)
     lines = b"".join(encoded("ndjson", PARTS, [rows])).splitlines()
     names = [json.loads(line)["name"] for line in lines]
     assert names == ["", "apple", ""]
     table = parquet.read_table(io.BytesIO(b"".join(encoded("parquet", PARTS, [rows]))))
     assert table["flags"].to_pylist() == [[], ["a", "b"], []]
-
-
-def test_pieces_and_repeated_rows_keep_their_order():
-    rows, _ = batch(by_place=True)
     assert list(rows[1].piece(1, 3).as_tuples()) == [APPLE, CAKE]
     assert list(rows[0].piece(1, 3).repeated(2).as_tuples()) == [("y",), ("y",), ("z",), ("z",)]
     assert list(rows[1].repeated(2).as_tuples()) == [CAKE, CAKE, APPLE, APPLE, CAKE, CAKE]

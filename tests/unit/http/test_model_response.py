@@ -15,7 +15,7 @@ class Answer(BaseModel):
     pair: tuple[float, float]
 
 
-@pytest.mark.parametrize("grams", [None, 0.0, -0.0, 1 / 3, 1e-7, 1e16, 5e-324])
+@pytest.mark.parametrize("grams", [None, -0.0, 1 / 3, 1e16, 5e-324])
 def test_model_is_written_as_json_of_its_values(grams):
     answer = Answer(name='日 "ü"\n</script>', at=datetime(2026, 11, 20, 12, tzinfo=UTC), grams=grams, pair=(1.0, 2.5))
     response = ModelResponse(answer, status_code=201, headers={"ETag": '"1"'})

@@ -3,18 +3,10 @@
 import pytest
 from jsonschema import Draft202012Validator
 
-from app.core.settings import Settings
-from app.main import create_app
-
 OF_OPENAPI = {"discriminator", "example"}
 OF_FORMS = {"examples", "title", "description", "default", "deprecated", "readOnly", "writeOnly", "format"}
 MAPS, LISTS, SINGLE = {"properties", "patternProperties"}, {"anyOf", "oneOf", "allOf", "prefixItems"}, {"items", "not"}
 KEYWORDS = set(Draft202012Validator.VALIDATORS) | OF_OPENAPI | OF_FORMS
-
-
-@pytest.fixture(scope="module")
-def document(tmp_path_factory):
-    return create_app(Settings(data_dir=tmp_path_factory.mktemp("schemas"))).openapi()
 
 
 def parts(schema, place):
@@ -35,12 +27,11 @@ def parts(schema, place):
 
 
 @pytest.fixture(scope="module")
-def schemas(document):
+def schemas(document, operations):
     named = [part for name, schema in document["components"]["schemas"].items() for part in parts(schema, (name,))]
-    calls = [operation for methods in document["paths"].values() for operation in methods.values()]
     return named + [
         part
-        for call in calls
+        for call in operations.values()
         for parameter in call.get("parameters", ())
         for part in parts(parameter["schema"], (call["operationId"], parameter["name"]))
     ]
@@ -51,12 +42,9 @@ def test_schemas_have_keywords_of_json_schema_only(schemas):
     assert {keyword: place for place, schema in schemas for keyword in schema if keyword not in KEYWORDS} == {}
 
 
-def test_limits_of_numbers_are_in_the_document(document):
+def test_examples_are_valid_and_limits_of_numbers_in_the_document(document, schemas):
     share = document["components"]["schemas"]["DeclaredItemIn"]["properties"]["share"]
     assert (share["minimum"], share["maximum"]) == (0.001, 1)
-
-
-def test_examples_are_valid(document, schemas):
     examples = {
         (*place, number): (schema, example)
         for place, schema in schemas
@@ -70,7 +58,7 @@ def test_examples_are_valid(document, schemas):
         assert [f"{error.json_path}: {error.message}" for error in validator.iter_errors(example)] == [], place
 
 
-def test_every_json_body_of_a_request_has_an_example(document):
+def test_every_json_body_of_a_request_and_every_answer_of_a_phones_conversation_has_an_example(document, operations):
     named = document["components"]["schemas"]
 
     def has_example(schema):
@@ -80,16 +68,12 @@ def test_every_json_body_of_a_request_has_an_example(document):
 
     bodies = {
         operation["operationId"]: operation["requestBody"]["content"]["application/json"]["schema"]
-        for methods in document["paths"].values()
-        for operation in methods.values()
+        for operation in operations.values()
         if "application/json" in operation.get("requestBody", {}).get("content", {})
     }
     assert len(bodies) > 25
     assert [call for call, schema in bodies.items() if not has_example(schema)] == []
-
-
-def test_answers_of_a_phones_conversation_have_examples(document):
-    names = [
+    answers = [
         "EnrolmentOut",
         "MeOut",
         "CheckOut",
@@ -100,4 +84,4 @@ def test_answers_of_a_phones_conversation_have_examples(document):
         "ReceiptOut",
         "Problem",
     ]
-    assert [name for name in names if "example" not in document["components"]["schemas"][name]] == []
+    assert [name for name in answers if "example" not in named[name]] == []

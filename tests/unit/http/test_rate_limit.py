@@ -13,7 +13,7 @@ class Clock:
         return self.now
 
 
-def test_call_past_the_limit_is_refused_and_told_when_to_come_back():
+def test_call_past_the_limit_is_refused_and_told_when_to_come_back_and_another_key_has_its_own():
     clock = Clock()
     limit = RateLimit(3, clock)
     for _ in range(3):
@@ -23,9 +23,6 @@ def test_call_past_the_limit_is_refused_and_told_when_to_come_back():
     assert caught.value.facts["retry_after_seconds"] == 20
     clock.now = 20.0
     limit.take("a")
-
-
-def test_other_key_has_its_own_limit():
     limit = RateLimit(1, Clock())
     limit.take("a")
     limit.take("b")
