@@ -1,9 +1,9 @@
 """A real Chromium that watches itself: what it logs, what its scripts throw, and whatever it asks of another host.
 
-`open_page` gives pages in fresh profiles; when the test ends, each must have been quiet. Tests that use it are skipped,
-saying so, where there is no chromium.
+`tabs` gives pages in fresh profiles; when the test ends, each must have been quiet.
 """
 
+import contextlib
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
 
-import pytest
+from axe_playwright_python.sync_playwright import DEFAULT_OPTIONS, Axe
 from playwright.sync_api import expect
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -27,6 +27,16 @@ ARGUMENTS = (
 )
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # WebGL where there is no graphics card
 WAIT_MS = 60_000  # of a machine that is busy with other work
+# what sticks out of the window: not what stands in a region that scrolls
+WIDER = """() => {
+  const width = document.documentElement.clientWidth;
+  if (document.documentElement.scrollWidth <= width) return [];
+  const cuts = (one) => getComputedStyle(one).overflowX !== "visible";
+  const scrolls = (one) => one !== null && (cuts(one) || scrolls(one.parentElement));
+  const out = [...document.body.querySelectorAll("*")].filter((one) =>
+    one.getBoundingClientRect().right > width + 1 && !scrolls(one.parentElement));
+  return out.length ? out.slice(0, 3).map((one) => one.outerHTML.slice(0, 150)) : ["the document"];
+}"""
 expect.set_options(timeout=WAIT_MS)
 
 
@@ -81,33 +91,29 @@ class WatchedPage:
             self.outside.append(request.url)
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    """The browser, one a module: while it is open, its loop runs in this thread, where others could start none."""
-    if CHROMIUM is None:
-        pytest.skip("there is no chromium on this machine")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *SOFTWARE_3D])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def open_page(chromium: Any) -> Iterator[Callable[..., WatchedPage]]:
-    """A tab of its own profile on a server: open_page(address, color_scheme="dark", viewport={...})."""
+@contextlib.contextmanager
+def tabs(browser: Any) -> Iterator[Callable[..., WatchedPage]]:
+    """Yield what opens a tab of its own profile; at the end each of them must have been quiet."""
     opened: list[tuple[Any, WatchedPage]] = []
 
     def open_page(address: str, **options: Any) -> WatchedPage:
-        context = chromium.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
         context.set_default_timeout(WAIT_MS)
         watched = WatchedPage(context.new_page(), address)
         opened.append((context, watched))
         return watched
 
-    yield open_page
-    for context, _ in opened:
-        context.close()
+    try:
+        yield open_page
+    finally:
+        for context, _ in opened:
+            context.close()
     for _, watched in opened:
         watched.require_quiet()
+
+
+def violations(page: Any, **options: Any) -> list[tuple[str, str, str]]:
+    """What axe finds on a page, and what is wider than the window: (rule, impact, the first element)."""
+    found = Axe().run(page, options=DEFAULT_OPTIONS | options).response["violations"]
+    rules = [(one["id"], one["impact"], one["nodes"][0]["html"][:200]) for one in found]
+    return rules + [("wider than the window", "serious", one) for one in page.evaluate(WIDER)]

@@ -1,5 +1,7 @@
 """Preview frames of printed boards with known geometry, as the capture page's live help gets them."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -12,6 +14,7 @@ TEXELS_PER_MM = 8
 SIZE = (640, 480)
 
 
+@cache
 def printed(spec):
     """(h, w) grey print with its margin, TEXELS_PER_MM; for the colour board the smallest channel."""
     k = TEXELS_PER_MM

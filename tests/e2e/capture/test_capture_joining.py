@@ -11,20 +11,19 @@ from playwright.sync_api import expect
 from app.people.enrolment_qr import capture_link, enrolment_text, qr_png
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WatchedPage
 from tests.e2e.capture.capture_page import first_photograph, send
-from tests.e2e.capture.fake_camera import camera_arguments, write_video
+from tests.e2e.capture.conftest import PHONE
 from tests.e2e.dashboard_server import PASSWORD, require
+from tests.e2e.fake_camera import camera_arguments, write_video
 from tests.e2e.processes import REPOSITORY
 from tests.support import estimates
 from tests.support.estimates import identified_item
 from tests.support.waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 PAIR = REPOSITORY / "app" / "demo_data" / "orange_kiwifruit"  # taken as the page asks: 9.7 degrees apart
 SIZE = (1280, 960)  # of the pair
 DOTS_PER_PX = 3  # of the screenshot: a printer's 288 dots per inch
 CAMERA_APPS, PAGES = "P041", "P042"
-CODES = ["XFn1kTPJyd4oYn9o8QaEgQ", "a4ayc_80_OGda4BO_1o_V2", "1HNeOiZeFu7gP1lxi5tdAw", "TgdAhWK-24tgzgXD5w8GYQ"]
+CODES = ["XFn1kTPJyd4oYn9o8QaEgQ", "a4ayc_80_OGda4BO_1o_V2"]
 SCAN = """async (png) => {
   const { scan } = await import("/capture/qr_scan.js");
   const { codeIn } = await import("/capture/pages/enrol.js");
@@ -74,14 +73,13 @@ def crowded_card(code):
 
 
 @pytest.fixture(scope="module")
-def cards(driver, served):
+def cards(chromium, served):
     """The cards as the dashboard prints them, photographed, by participant."""
-    served.make_staff("olga", pilot="owner")
+    served.make_staff("olga", capture="owner")
     for participant in (CAMERA_APPS, PAGES):
-        require(served.admin.post("/v1/studies/pilot/participants", json={"code": participant}))
-    browser = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-    desk = WatchedPage(browser.new_page(device_scale_factor=DOTS_PER_PX), served.address)
-    desk.sign_in("olga", PASSWORD, "/dashboard/studies/pilot/enrol")
+        require(served.admin.post("/v1/studies/capture/participants", json={"code": participant}))
+    desk = WatchedPage(chromium.new_page(device_scale_factor=DOTS_PER_PX), served.address)
+    desk.sign_in("olga", PASSWORD, "/dashboard/studies/capture/enrol")
     desk.page.get_by_label("Participants").fill(f"{CAMERA_APPS} {PAGES}")
     desk.page.get_by_role("button", name="Create the cards").click()
     desk.page.emulate_media(media="print")
@@ -89,7 +87,7 @@ def cards(driver, served):
     for participant in (CAMERA_APPS, PAGES):
         card = desk.page.get_by_label(f"Card of {participant}").screenshot()
         cards[participant] = photographed(cv2.imdecode(np.frombuffer(card, np.uint8), cv2.IMREAD_COLOR))
-    browser.close()
+    desk.page.close()
     desk.require_quiet()
     return cards
 
@@ -108,11 +106,11 @@ def browser(driver, cards, tmp_path_factory):
     browser.close()
 
 
-def test_camera_app_reads_the_link_on_the_printed_card_and_the_page_joins(served, cards, open_phone):
+def test_camera_app_reads_the_link_on_the_printed_card_and_the_page_joins(served, cards, open_page):
     texts = {code.text for code in zxingcpp.read_barcodes(cards[CAMERA_APPS])}
     assert len(texts) == 2  # the other one is for the study's app
     (link,) = (text for text in texts if text.startswith(f"{served.address}/capture/"))
-    tab = open_phone()
+    tab = open_page(served.address, **PHONE)
     tab.page.goto(link)
     tab.page.get_by_text(f"Participant {CAMERA_APPS}").wait_for()
     tab.page.get_by_role("button", name="Photograph a meal").wait_for()
@@ -121,6 +119,7 @@ def test_camera_app_reads_the_link_on_the_printed_card_and_the_page_joins(served
     assert "code=" not in tab.page.url
 
 
+@pytest.mark.slow
 def test_from_the_card_before_the_page_s_camera_to_a_confirmed_meal_without_a_keyboard(served, open_phone):
     tab = open_phone()
     page = tab.page
@@ -149,6 +148,7 @@ def test_from_the_card_before_the_page_s_camera_to_a_confirmed_meal_without_a_ke
     assert (confirmed["status"], confirmed["participant"]) == ("confirmed", PAGES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", CODES)
 def test_card_whose_codes_are_near_each_other_is_read_by_a_camera_that_is_held_still(open_phone, code):
     tab = open_phone()
@@ -157,6 +157,7 @@ def test_card_whose_codes_are_near_each_other_is_read_by_a_camera_that_is_held_s
     assert tab.page.evaluate(SCAN, base64.b64encode(picture).decode()) == code
 
 
+@pytest.mark.slow
 def test_camera_that_is_allowed_after_the_page_was_left_is_released(open_phone):
     tab = open_phone()
     tab.goto("/capture/")

@@ -8,20 +8,20 @@ import contextlib
 import hashlib
 import os
 import signal
-import time
 from pathlib import Path
 
 import playwright.sync_api
 import pytest
 
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WAIT_MS
-from tests.e2e.dashboard_server import dashboard_server, require
+from tests.e2e.dashboard_server import require
 from tests.support.photographs import pair
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
-MEALS = int(os.environ.get("TADA_TEST_MEALS", "40"))
-RELOADS = 8
+MEALS = int(os.environ.get("TADA_TEST_MEALS", "16"))
+RELOADS = 4
 SENDING_SECONDS = 300
 
 SAVE = """async ([meals]) => {
@@ -81,22 +81,12 @@ class Phone:
 
 
 @pytest.fixture
-def served(tmp_path):
-    server = dashboard_server(tmp_path, TADA_DEVICE_UPLOADS_PER_MINUTE="0", TADA_DEVICE_CALLS_PER_MINUTE="0")
-    server.make_study()
-    require(server.admin.post("/v1/studies/pilot/participants", json={"code": "P001"}))
-    yield server
-    server.close()
-
-
-@pytest.fixture
-def phone(served, tmp_path):
-    if CHROMIUM is None:
-        pytest.skip("there is no chromium on this machine")
-    with playwright.sync_api.sync_playwright() as driver:
-        phone = Phone(driver, tmp_path / "profile", served.address)
-        yield phone
-        phone.context.close()
+def phone(served, driver, tmp_path):
+    served.make_study("offline")
+    require(served.admin.post("/v1/studies/offline/participants", json={"code": "P001"}))
+    phone = Phone(driver, tmp_path / "profile", served.address)
+    yield phone
+    phone.context.close()
 
 
 def meal_of(number):
@@ -109,7 +99,7 @@ def meal_of(number):
 
 def test_meals_taken_offline_arrive_once_each_though_browser_and_server_are_killed(served, phone):
     page = phone.start()
-    code = require(served.admin.post("/v1/studies/pilot/participants/P001/enrolment-codes"))
+    code = require(served.admin.post("/v1/studies/offline/participants/P001/enrolment-codes"))
     page.goto(code["capture_url"])
     page.get_by_role("button", name="Photograph a meal").wait_for()
     page.evaluate("navigator.serviceWorker.ready.then(() => true)")
@@ -147,7 +137,7 @@ def test_meals_taken_offline_arrive_once_each_though_browser_and_server_are_kill
     wait_for_at_most(page, 0)
     assert page.evaluate(PHOTOGRAPHS_LEFT) == 0
 
-    listed = served.admin.get("/v1/meals", params={"study": "pilot", "limit": 500}).json()["items"]
+    listed = served.admin.get("/v1/meals", params={"study": "offline", "limit": 500}).json()["items"]
     assert sorted(meal["id"] for meal in listed) == sorted(expected)
     for meal in listed:
         images = served.meal(meal["id"])["images"]
@@ -170,7 +160,5 @@ def try_now(page):
 
 def wait_for_at_most(page, count):
     """Until no more than so many meals wait."""
-    deadline = time.monotonic() + SENDING_SECONDS
-    while (waiting := page.evaluate(UNSENT)) > count:
-        assert time.monotonic() < deadline, f"{waiting} meals still wait"
-        page.wait_for_timeout(100)
+    words = f"no more than {count} meals to wait"
+    wait_until(lambda: page.evaluate(UNSENT) <= count, words, patience_seconds=SENDING_SECONDS)

@@ -6,13 +6,10 @@ import pytest
 from playwright.sync_api import expect
 
 from app.capture.files import STATIC
-from tests.e2e.browser import WatchedPage
 from tests.e2e.capture.capture_page import enrolled, sent_meal
 from tests.e2e.static_modules import open_modules
 from tests.support import estimates
 from tests.support.estimates import identified_item
-
-pytestmark = pytest.mark.slow
 
 OF_THE_PHONE = "An error occurred on this phone (x is null). Please try again later."
 BUSY = "The study's server cannot answer now. Please try again later."
@@ -32,13 +29,11 @@ SENTENCES = """async (errors) => {
 }"""
 
 
-def test_only_what_the_server_says_is_shown_as_the_server_s_words(browser):
-    context = browser.new_context()
-    tab = open_modules(lambda address: WatchedPage(context.new_page(), address), STATIC)
+def test_only_what_the_server_says_is_shown_as_the_server_s_words(open_page):
+    tab = open_modules(open_page, STATIC)
     of_a_record = {"code": "internal", "detail": "x is null"}  # of a meal that waits
     errors = [REFUSAL, of_a_record | {"retryable": True}, of_a_record, {"code": "busy", "retryable": True}]
     sentences = tab.page.evaluate(SENTENCES, errors)
-    context.close()
     assert sentences == [
         "The study's server says: No such food.",
         OF_THE_PHONE,
@@ -48,6 +43,7 @@ def test_only_what_the_server_says_is_shown_as_the_server_s_words(browser):
     ]
 
 
+@pytest.mark.slow
 def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, open_phone):
     tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
     tab.expect("status of 422|Service Worker registration blocked")
@@ -85,6 +81,7 @@ def test_form_that_is_sent_without_its_button_joins_too(open_phone):
     expect(tab.page.get_by_role("button", name="Join", exact=True)).to_be_enabled()
 
 
+@pytest.mark.slow
 def test_texts_that_the_server_could_not_give_are_asked_for_again(open_phone):
     tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
     tab.expect("status of 503|Service Worker registration blocked")
@@ -97,5 +94,6 @@ def test_texts_that_the_server_could_not_give_are_asked_for_again(open_phone):
     expect(tab.page.locator("#error")).to_be_hidden()
 
 
+@pytest.mark.slow
 def test_end_of_a_former_token_is_not_the_end_of_the_one_that_the_person_has_joined_with_since(served, open_phone):
     assert enrolled(served, open_phone()).evaluate(END_OF_A_FORMER_TOKEN)

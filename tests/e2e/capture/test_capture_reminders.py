@@ -99,6 +99,11 @@ def reminders_of(served, page):
     return require(httpx2.get(f"{served.address}{PATH}", headers=headers, timeout=PATIENCE_SECONDS))
 
 
+def forget_subscriptions(served):
+    with served.database.write() as session:
+        session.query(PushSubscription).delete()
+
+
 def only_subscription(served):
     """The server's only subscription, or None."""
     with served.database.read() as session:
@@ -130,8 +135,7 @@ def test_reminders_are_turned_on_set_shown_and_turned_off(served, open_phone):
     registrations = []
     worker.on("ServiceWorker.workerRegistrationUpdated", lambda event: registrations.extend(event["registrations"]))
     worker.send("ServiceWorker.enable")
-    while not registrations:
-        page.wait_for_timeout(50)
+    wait_until(lambda: page.evaluate("true") and registrations, "the service worker's registration")
     message = {"origin": served.address, "registrationId": registrations[0]["registrationId"]}
     served.server.kill()  # the message comes from the push service, also while the server is away
     worker.send("ServiceWorker.deliverPushMessage", message | {"data": '{"kind": "after_meal"}'})
@@ -153,8 +157,7 @@ def test_reminders_are_turned_on_set_shown_and_turned_off(served, open_phone):
 @pytest.fixture(autouse=True)
 def _no_subscription_of_another_test(served):
     yield
-    with served.database.write() as session:
-        session.query(PushSubscription).delete()
+    forget_subscriptions(served)
 
 
 def test_time_zone_of_a_journey_is_sent_when_the_page_is_opened(served, open_phone):
@@ -183,8 +186,7 @@ def test_subscription_that_the_server_gave_up_is_replaced_by_another_one_with_th
     page.get_by_role("button", name="Save").click()
     page.get_by_text("Saved.").wait_for()
     assert only_subscription(served).quiet_from_minutes == 21 * 60 + 30
-    with served.database.write() as session:
-        session.query(PushSubscription).delete()
+    forget_subscriptions(served)
     page.evaluate(OPENED_AGAIN)
     wait_for_subscription(served, endpoint=f"{ENDPOINT}-again", times=["12:15"], quiet_from_minutes=21 * 60 + 30)
 
@@ -199,21 +201,18 @@ def test_subscription_for_a_former_key_of_the_server_is_replaced(served, open_ph
 
 def test_nothing_is_sent_again_while_nothing_has_changed(served, open_phone):
     page = reminded_phone(served, open_phone)
-    page.wait_for_load_state("networkidle")
     calls = []
     page.on("requestfinished", lambda request: calls.append(request.method) if PATH in request.url else None)
     page.evaluate(OPENED_AGAIN)
     page.evaluate(OPENED_AGAIN)
+    wait_until(lambda: page.evaluate("true") and calls.count("GET") >= 2, "the page to ask twice")
     page.wait_for_load_state("networkidle")
-    while calls.count("GET") < 2:
-        page.wait_for_timeout(50)
     assert set(calls) == {"GET"}
 
 
 def test_two_renewals_at_once_change_the_subscription_once(served, open_phone):
     page = reminded_phone(served, open_phone)
-    with served.database.write() as session:
-        session.query(PushSubscription).delete()
+    forget_subscriptions(served)
     calls = []
     page.on("request", lambda request: calls.append(request.method) if PATH in request.url else None)
     page.evaluate(RENEWED, 2)
@@ -235,7 +234,7 @@ def test_person_who_left_is_not_subscribed_again_though_the_page_ended_before_th
 
 
 def test_subscription_ends_when_somebody_else_joins_and_when_the_person_signs_out(served, open_phone):
-    require(served.admin.post("/v1/studies/pilot/participants", json={"code": "P050"}))
+    require(served.admin.post("/v1/studies/capture/participants", json={"code": "P050"}))
     page = reminded_phone(served, open_phone)
     page.on("dialog", lambda dialog: dialog.accept())
     page.goto(capture_link(served, "P050"))

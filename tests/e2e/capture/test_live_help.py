@@ -2,6 +2,7 @@
 
 import base64
 import pathlib
+from functools import cache
 
 import cv2
 import numpy as np
@@ -11,11 +12,9 @@ import app
 from app.vision.board.tag_bits import black_cells
 from app.vision.marker_spec import parse_marker
 from benchmarks.board_detector import reduced, tilted
-from tests.e2e.browser import WatchedPage
+from tests.e2e.browser import tabs
 from tests.e2e.capture.board_frames import SIZE, frame_of, look_at
 from tests.e2e.static_modules import open_modules
-
-pytestmark = pytest.mark.slow
 
 LIVE = pathlib.Path(app.__path__[0]) / "capture" / "static" / "live"
 PLAIN = "plain:9x7:11"
@@ -31,7 +30,7 @@ STEEP = look_at(10, 35, 420)
 
 
 @pytest.fixture(scope="module")
-def run(live_page):
+def run(chromium):
     """Run a script with the modules as live.NAME and `frames`: [{gray, width, height}]; return its value."""
     names = ["board_detector", "view_angle", "frame_quality", "advice", "markers"]
     imports = ", ".join(f'{name}: await import("/{name}.js")' for name in names)
@@ -46,18 +45,11 @@ def run(live_page):
             for each in frames
         ]
         body = f"async ([encoded, argument]) => {{ {decode} const live = {{ {imports} }}; {script} }}"
-        return live_page.page.evaluate(body, [encoded, argument])
+        return page.evaluate(body, [encoded, argument])
 
-    return evaluate
-
-
-@pytest.fixture(scope="module")
-def live_page(chromium):
-    context = chromium.new_context()
-    tab = open_modules(lambda address: WatchedPage(context.new_page(), address), LIVE)
-    yield tab
-    context.close()
-    tab.require_quiet()
+    with tabs(chromium) as open_page:
+        page = open_modules(open_page, LIVE).page
+        yield evaluate
 
 
 def boards(run, frames, marker):
@@ -117,6 +109,7 @@ def test_another_board_than_announced_is_none(run):
     assert boards(run, [tags], "aruco:5x7:20:12:DICT_6X6_250") == [None]  # another gap
 
 
+@cache
 def textures():
     """Noise, stripes, dots, a chequered cloth, tiles, and lines of print-like dashes, all (480, 640)."""
     width, height = SIZE
@@ -126,7 +119,7 @@ def textures():
     for top in range(20, height, 24):
         for left in range(20, width, 24):
             cv2.circle(dots, (left, top), 7, 40, -1)
-    return {
+    frames = {
         "noise": noise,
         "soft noise": 128 + 9 * cv2.GaussianBlur(noise - 128, (0, 0), 4),
         "stripes": 128 + 100 * np.sign(np.sin(x / 5 + y / 9)),
@@ -136,11 +129,12 @@ def textures():
         "grating": 128 + 50 * np.sin(x / 4) + 50 * np.sin(y / 4),
         "flat": np.full((height, width), 200),
     }
+    return {name: np.clip(frame, 0, 255).astype(np.uint8) for name, frame in frames.items()}
 
 
 @pytest.mark.parametrize("marker", MARKERS[1:5])  # of each kind one
 def test_textures_are_no_board(run, marker):
-    frames = {name: np.clip(frame, 0, 255).astype(np.uint8) for name, frame in textures().items()}
+    frames = textures()
     seen = dict(zip(frames, boards(run, frames.values(), marker), strict=True))
     assert seen == dict.fromkeys(frames)
 
