@@ -85,17 +85,12 @@ def meal(path, children=None, study="pilot"):
     return run
 
 
-def test_classifier_answers_the_softmax_of_the_mean_colour():
+def test_classifier_answers_the_softmax_of_the_mean_colour_by_mean_scale_and_order_of_channels():
     network = load_network(colour_classifier(RED_GREEN_BLUE))
     uniform = photo((30, 60, 200), (30, 60, 200))
     expected = softmax(4.0 * np.array([200, 60, 30]) / 255)
     assert np.allclose(classify_region(network, INPUT, uniform, SQUARE), expected, atol=1e-5)
-
-
-def test_mean_scale_and_order_of_channels_are_applied():
-    network = load_network(colour_classifier(RED_GREEN_BLUE))
     form = NetworkInput(SIDE, SIDE, (10.0, 20.0, 30.0), (0.01, 0.02, 0.03), "bgr", "scores", 3)
-    uniform = photo((30, 60, 200), (30, 60, 200))
     expected = softmax(4.0 * np.array([20 * 0.01, 40 * 0.02, 170 * 0.03]))
     assert np.allclose(classify_region(network, form, uniform, SQUARE), expected, atol=1e-5)
 
@@ -159,20 +154,14 @@ def test_foods_of_the_network_become_candidates_and_what_is_no_food_does_not(des
     assert run.parameters["classifier"]["failure"] is None
 
 
-def test_labels_of_one_food_add_up(described):
+def test_labels_of_one_food_add_up_and_a_network_of_other_studies_or_unset_sees_nothing(described, tmp_path):
     run = meal(described(labels="label,food_key\nred,apple\ngreen,apple\nblue,apple\n"))
     assert [(each.food, each.probability) for each in run.items[0].model_candidates] == [("apple", 1.0)]
-
-
-def test_network_of_other_studies_sees_nothing(described):
     children = Here()
     run = meal(described(lines='studies = ["other"]'), children)
     assert children.asked == 0
     assert "classifier" not in run.parameters
     assert meal(described(lines='studies = ["other", "pilot"]'), children).items[0].model_candidates
-
-
-def test_without_the_setting_nothing_runs(tmp_path):
     run = RunAnswer.model_validate(answer(found_item()))
     ClassifyFoods(None, Settings(data_dir=tmp_path)).add_candidates("pilot", run, tmp_path / "left.png")
     assert run.items[0].model_candidates == []
@@ -185,11 +174,9 @@ def test_without_the_setting_nothing_runs(tmp_path):
         ('model = "missing.onnx"', "classifier_unreadable"),
         ('labels = "missing.csv"', "classifier_unreadable"),
         ('labels = "model.toml"', "classifier_unreadable"),
-        ("width_px = 0", "classifier_unreadable"),
         ("width_px = 100000", "classifier_unreadable"),
         ("mean = [nan, 0.0, 0.0]", "classifier_unreadable"),
         ("surprise = 1", "classifier_unreadable"),
-        ("width_px = = 1", "classifier_unreadable"),
         ('answers = "probabilities"', "classifier_wrong_shape"),
     ],
 )
@@ -200,11 +187,8 @@ def test_wrong_descriptions_leave_the_meal_its_other_candidates_and_a_note(descr
     assert all(item.model_candidates == [] for item in run.items)
 
 
-def test_missing_description_is_noted(tmp_path):
+def test_missing_description_is_noted_and_a_model_beyond_the_limit_not_loaded(tmp_path, described, monkeypatch):
     assert meal(tmp_path / "none.toml").parameters["classifier"]["failure"] == "classifier_unreadable"
-
-
-def test_model_beyond_the_limit_is_not_loaded(described, monkeypatch):
     path = described()
     classifier = read_classifier(path)
     assert isinstance(read_model(classifier.model, classifier.sha256), bytes)
@@ -216,10 +200,8 @@ def test_model_beyond_the_limit_is_not_loaded(described, monkeypatch):
     ("ended", "code"),
     [
         (ChildResult("crashed", signal=11), "classifier_crashed"),
-        (ChildResult("killed"), "classifier_crashed"),
         (ChildResult("raised"), "classifier_crashed"),
         (ChildResult("timed_out", limit="30 s"), "classifier_timed_out"),
-        (ChildResult("stalled", limit="300 s"), "classifier_timed_out"),
         (ChildResult("out_of_memory", limit="3 GiB"), "classifier_out_of_memory"),
     ],
 )
@@ -233,6 +215,7 @@ def test_however_the_child_ends_the_meal_goes_on(described, ended, code):
     assert run.failure is None
 
 
+@pytest.mark.slow
 def test_hostile_network_is_stopped_by_the_limited_child(described, tmp_path):
     """Its output would take 64 GiB, and the child may have one."""
     huge = colour_segmenter(np.zeros((3, 2**14)), side=1024)

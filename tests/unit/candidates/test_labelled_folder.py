@@ -16,7 +16,7 @@ from app.operations.doctor.finding import Deployment
 from app.vision.model import Photo
 from tests.support.commands import run_tada
 
-SIZE = 240
+SIZE = 160
 FOODS = {"idli": (210, 220, 230), "chutney": (60, 160, 70), "dosa": (60, 130, 190)}  # BGR
 
 
@@ -25,7 +25,7 @@ def picture(label, seed):
     rng = np.random.default_rng(seed)
     pixels = np.full((SIZE, SIZE, 3), 120, np.uint8)
     colour = tuple(int(channel) for channel in np.clip(np.array(FOODS[label]) + rng.integers(-12, 12, 3), 0, 255))
-    axes = (85, 85) if label != "dosa" else (95, 50)
+    axes = (57, 57) if label != "dosa" else (63, 33)
     cv2.ellipse(pixels, (SIZE // 2, SIZE // 2), axes, float(rng.integers(0, 180)), 0, 360, colour, -1)
     return np.clip(pixels + rng.normal(0, 6, pixels.shape), 0, 255).astype(np.uint8)
 
@@ -41,7 +41,7 @@ def kitchen(tmp_path_factory):
                 cv2.imwrite(name, picture(label, 100 * place + 10 * specimen + view))
     (folder / "foods.csv").write_text('label,name,food_key\nidli,"Idli, steamed",idli-plain\n')
     (folder / "volumes.csv").write_text("label,volume_ml\nidli,62\nidli,58\n")
-    (folder / "boxes.csv").write_text("photo,x,y,width,height\nidli/piece-0/0.png,30,30,180,180\n")
+    (folder / "boxes.csv").write_text("photo,x,y,width,height\nidli/piece-0/0.png,20,20,120,120\n")
     return folder
 
 
@@ -59,7 +59,7 @@ def test_command_writes_an_index_that_names_foods_it_has_not_seen(built):
     assert report["foods"] == ["chutney", "dosa", "idli-plain"]
     assert open_index(output).version == report["version"]
     for label, key in (("idli", "idli-plain"), ("chutney", "chutney"), ("dosa", "dosa")):
-        identified = identify_photo(Photo(picture(label, 999)), (20.0, 20.0, 200.0, 200.0), index=output)
+        identified = identify_photo(Photo(picture(label, 999)), (13.0, 13.0, 134.0, 134.0), index=output)
         best = identified.identification.candidates[0]
         assert best.food_key == key
         assert best.probability > 0.5
@@ -77,12 +77,18 @@ def test_same_folder_gives_the_same_version_and_its_files_are_read(built, kitche
     assert boxed == ["idli/piece-0/0.png"]
 
 
-def test_photographs_directly_under_a_label_are_specimens_of_their_own(tmp_path):
+@pytest.fixture
+def flat(tmp_path):
+    """Photographs directly under a label."""
     for label in ("idli", "dosa"):
         (tmp_path / label).mkdir()
         for number in range(2):
             cv2.imwrite(str(tmp_path / label / f"{number}.png"), picture(label, number))
-    index = build_from_folder(tmp_path, "flat", max_pixels=10**7)
+    return tmp_path
+
+
+def test_photographs_directly_under_a_label_are_specimens_of_their_own(flat):
+    index = build_from_folder(flat, "flat", max_pixels=10**7)
     assert index.specimens == ("dosa/0.png", "dosa/1.png", "idli/0.png", "idli/1.png")
 
 
@@ -99,14 +105,10 @@ def test_photographs_directly_under_a_label_are_specimens_of_their_own(tmp_path)
         ("idli/broken.jpg", "no picture", "broken.jpg"),
     ],
 )
-def test_wrong_files_are_named(tmp_path, name, text, told):
-    for label in ("idli", "dosa"):
-        (tmp_path / label).mkdir()
-        for number in range(2):
-            cv2.imwrite(str(tmp_path / label / f"{number}.png"), picture(label, number))
-    (tmp_path / name).write_text(text)
+def test_wrong_files_are_named(flat, name, text, told):
+    (flat / name).write_text(text)
     with pytest.raises(InvalidInputError, match=told) as refused:
-        build_from_folder(tmp_path, "wrong", max_pixels=10**7)
+        build_from_folder(flat, "wrong", max_pixels=10**7)
     assert refused.value.code == "index_folder_invalid"
 
 

@@ -78,6 +78,7 @@ def test_body_that_ends_too_early_is_not_passed_on_as_whole(port):
         assert b" 200 " not in sock.recv(65536)
 
 
+@pytest.mark.slow
 def test_caller_who_goes_on_sending_long_after_an_early_answer_reads_it_and_is_then_an_idle_connection(port):
     """As 413 or 410 to a phone with a slow network, which reads when all is sent."""
 

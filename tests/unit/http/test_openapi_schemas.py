@@ -73,15 +73,5 @@ def test_every_json_body_of_a_request_and_every_answer_of_a_phones_conversation_
     }
     assert len(bodies) > 25
     assert [call for call, schema in bodies.items() if not has_example(schema)] == []
-    answers = [
-        "EnrolmentOut",
-        "MeOut",
-        "CheckOut",
-        "MealOut",
-        "FoodList",
-        "DayOut",
-        "SummaryOut",
-        "ReceiptOut",
-        "Problem",
-    ]
-    assert [name for name in answers if "example" not in named[name]] == []
+    answers = ["EnrolmentOut", "MeOut", "CheckOut", "MealOut", "FoodList", "DayOut", "SummaryOut", "ReceiptOut"]
+    assert [name for name in [*answers, "Problem"] if "example" not in named[name]] == []

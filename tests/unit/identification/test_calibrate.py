@@ -18,14 +18,11 @@ def test_posterior_is_bayes_rule_by_hand():
     assert none[0] == pytest.approx(none_likelihood * none_prior / total)
 
 
-def test_posterior_adds_up_to_1_however_far_the_likelihoods_are():
+def test_posterior_adds_up_to_1_however_far_the_likelihoods_are_and_takes_a_prior_a_row():
     likelihoods = np.array([[0.0, -800.0, 5.0], [900.0, -900.0, 0.0], [-1e6, -1e6, -1e6]])
     shares, none = posterior(likelihoods, -2.0, np.log([0.2, 0.3, 0.5]))
     assert shares.sum(axis=1) + none == pytest.approx(1.0)
     assert none[2] == pytest.approx(1.0)
-
-
-def test_posterior_takes_a_prior_a_row():
     log_prior = np.log([[0.9, 0.1], [0.1, 0.9]])
     shares, _ = posterior(np.zeros((2, 2)), 0.0, log_prior)
     assert shares == pytest.approx(np.exp(log_prior) * (1.0 - NONE_PRIOR))

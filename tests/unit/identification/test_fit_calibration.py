@@ -56,17 +56,16 @@ def test_calibration_without_examples_of_both_kinds_raises():
             fit_calibration(*few)
 
 
-def test_calibration_error_of_a_case_by_hand():
+def test_calibration_error_is_that_by_hand_0_for_certainty_that_is_right_and_1_for_one_that_is_wrong():
     probabilities = np.array([0.95, 0.97, 0.90, 0.55, 0.45, 0.41])
     is_right = np.array([True, True, False, True, False, True])
     # ten bins: two between 0.9 and 1 and 0.90 itself, one in 0.5, two in 0.4
     by_hand = (3 * abs(2 / 3 - 2.82 / 3) + 1 * abs(1.0 - 0.55) + 2 * abs(0.5 - 0.43)) / 6
     assert expected_calibration_error(probabilities, is_right, bins=10) == pytest.approx(by_hand)
-
-
-def test_calibration_error_is_0_for_certainty_that_is_right_and_1_for_one_that_is_wrong():
     assert expected_calibration_error(np.ones(5), np.ones(5, bool)) == 0.0
     assert expected_calibration_error(np.ones(5), np.zeros(5, bool)) == 1.0
+    with pytest.raises(ValueError, match="no probability"):
+        expected_calibration_error(np.zeros(0), np.zeros(0, bool))
 
 
 def test_calibration_error_of_honest_probabilities_vanishes():
@@ -78,8 +77,3 @@ def test_calibration_error_of_honest_probabilities_vanishes():
     assert expected_calibration_error(boasted, rng.uniform(size=200_000) < probabilities) == pytest.approx(
         gap, abs=0.01
     )
-
-
-def test_calibration_error_of_nothing_raises():
-    with pytest.raises(ValueError, match="no probability"):
-        expected_calibration_error(np.zeros(0), np.zeros(0, bool))

@@ -22,8 +22,7 @@ def normal_density(value: float, mean: float, sd: float) -> float:
     return math.exp(-0.5 * ((value - mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))
 
 
-@pytest.mark.parametrize("size", [APPLE, FoodSize(math.log(8.0), 0.6), FoodSize(ANY_LOG_ML, 2.0)])
-@pytest.mark.parametrize("relative_sd", [0.0, 0.25])
+@pytest.mark.parametrize(("size", "relative_sd"), [(APPLE, 0.25), (FoodSize(ANY_LOG_ML, 2.0), 0.0)])
 def test_ratio_times_the_density_of_any_food_is_a_density(size, relative_sd):
     log_ml = np.linspace(ANY_LOG_ML - 15.0, ANY_LOG_ML + 15.0, 6001)
     of_any_sd = math.hypot(ANY_LOG_SD, relative_sd)
@@ -43,25 +42,13 @@ def test_ratio_is_that_of_the_mixture_by_hand(volume_ml, relative_sd):
     assert size_log_likelihood(APPLE, volume_ml, relative_sd) == pytest.approx(by_hand)
 
 
-def test_usual_volume_speaks_for_a_food_and_no_volume_rules_it_out():
+def test_usual_volume_speaks_for_a_food_a_doubtful_one_less_and_one_that_is_none_tells_nothing():
     assert size_log_likelihood(APPLE, 180.0) > 0.5
     assert size_log_likelihood(APPLE, 5.0) == pytest.approx(math.log(1.0 - AS_EXPECTED), abs=1e-3)
-
-
-def test_doubtful_volume_tells_less():
-    sure, doubtful = size_log_likelihood(APPLE, 180.0, 0.05), size_log_likelihood(APPLE, 180.0, 0.8)
-    assert sure > doubtful > 0.0
-
-
-@pytest.mark.parametrize("volume_ml", [None, 0.0, -3.0, math.nan, math.inf])
-def test_volume_that_is_none_tells_nothing(volume_ml):
-    assert size_log_likelihood(APPLE, volume_ml) == 0.0
-
-
-def test_doubt_that_is_no_number_and_food_without_sizes_tell_nothing():
-    assert size_log_likelihood(APPLE, 180.0, math.nan) == 0.0
-    assert size_log_likelihood(APPLE, 180.0, math.inf) == 0.0
-    assert size_log_likelihood(None, 180.0) == 0.0
+    assert size_log_likelihood(APPLE, 180.0, 0.05) > size_log_likelihood(APPLE, 180.0, 0.8) > 0.0
+    told = [size_log_likelihood(APPLE, volume_ml) for volume_ml in (None, 0.0, -3.0, math.nan, math.inf)]
+    told += [size_log_likelihood(APPLE, 180.0, relative_sd) for relative_sd in (math.nan, math.inf)]
+    assert [*told, size_log_likelihood(None, 180.0)] == [0.0] * 8
 
 
 @given(
@@ -75,26 +62,17 @@ def test_likelihood_of_any_volume_is_finite_and_bounded_below(volumes_ml, volume
     assert told >= math.log(1.0 - AS_EXPECTED) - 1e-12
 
 
-def test_one_piece_has_the_spread_of_foods_and_doubt_about_its_mean():
+def test_one_piece_has_the_spread_of_foods_and_many_their_own_and_pieces_without_a_volume_are_left_out():
     size = food_size([120.0])
     assert size.log_mean == pytest.approx(math.log(120.0))
     assert size.log_sd == pytest.approx(OWN_LOG_SD * math.sqrt(2.0))
-
-
-def test_many_pieces_have_their_own_spread():
     volumes = np.exp(np.random.default_rng(0).normal(math.log(200.0), 0.15, 5000))
     size = food_size(volumes.tolist())
     assert size.log_mean == pytest.approx(math.log(200.0), abs=0.01)
     assert size.log_sd == pytest.approx(0.15, rel=0.03)
-
-
-def test_pieces_twice_as_large_have_the_same_spread():
     once, twice = food_size([90.0, 110.0, 150.0]), food_size([180.0, 220.0, 300.0])
     assert twice.log_mean - once.log_mean == pytest.approx(math.log(2.0))
     assert twice.log_sd == pytest.approx(once.log_sd)
-
-
-def test_pieces_without_a_volume_are_left_out():
     assert food_size([100.0, 0.0, -5.0, math.nan, math.inf]) == food_size([100.0])
     assert food_size([]) is None
     assert food_size([0.0, math.nan]) is None

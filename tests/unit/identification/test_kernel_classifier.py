@@ -32,20 +32,22 @@ def direct_scores(examples: np.ndarray, labels: np.ndarray, classes: int, asked:
     return near @ coefficients * np.array(raised)
 
 
-def test_scores_are_those_of_a_direct_dense_solve():
+def test_scores_are_those_of_a_direct_dense_solve_whatever_the_order_of_examples():
     examples, labels = clouds((20, 7, 3))
     asked = clouds((3, 3, 3), seed=9)[0]
     fitted = fit_classifier(examples, labels, 3).scores(asked)
     assert fitted == pytest.approx(direct_scores(examples, labels, 3, asked), abs=1e-8)
+    examples, labels = clouds((20, 10, 5))
+    order = np.random.default_rng(1).permutation(35)
+    asked = clouds((2, 2, 2), seed=8)[0]
+    one = fit_classifier(examples, labels, 3).scores(asked)
+    assert fit_classifier(examples[order], labels[order], 3).scores(asked) == pytest.approx(one, abs=1e-9)
 
 
-def test_likeness_is_1_to_itself_and_0_to_what_is_far():
+def test_likeness_and_score_are_near_1_amid_a_class_and_near_0_far_from_all():
     examples, _ = clouds((5, 5))
     assert np.diag(likeness(examples, examples)) == pytest.approx(1.0)
     assert likeness(examples, examples + 50.0) == pytest.approx(0.0)
-
-
-def test_score_is_near_1_amid_a_class_and_near_0_far_from_all():
     examples, labels = clouds((30, 30, 30))
     classifier = fit_classifier(examples, labels, 3)
     assert classifier.scores(MIDDLES) == pytest.approx(np.eye(3), abs=0.2)
@@ -78,11 +80,3 @@ def test_score_is_about_the_same_however_few_examples_a_class_has():
         examples, labels = clouds((count, 40), seed=3)
         told.append(fit_classifier(examples, labels, 2).scores(asked)[:, 0].mean())
     assert max(told) < 1.25 * min(told)
-
-
-def test_order_of_examples_does_not_count():
-    examples, labels = clouds((20, 10, 5))
-    order = np.random.default_rng(1).permutation(35)
-    asked = clouds((2, 2, 2), seed=8)[0]
-    one = fit_classifier(examples, labels, 3).scores(asked)
-    assert fit_classifier(examples[order], labels[order], 3).scores(asked) == pytest.approx(one, abs=1e-9)

@@ -77,28 +77,19 @@ def test_what_never_varied_weighs_nothing():
     assert metric.embed(other) == pytest.approx(metric.embed(vectors[:1]))
 
 
-def test_block_that_seldom_varies_has_a_weight_like_the_others():
+def test_metric_of_one_example_is_finite_distances_never_negative_and_weights_bounded():
+    metric = fit_metric(examples(1), LAYOUT)
+    assert np.isfinite(metric.embed(examples(5, seed=2))).all()
+    vectors = 1e4 + examples(40)
+    assert (squared_distances(vectors, vectors) >= 0.0).all()
     vectors = examples()
     vectors[20:, 43:] = 1.0 / 3.0
     assert 0.0 < fit_metric(vectors, LAYOUT).weight[43] < 10.0
-
-
-def test_metric_of_one_example_is_finite():
-    metric = fit_metric(examples(1), LAYOUT)
-    assert np.isfinite(metric.embed(examples(5, seed=2))).all()
-
-
-def test_blocks_that_do_not_make_up_the_vectors_raise():
-    with pytest.raises(ValueError, match="52"):
-        fit_metric(examples()[:, :-1], LAYOUT)
 
 
 @pytest.mark.parametrize("vectors", [np.zeros((1, 51)), np.zeros((1, 1)), np.zeros(52), np.full((2, 52), np.nan)])
 def test_vectors_of_another_length_or_of_no_numbers_raise(vectors):
     with pytest.raises(ValueError, match=r"numbers|finite"):
         fit_metric(examples(), LAYOUT).embed(vectors)
-
-
-def test_squared_distances_are_never_negative():
-    vectors = 1e4 + examples(40)
-    assert (squared_distances(vectors, vectors) >= 0.0).all()
+    with pytest.raises(ValueError, match="52"):
+        fit_metric(examples()[:, :-1], LAYOUT)
