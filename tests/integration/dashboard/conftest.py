@@ -35,7 +35,9 @@ class Browser:
     def request(self, method, path, *, headers=None, data=None, params=None):
         cookies = "; ".join(f"{name}={value}" for name, value in getattr(self, "cookies", {}).items())
         sent = BROWSER | ({"Cookie": cookies} if cookies else {}) | (headers or {})
-        answer = self.client.request(method, path, headers=sent, data=data, params=params, follow_redirects=False)
+        answer = self.client.request(
+            method, path, headers=sent, data=data, params=params or None, follow_redirects=False
+        )
         self.client.cookies.clear()
         if hasattr(self, "cookies"):
             self.cookies |= dict(answer.cookies)

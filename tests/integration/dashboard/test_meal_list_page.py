@@ -7,7 +7,6 @@ import json
 import re
 import uuid
 from datetime import UTC, datetime
-from urllib.parse import parse_qs
 
 import pytest
 import sqlalchemy as sa
@@ -67,17 +66,17 @@ def ids(parts):
 
 def follow(browser, address, **options):
     """The answer at an address of a page."""
-    path, _, query = html.unescape(address).partition("?")
-    return browser.get(path, **options, **parse_qs(query))
+    return browser.get(html.unescape(address), **options)
 
 
 def told(*values):
     return [value for value in values if value is not None]
 
 
-@pytest.mark.parametrize(
-    "params",
-    [
+def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, various, sign_in_browser):
+    browser = sign_in_browser("ann", pilot="viewer")
+    names = ("participant", "from", "to", "food", "flag", "failure", "needs", "origin")
+    for params in (
         {},
         {"status": ["queued", "needs_review"], "participant": "P002"},
         {"status": ["failed"], "failure": ["marker_not_found", "baseline_too_small"]},
@@ -86,42 +85,55 @@ def told(*values):
         {"needs": "review", "order": "oldest"},
         {"origin": "declared"},
         {"after_status": ["failed"]},
-    ],
-)
-def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, various, sign_in_browser, params):
-    rows = client.get("/v1/meals", headers=admin, params={"study": "pilot"} | params).json()["items"]
+    ):
+        rows = client.get("/v1/meals", headers=admin, params={"study": "pilot"} | params).json()["items"]
+        lines = LINE.findall(browser.page(PAGE, **dict.fromkeys(names, "") | params, view="table"))
+        page = browser.page(PAGE, **params)
+        assert ("No meals match these filters" in page) is (not rows)
+        cards = CARD.findall(page)
+        assert ids(lines) == ids(cards) == [row["id"] for row in rows]
+        file = browser.page(PAGE, **params, rows="meals", format="csv")
+        in_file = {row["meal_id"]: row for row in csv.DictReader(io.StringIO(file.removeprefix("\ufeff")))}
+        assert set(in_file) == {row["id"] for row in rows}
+        for line, card, row in zip(lines, cards, rows, strict=True):
+            sums = told(row["consumed_g"], row["energy_kcal"], row["doubt"])
+            assert figures_of(line) == pytest.approx([row["item_count"], *sums, row["upload_delay_seconds"]], rel=1e-12)
+            of_card = told(row["energy_kcal"], row["consumed_g"], row["doubt"])
+            assert figures_of(card) == pytest.approx(of_card, rel=1e-12)
+            own = in_file[row["id"]]
+            of_file = [float(own[name]) for name in ("consumed_g", "energy_kcal", "doubt") if own[name]]
+            assert of_file == pytest.approx(sums, rel=1e-9)
+            assert f"status-{row['status']}" in line
+            assert f"status-{row['status']}" in card
+            for food in row["foods"]:
+                assert html.escape(food["name"]) in line
+
+
+def test_set_filters_are_shown_in_the_form_and_refused_ones_are_named(sign_in_browser, enrol):
+    enrol("P001")
     browser = sign_in_browser("ann", pilot="viewer")
-    blank = {"participant": "", "from": "", "to": "", "food": "", "flag": "", "failure": "", "needs": "", "origin": ""}
-    lines = LINE.findall(browser.page(PAGE, **blank | params, view="table"))
-    cards = CARD.findall(browser.page(PAGE, **params))
-    assert ids(lines) == ids(cards) == [row["id"] for row in rows]
-    file = browser.page(PAGE, **params, rows="meals", format="csv")
-    in_file = {row["meal_id"]: row for row in csv.DictReader(io.StringIO(file.removeprefix("\ufeff")))}
-    assert set(in_file) == {row["id"] for row in rows}
-    for line, card, row in zip(lines, cards, rows, strict=True):
-        sums = told(row["consumed_g"], row["energy_kcal"], row["doubt"])
-        assert figures_of(line) == pytest.approx([row["item_count"], *sums, row["upload_delay_seconds"]], rel=1e-12)
-        assert figures_of(card) == pytest.approx(told(row["energy_kcal"], row["consumed_g"], row["doubt"]), rel=1e-12)
-        own = in_file[row["id"]]
-        of_file = [float(own[name]) for name in ("consumed_g", "energy_kcal", "doubt") if own[name]]
-        assert of_file == pytest.approx(sums, rel=1e-9)
-        assert f"status-{row['status']}" in line
-        assert f"status-{row['status']}" in card
-        for food in row["foods"]:
-            assert html.escape(food["name"]) in line
-    assert ("No meals match these filters" in browser.page(PAGE, **params)) is (not rows)
-
-
-def test_set_filters_are_shown_in_the_form_and_kept_in_links(various, sign_in_browser):
-    page = sign_in_browser("ann", pilot="viewer").page(
-        PAGE, status=["failed", "queued"], food=["apple", "gone"], flag="low_texture", view="table", order="oldest"
-    )
-    ticked = set(re.findall(r'name="(\w+)" value="(\w+)" checked', page))
-    wanted = {("status", "failed"), ("status", "queued"), ("food", "apple"), ("food", "gone"), ("flag", "low_texture")}
-    assert ticked == wanted
+    foods = ["apple", "gone <b>", ""]
+    page = browser.page(PAGE, status=["failed", "queued"], food=foods, flag="low_texture", view="table", order="oldest")
+    ticked = set(re.findall(r'name="(\w+)" value="([^"]+)" checked', page))
+    wanted = {("status", "failed"), ("status", "queued"), ("flag", "low_texture")}
+    assert ticked == wanted | {("food", "apple"), ("food", "gone &lt;b&gt;")}
     assert "Apple, raw, with skin" in page
+    assert "No food of the tables has the key “gone &lt;b&gt;”" in text_of(page)
+    assert "“apple”" not in page
     assert '<input type="hidden" name="view" value="table">' in page
     assert '<option value="oldest" selected>' in page
+    assert "No food of the tables has the key" not in browser.page(PAGE, food=["apple", ""])
+    for asked, told in (
+        ({"from": "2026-11-20", "to": "2026-11-01"}, "The first day lies after the last: 2026-11-20, 2026-11-01."),
+        ({"status": "eaten"}, "Status: There is no such choice; choose: receiving"),
+        ({"from": "yesterday"}, "From: Write a day as 2026-11-30."),
+    ):
+        answer = browser.get(PAGE, **asked)
+        assert answer.status_code == 422
+        assert told in text_of(answer.text)
+        assert "query" not in answer.text
+        if "to" in asked:
+            assert 'value="2026-11-20"' in answer.text
 
 
 def test_pages_follow_one_another_with_their_filters(meal_of, sign_in_browser):
@@ -136,7 +148,7 @@ def test_pages_follow_one_another_with_their_filters(meal_of, sign_in_browser):
     assert 'rel="first"' in second
 
 
-def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin, various, sign_in_browser):
+def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals_and_files(client, admin, various, sign_in_browser):
     counts = client.get("/v1/studies/pilot/meal-counts", headers=admin).json()["items"]
     browser = sign_in_browser("ann", pilot="viewer")
     nav = re.search(r'<nav aria-label="All meals.*?</nav>', browser.page(PAGE), re.DOTALL)[0]
@@ -144,15 +156,41 @@ def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin
     for each in counts:
         assert f'href="{PAGE}?status={each["status"]}"' in nav
         assert len(CARD.findall(browser.page(PAGE, status=each["status"]))) == each["count"]
+    links = re.findall(r'href="([^"]*format=[^"]*)"', browser.page(PAGE, participant="P002"))
+    assert len(links) == 11
+    for link in links:
+        answer = follow(browser, link)
+        assert (answer.status_code, "attachment" in answer.headers["content-disposition"]) == (200, True), link
+        if link.endswith("format=geojson") and "rows=meals" in link:
+            assert len(json.loads(answer.text)["features"]) == 2
+        if link.endswith("format=ndjson"):
+            rows = [json.loads(line) for line in answer.text.splitlines()]
+            assert {row["meal_id"] for row in rows} == {various[1], various[2]}
+    assert browser.get(PAGE, status="failed", rows="items", format="csv").status_code == 422
+    of_status = browser.page(PAGE, status="failed")
+    assert "rows=items" not in of_status
+    assert "Items have the filters participant, days and foods" in of_status
 
 
-def test_unfinished_meals_are_polled_together_and_replaced_in_place(state, meal_of, sign_in_browser):
-    waiting, other = meal_of(), meal_of(participant="P002")
-    done = meal_of(found_item())
+def watch_of(page):
+    """The address that the page polls, and the meals that it asks about."""
+    address = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', page)[1])
+    return address, {one.split(":")[1] for one in re.findall(r"meal=([^&]*)", address)}
+
+
+def test_unfinished_meals_are_polled_together_and_replaced_in_place(client, admin, state, meal_of, sign_in_browser):
+    waiting, other, erased = meal_of(), meal_of(participant="P002"), meal_of(participant="P003")
+    meal_of(found_item())  # measured: not polled
     browser = sign_in_browser("ann", pilot="viewer")
-    page = browser.page(PAGE)
-    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', page)[1])
-    assert {one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)} == {waiting, other}
+    watch, polled = watch_of(browser.page(PAGE))
+    assert polled == {waiting, other, erased}
+    assert follow(browser, watch, headers=HTMX).status_code == 204
+    assert client.delete(f"/v1/meals/{erased}", headers=admin).status_code == 200
+    answer = follow(browser, watch, headers=HTMX)
+    assert f'<hx-partial hx-target="#meal-P003-{erased}" hx-swap="delete">' in answer.text
+    assert "A meal of P003 no longer exists" in text_of(answer.text)
+    watch, polled = watch_of(answer.text)
+    assert polled == {waiting, other}
     assert follow(browser, watch, headers=HTMX).status_code == 204
     estimates.save(state, waiting, found_item(volume_ml=120.0))
     answer = follow(browser, watch, headers=HTMX)
@@ -161,29 +199,15 @@ def test_unfinished_meals_are_polled_together_and_replaced_in_place(state, meal_
     assert ids(CARD.findall(answer.text)) == [waiting]
     assert f'hx-target="#meal-P001-{waiting}" hx-swap="outerMorph"' in answer.text
     assert re.search(r'hx-target="#meals-live".*Apple.*: estimated\.', answer.text)
-    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', answer.text)[1])
-    assert [one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)] == [other]
+    watch, polled = watch_of(answer.text)
+    assert polled == {other}
     estimates.save(state, other, failure=FAILURE)
     last = follow(browser, watch, headers=HTMX)
     assert "marker not found" in text_of(last.text)
     assert 'id="meals-watch" ></div>' in last.text
-    assert done not in watch
     assert ("GET", CHANGED.replace("pilot", "{study}")) in POLLED
     lines = browser.get(CHANGED, headers=HTMX, view="table", meal=f"P001:{waiting}:1").text
     assert ids(LINE.findall(lines)) == [waiting]
-
-
-def test_erased_meal_is_removed_and_no_longer_polled(client, admin, meal_of, sign_in_browser):
-    erased, waiting = meal_of(), meal_of(participant="P002")
-    browser = sign_in_browser("ann", pilot="viewer")
-    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', browser.page(PAGE))[1])
-    assert client.delete(f"/v1/meals/{erased}", headers=admin).status_code == 200
-    answer = follow(browser, watch, headers=HTMX)
-    assert f'<hx-partial hx-target="#meal-P001-{erased}" hx-swap="delete">' in answer.text
-    assert "A meal of P001 no longer exists" in text_of(answer.text)
-    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', answer.text)[1])
-    assert [one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)] == [waiting]
-    assert follow(browser, watch, headers=HTMX).status_code == 204
 
 
 def test_polling_reveals_nothing_of_another_participant_or_study(enrol, meal_of, sign_in_browser):
@@ -195,7 +219,6 @@ def test_polling_reveals_nothing_of_another_participant_or_study(enrol, meal_of,
         assert told.split() == f"A meal of {known[:4]} no longer exists.".split()
     assert browser.get(CHANGED, headers=HTMX, meal=f"P001:{meal_id}:9").status_code == 200
     assert browser.get(CHANGED, headers=HTMX, meal="P001:x:1").status_code == 422
-    assert sign_in_browser("eve", second="viewer").get(CHANGED, meal=f"P001:{meal_id}:9").status_code == 404
 
 
 def test_names_of_foods_and_parameters_are_escaped(client, admin, meal_of, sign_in_browser):
@@ -224,38 +247,3 @@ def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_
     page = sign_in_browser("ann", pilot="viewer").page(PAGE)
     assert "<img src=" not in page.split("<main")[1]
     assert all(word in page for word in ("photograph erased", "entered as text", "no photograph yet"))
-
-
-def test_files_have_the_rows_of_the_filters(various, sign_in_browser):
-    browser = sign_in_browser("ann", pilot="viewer")
-    links = re.findall(r'href="([^"]*format=[^"]*)"', browser.page(PAGE, participant="P002"))
-    assert len(links) == 11
-    for link in links:
-        answer = follow(browser, link)
-        assert (answer.status_code, "attachment" in answer.headers["content-disposition"]) == (200, True), link
-        if link.endswith("format=geojson") and "rows=meals" in link:
-            assert len(json.loads(answer.text)["features"]) == 2
-        if link.endswith("format=ndjson"):
-            rows = [json.loads(line) for line in answer.text.splitlines()]
-            assert {row["meal_id"] for row in rows} == {various[1], various[2]}
-    assert browser.get(PAGE, status="failed", rows="items", format="csv").status_code == 422
-    of_status = browser.page(PAGE, status="failed")
-    assert "rows=items" not in of_status
-    assert "Items have the filters participant, days and foods" in of_status
-
-
-def test_reversed_days_are_refused_and_the_form_is_kept(sign_in_browser, enrol):
-    enrol("P001")
-    browser = sign_in_browser("ann", pilot="viewer")
-    answer = browser.get(PAGE, **{"from": "2026-11-20", "to": "2026-11-01", "participant": "P001"})
-    assert answer.status_code == 422
-    assert "The first day lies after the last: 2026-11-20, 2026-11-01." in answer.text
-    assert 'value="2026-11-20"' in answer.text
-    for asked, told in (
-        ({"status": "eaten"}, "Status: There is no such choice; choose: receiving"),
-        ({"from": "yesterday"}, "From: Write a day as 2026-11-30."),
-    ):
-        answer = browser.get(PAGE, **asked)
-        assert answer.status_code == 422
-        assert told in text_of(answer.text)
-        assert "query" not in answer.text
