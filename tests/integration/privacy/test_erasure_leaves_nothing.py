@@ -75,27 +75,23 @@ def assert_nothing_is_in(where, held, needles):
         assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
 
 
-def test_what_a_study_s_days_come_to_goes_with_a_person_s_meals_and_is_counted_anew(state, subject, client):
+def test_what_a_study_s_days_come_to_goes_with_a_person_s_meals_and_is_counted_anew(state, enrol, client):
+    Person(state, enrol, "somebody-else", seed=5)
+    person = Person(state, enrol, "somebody", seed=1)
     write_all_sums(state.database)
-    assert study_days(state, StudyDaySum) == {subject.local_date}
+    assert study_days(state, StudyDaySum) == {person.local_date}
     assert study_days(state, StudyDayMark) == set()
-    assert client.post("/v1/me/withdrawal", headers=subject.phone.headers).status_code == 200
+    assert client.post("/v1/me/withdrawal", headers=person.phone.headers).status_code == 200
     assert study_days(state, StudyDaySum) == set()
-    assert study_days(state, StudyDayMark) == {subject.local_date}
+    assert study_days(state, StudyDayMark) == {person.local_date}
     write_all_sums(state.database)
     with state.database.read() as session:
-        assert session.scalars(sa.select(StudyDaySum.meals)).all() == [1], "the bystander's"
+        assert session.scalars(sa.select(StudyDaySum.meals)).all() == [1], "somebody else's"
 
 
 def study_days(state, table):
     with state.database.read() as session:
         return set(session.scalars(sa.select(table.local_date)))
-
-
-def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):
-    """A table that a later version adds must be filled in tests/integration/people/persons.py, and then be erased."""
-    empty = {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]}
-    assert empty == set()
 
 
 def test_every_reference_to_rows_that_are_erased_has_an_index():
@@ -112,6 +108,8 @@ def test_every_reference_to_rows_that_are_erased_has_an_index():
 
 
 def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, client):
+    """A table that a later version adds must be filled in tests/integration/people/persons.py, and then be erased."""
+    assert {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]} == set()
     needles = subject.needles()
     assert sum(needle in database_bytes(state.database) for needle in needles) > 20
     assert sum(needle in store_bytes(state.blobs) for needle in needles) > 5
@@ -164,6 +162,9 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
             },
         )
         assert sum(needle in store_bytes(open_blob_store(blob_url, restored)) for needle in needles) > 3
+        other_key = other_settings(restored, {"secret_key": SecretStr("another key, which made no digest at all")})
+        with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(other_key)):
+            pass
         with TestClient(create_app(restored)) as again:
             state = again.app.state.api
             assert state.database.url != client.app.state.api.database.url
@@ -174,24 +175,6 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
             assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
             assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
             assert reapply_erasures(state.part(Eraser), state.blobs) == 0
-
-
-def test_ledger_under_another_key_refuses_to_start_with_a_restored_backup(
-    request, state, settings, subject, client, tmp_path
-):
-    with backup(request, state.database, tmp_path) as url:
-        client.post("/v1/me/withdrawal", headers=subject.phone.headers)
-        restored = other_settings(
-            settings,
-            {
-                "database_url": url,
-                "erasure_url": settings.resolved_erasure_url,
-                "data_dir": tmp_path / "restored",
-                "secret_key": SecretStr("another key, which made no digest at all"),
-            },
-        )
-        with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(restored)):
-            pass
 
 
 def other_settings(settings, changes):
