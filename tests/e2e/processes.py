@@ -20,6 +20,7 @@ from app.people.access.staff import create_admin
 from tests.conftest import make_template
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
+START_SECONDS = 300.0  # of a server that migrates an empty database on a loaded machine
 REPOSITORY = pathlib.Path(__file__).parents[2]
 
 
@@ -118,8 +119,11 @@ class Server(Program):
             with contextlib.suppress(httpx2.TransportError):
                 return client.get("/readyz").status_code == 200
 
+        def words():
+            return f"the server to be ready:\n{self.log}"
+
         with httpx2.Client(base_url=self.address, timeout=5) as client:
-            wait_until(is_ready, lambda: f"the server to be ready:\n{self.log}", interval_seconds=0.1)
+            wait_until(is_ready, words, interval_seconds=0.1, patience_seconds=START_SECONDS)
 
     def tada(self, *arguments):
         """Run another `tada` command on the same data: its standard output."""

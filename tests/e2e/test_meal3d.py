@@ -17,8 +17,6 @@ import app.dashboard
 from app.dashboard.answers import CONTENT_SECURITY_POLICY
 from tests.e2e.measured_ball import BALL, measured_ball
 
-pytestmark = pytest.mark.slow
-
 STATIC = pathlib.Path(app.dashboard.__file__).parent / "static"
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>A meal</title>
 <link rel="icon" href="/static/icon.svg"><link rel="stylesheet" href="/static/app.css">
@@ -107,6 +105,7 @@ def test_food_and_board_are_drawn_and_told_in_a_table(open_page, address):
     assert page.locator(".meal3d img").count() == 0
 
 
+@pytest.mark.slow
 def test_food_of_a_scene_without_a_board_is_drawn_with_its_ruler(open_page, address):
     page = opened(open_page, address, "/bare.html")
     assert orange(page) > 3000
@@ -116,23 +115,17 @@ def test_food_of_a_scene_without_a_board_is_drawn_with_its_ruler(open_page, addr
     assert np.count_nonzero(np.abs(picture(page) - before).max(axis=2) > 30) > 300
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_ground_is_the_themes_and_the_food_keeps_its_colours(open_page, address, scheme):
-    page = opened(open_page, address, color_scheme=scheme)
-    corner = picture(page)[12, 12].mean()
-    assert (corner < 80) if scheme == "dark" else (corner > 200)
+@pytest.mark.slow
+def test_ground_is_the_theme_s_also_of_one_chosen_in_the_page_and_the_food_keeps_its_colours(open_page, address):
+    page = opened(open_page, address, color_scheme="dark")
+    assert picture(page)[12, 12].mean() < 80
+    assert orange(page) > 3000
+    page.evaluate("document.documentElement.dataset.theme = 'light'")
+    assert picture(page)[12, 12].mean() > 200
     assert orange(page) > 3000
 
 
-def test_theme_that_is_chosen_in_the_page_redraws_the_words(open_page, address):
-    page = opened(open_page, address, color_scheme="light")
-    before = picture(page)
-    page.evaluate("document.documentElement.dataset.theme = 'dark'")
-    after = picture(page)
-    assert before[12, 12].mean() > 200
-    assert after[12, 12].mean() < 80
-
-
+@pytest.mark.slow
 def test_layers_are_switched_by_the_keyboard(open_page, address):
     page = opened(open_page, address)
     assert orange(page) > 3000
@@ -147,6 +140,7 @@ def test_layers_are_switched_by_the_keyboard(open_page, address):
     assert np.count_nonzero(red) > 200  # the first food's lines
 
 
+@pytest.mark.slow
 def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     page = opened(open_page, address)
     first, size = picture(page), orange(page)
@@ -164,6 +158,7 @@ def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     assert np.count_nonzero(np.abs(picture(page) - focused).max(axis=2) > 30) < 0.01 * first[..., 0].size
 
 
+@pytest.mark.slow
 def test_nothing_is_drawn_while_nothing_changes(open_page, address):
     page = opened(open_page, address)
     drawn = page.evaluate(DRAWN)
@@ -173,6 +168,7 @@ def test_nothing_is_drawn_while_nothing_changes(open_page, address):
     wait_until(page, f"{DRAWN} > {drawn}")
 
 
+@pytest.mark.slow
 def test_what_is_swapped_out_lets_go_and_what_is_swapped_in_is_drawn(open_page, address):
     page = opened(open_page, address)
     page.evaluate("window.former = document.querySelector('canvas')")
@@ -183,7 +179,8 @@ def test_what_is_swapped_out_lets_go_and_what_is_swapped_in_is_drawn(open_page, 
     assert orange(page) > 3000
 
 
-def test_without_webgl_it_says_so_and_shows_the_servers_picture_and_the_table(open_page, address):
+@pytest.mark.slow
+def test_without_webgl_or_a_scene_it_says_so_and_without_webgl_shows_picture_and_table(open_page, address):
     watched = open_page(address)
     watched.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     watched.goto("/meal.html")
@@ -192,10 +189,6 @@ def test_without_webgl_it_says_so_and_shows_the_servers_picture_and_the_table(op
     expect(watched.page.locator(".meal3d [role=status]")).to_contain_text("no WebGL")
     expect(watched.page.locator(".meal3d tbody tr")).to_have_count(1)
     expect(watched.page.locator("canvas")).to_have_count(0)
-
-
-def test_run_without_a_scene_says_so(open_page, address):
-    watched = open_page(address)
     watched.expect("404")
     watched.goto("/none.html")
     expect(watched.page.locator(".meal3d .notice")).to_have_text("There is no 3D view of this run.")

@@ -3,14 +3,11 @@
 import re
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from tests.e2e.dashboard_server import PASSWORD
 from tests.support import estimates
 from tests.support.estimates import found_item, identified_item
-
-pytestmark = pytest.mark.slow
 
 SQUARE = [[200.0, 150.0], [300.0, 150.0], [300.0, 250.0], [200.0, 250.0]]
 
@@ -35,7 +32,8 @@ def second(served, meal):
     return served.meal(meal)["items"][1]
 
 
-def test_outline_and_card_light_up_together(served, meal, opened):
+@pytest.mark.slow
+def test_outline_and_card_light_up_together_and_a_rejection_is_taken_back(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     page.hover(f"#item-{item} h3")
     expect(page.locator(f'svg a[data-item="{item}"].lit')).to_have_count(1)
@@ -43,6 +41,12 @@ def test_outline_and_card_light_up_together(served, meal, opened):
     expect(page.locator(f"#item-{item}.lit")).to_have_count(1)
     page.keyboard.press("Enter")
     page.wait_for_url(f"**#item-{item}")
+    first = served.meal(meal)["items"][0]["id"]
+    page.click(f"#item-{first} button:text('Reject')")
+    page.wait_for_selector(f"#item-{first} .status-rejected")
+    page.click(".timeline button:text('Take back') >> nth=0")
+    page.wait_for_selector(f"#item-{first} .status-proposed")
+    assert served.meal(meal)["items"][0]["status"] == "proposed"
 
 
 def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, meal, opened):
@@ -65,11 +69,18 @@ def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, mea
     assert second(served, meal)["food"]["name"].startswith("Banana")
 
 
-def test_food_that_was_not_chosen_is_not_said_and_its_exact_name_is(served, meal, opened):
+@pytest.mark.slow
+def test_value_that_is_refused_and_food_that_was_not_chosen_are_not_said_and_its_exact_name_is(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     before = second(served, meal)["food"]
     name = served.admin.get("/v1/foods/banana").json()["name"]
+    opened.expect("422")
     page.click(f"#change-{item} summary")
+    page.fill(f"#volume-{item}", "a lot")
+    page.click(f"#change-{item} button:text('Set volume')")
+    expect(page.locator("#problem .refused")).to_be_visible()
+    expect(page.locator("#problem")).to_contain_text("Millilitres")
+    expect(page.locator(f"#volume-{item}")).to_have_value("a lot")
     page.fill(f"#food-{item}", "bana")
     page.click(f"#change-{item} button:has-text('Set food')")
     page.wait_for_selector(f"#food-{item}[aria-invalid=true]")
@@ -81,6 +92,7 @@ def test_food_that_was_not_chosen_is_not_said_and_its_exact_name_is(served, meal
     assert second(served, meal)["food"]["key"] == "banana"
 
 
+@pytest.mark.slow
 def test_outline_is_drawn_by_keys_and_by_mouse(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     page.click(f"#change-{item} summary")
@@ -118,15 +130,7 @@ def test_conflict_is_told_and_the_word_can_be_said_all_the_same(served, meal, op
     assert second(served, meal)["mass_g"] == 120.0
 
 
-def test_what_was_said_is_taken_back(served, meal, opened):
-    page, item = opened.page, served.meal(meal)["items"][0]["id"]
-    page.click(f"#item-{item} button:text('Reject')")
-    page.wait_for_selector(f"#item-{item} .status-rejected")
-    page.click(".timeline button:text('Take back') >> nth=0")
-    page.wait_for_selector(f"#item-{item} .status-proposed")
-    assert served.meal(meal)["items"][0]["status"] == "proposed"
-
-
+@pytest.mark.slow
 def test_page_follows_a_meal_and_keeps_what_is_being_typed(served, phone, open_page):
     waiting = served.send_meal(phone)
     tab = open_page(served.address)
@@ -137,27 +141,3 @@ def test_page_follows_a_meal_and_keeps_what_is_being_typed(served, phone, open_p
     tab.page.wait_for_selector("#meal-state .status-needs_review")
     expect(tab.page.locator("article.item")).to_have_count(1)
     expect(tab.page.locator("#talk-text")).to_have_value("half a sentence")
-
-
-def test_refused_value_is_told_and_kept(served, meal, opened):
-    page, item = opened.page, second(served, meal)["id"]
-    opened.expect("422")
-    page.click(f"#change-{item} summary")
-    page.fill(f"#volume-{item}", "a lot")
-    page.click(f"#change-{item} button:text('Set volume')")
-    expect(page.locator("#problem .refused")).to_be_visible()
-    expect(page.locator("#problem")).to_contain_text("Millilitres")
-    expect(page.locator(f"#volume-{item}")).to_have_value("a lot")
-
-
-@pytest.mark.parametrize("looks", ["light", "dark", "phone"])
-def test_page_is_accessible(served, meal, open_page, looks):
-    options = {"color_scheme": "dark"} if looks == "dark" else {}
-    options |= {"viewport": {"width": 390, "height": 800}} if looks == "phone" else {}
-    tab = open_page(served.address, **options)
-    tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
-    for summary in tab.page.locator("main details > summary").all():
-        summary.click()
-    found = Axe().run(tab.page).response["violations"]
-    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
-    assert tab.page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")

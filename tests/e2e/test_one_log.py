@@ -35,6 +35,7 @@ def test_meal_is_followed_by_the_log_alone_which_names_nobody(tmp_path):
         TADA_WORKER_METRICS_PORT=str(worker_port),
     )
     request_id, client_id = str(uuid.uuid4()), str(uuid.uuid4())
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()

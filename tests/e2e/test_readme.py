@@ -18,6 +18,7 @@ def walk_through():
 @pytest.mark.slow
 def test_every_line_of_the_walk_through_works_as_printed(tmp_path):
     server = Server(tmp_path)
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from app.vision.hand_form import BOX_SHARE, hand_form_ml
-from tests.e2e.static_modules import open_modules
-
-pytestmark = pytest.mark.slow
+from tests.e2e.static_modules import module_page
 
 FORM = {
     "section": "slab",
@@ -33,17 +31,16 @@ CAMERA = {
 }
 
 
-@pytest.fixture
-def run(open_page):
+@pytest.fixture(scope="module")
+def run(chromium):
     """What a script returns that has the module as `shape`, FORM and CAMERA."""
-    watched = open_modules(open_page)
-    values = [FORM, CAMERA]
 
     def evaluate(script, argument=None):
         body = f'async ([FORM, CAMERA, argument]) => {{ const shape = await import("/reshape-form.js"); {script} }}'
-        return watched.page.evaluate(body, [*values, argument])
+        return page.evaluate(body, [FORM, CAMERA, argument])
 
-    return evaluate
+    with module_page(chromium) as page:
+        yield evaluate
 
 
 def test_volumes_are_those_that_the_server_computes(run):

@@ -2,9 +2,7 @@
 
 import pytest
 
-from tests.e2e.static_modules import open_modules
-
-pytestmark = pytest.mark.slow
+from tests.e2e.static_modules import module_page
 
 HARNESS = """
 const { ReviewQueue, newId } = await import("/review_queue.js");
@@ -25,11 +23,11 @@ const lost = { status: 0, code: "no_answer", message: "", retryable: true };
 """
 
 
-@pytest.fixture
-def run(open_page):
+@pytest.fixture(scope="module")
+def run(chromium):
     """What a script returns that has the harness before it."""
-    watched = open_modules(open_page)
-    return lambda script: watched.page.evaluate(f"async () => {{ {HARNESS} {script} }}")
+    with module_page(chromium) as page:
+        yield lambda script: page.evaluate(f"async () => {{ {HARNESS} {script} }}")
 
 
 def test_words_of_one_meal_go_in_turn_each_with_the_version_of_the_answer_before(run):

@@ -13,6 +13,7 @@ from tests.e2e.processes import REPOSITORY, Server
 @pytest.mark.slow
 def test_study_from_its_first_day_to_a_withdrawal(tmp_path):
     server = Server(tmp_path)
+    server.place_prepared_database()
     server.start()
     try:
         server.wait_until_ready()

@@ -12,9 +12,8 @@ import app
 from app.vision.board.tag_bits import black_cells
 from app.vision.marker_spec import parse_marker
 from benchmarks.board_detector import reduced, tilted
-from tests.e2e.browser import tabs
 from tests.e2e.capture.board_frames import SIZE, frame_of, look_at
-from tests.e2e.static_modules import open_modules
+from tests.e2e.static_modules import module_page
 
 LIVE = pathlib.Path(app.__path__[0]) / "capture" / "static" / "live"
 PLAIN = "plain:9x7:11"
@@ -47,8 +46,7 @@ def run(chromium):
         body = f"async ([encoded, argument]) => {{ {decode} const live = {{ {imports} }}; {script} }}"
         return page.evaluate(body, [encoded, argument])
 
-    with tabs(chromium) as open_page:
-        page = open_modules(open_page, LIVE).page
+    with module_page(chromium, LIVE) as page:
         yield evaluate
 
 
