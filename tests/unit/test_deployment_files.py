@@ -38,13 +38,18 @@ def services():
     return yaml.safe_load(done.stdout)["services"]
 
 
-def test_image_has_all_that_the_wheel_is_built_of():
+def test_image_has_all_that_the_wheel_is_built_of_and_those_of_others_are_pinned_by_digest(services):
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
     copied = re.findall(r"^COPY (\S+) \./", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
     sent = re.findall(r"^!(\S+)", (ROOT / ".dockerignore").read_text(), re.MULTILINE)
     for source in (*wheel["packages"], *wheel["force-include"]):
         assert source in copied
         assert source in sent
+    begin = re.findall(r"^FROM (\S+)", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
+    images = {*begin, *(service["image"] for service in services.values())}
+    others = {image for image in images if not image.startswith("tada-server:")}
+    assert len(others) > 4
+    assert {image for image in others if not re.fullmatch(r"\S+:[\w.-]+@sha256:[0-9a-f]{64}", image)} == set()
 
 
 def test_dockerfile_passes_hadolint():
@@ -54,21 +59,15 @@ def test_dockerfile_passes_hadolint():
     assert done.returncode == 0, done.stdout
 
 
-def test_images_of_others_are_pinned_by_digest(services):
-    begin = re.findall(r"^FROM (\S+)", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
-    images = {*begin, *(service["image"] for service in services.values())}
-    others = {image for image in images if not image.startswith("tada-server:")}
-    assert len(others) > 4
-    assert {image for image in others if not re.fullmatch(r"\S+:[\w.-]+@sha256:[0-9a-f]{64}", image)} == set()
-
-
 def test_compose_does_not_begin_without_the_servers_name():
     done = compose()
     assert done.returncode != 0
     assert "TADA_HOSTNAME" in done.stderr
 
 
-def test_only_the_proxy_can_be_reached_from_outside(services):
+def test_services_of_compose_have_limits_no_secrets_no_needless_rights_and_only_the_proxy_is_reached_from_outside(
+    services,
+):
     open_to_all = {
         name
         for name, service in services.items()
@@ -76,27 +75,25 @@ def test_only_the_proxy_can_be_reached_from_outside(services):
         if port.get("host_ip") != "127.0.0.1"
     }
     assert open_to_all == {"proxy"}
-
-
-def test_every_image_has_a_version_and_every_lasting_service_a_limit_and_a_restart(services):
     for name, service in services.items():
         assert re.search(r":v?[\w.-]*\d+\.\d+|tada-server:", service["image"]), name
         assert service["restart"] in ("unless-stopped", "no", "on-failure:5"), name
         if service["restart"] == "unless-stopped":
             assert int(service["deploy"]["resources"]["limits"]["memory"]) > 0, name
-
-
-def test_workers_that_share_a_machine_are_told_their_share(services):
     worker = services["worker"]
     assert worker["deploy"]["replicas"] > 1
     assert int(worker["environment"]["TADA_WORKER_CONCURRENCY"]) >= 1
-
-
-def test_no_secret_stands_in_compose(services):
     for name, service in services.items():
         for variable, value in (service.get("environment") or {}).items():
             is_secret = re.search(r"PASSWORD|SECRET|TOKEN", variable) and not variable.endswith(("_FILE", "_DIR"))
             assert not is_secret, (name, variable, value)
+    kept = {name: set(service.get("cap_add", ())) for name, service in services.items()}
+    needed = {"proxy": {"NET_BIND_SERVICE"}, "s3": {"DAC_OVERRIDE"}}
+    assert kept == {name: needed.get(name, set()) for name in services}
+    for name, service in services.items():
+        assert service["read_only"] is True, name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
 
 
 def test_every_variable_of_compose_and_its_example_is_known():
@@ -132,7 +129,7 @@ def pods():
     }
 
 
-def test_kubernetes_page_is_yaml_with_settings_that_there_are():
+def test_kubernetes_page_has_settings_and_metrics_that_there_are_and_pods_run_as_nobody():
     documents = kubernetes()
     assert {one["kind"] for one in documents} >= {"Deployment", "Job", "PodDisruptionBudget", "Service", "Ingress"}
     told = {name for one in documents if one["kind"] == "ConfigMap" for name in one["data"]}
@@ -141,9 +138,6 @@ def test_kubernetes_page_is_yaml_with_settings_that_there_are():
             told |= {variable["name"] for variable in container.get("env", ())}
     assert told - KNOWN == set()
     Settings(**{name.removeprefix("TADA_").lower(): "1" for name in told if "METRICS_PORT" in name})
-
-
-def test_pods_run_as_nobody_and_have_time_to_stop():
     for name, pod in pods().items():
         assert pod["securityContext"]["runAsNonRoot"] is True, name
         assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, name
@@ -156,6 +150,12 @@ def test_pods_run_as_nobody_and_have_time_to_stop():
             assert rights["capabilities"] == {"drop": ["ALL"]}
             assert {mount["name"] for mount in container["volumeMounts"]} == mounted
             assert "memory" in container["resources"]["limits"]
+    scaled = next(one for one in kubernetes() if one["kind"] == "ScaledObject")
+    query = scaled["spec"]["triggers"][0]["metadata"]["query"]
+    names = re.findall(r"tada_\w+", query)
+    source = "".join(path.read_text() for path in pathlib.Path(instruments.__file__).parents[1].rglob("*.py"))
+    assert names
+    assert all(name in source for name in names)
 
 
 def test_network_of_the_cluster_is_closed_but_for_what_each_pod_needs():
@@ -173,25 +173,6 @@ def test_network_of_the_cluster_is_closed_but_for_what_each_pod_needs():
         assert {port["port"] for port in rule["ports"]} <= {*ports, *ports.values()}
         assert rule["from"]
     assert {port["port"] for rule in policies["tada-out"]["egress"] for port in rule["ports"]} == {53, 443, 5432}
-
-
-def test_no_service_of_compose_writes_to_its_image_or_keeps_rights_that_it_does_not_need(services):
-    kept = {name: set(service.get("cap_add", ())) for name, service in services.items()}
-    needed = {"proxy": {"NET_BIND_SERVICE"}, "s3": {"DAC_OVERRIDE"}}
-    assert kept == {name: needed.get(name, set()) for name in services}
-    for name, service in services.items():
-        assert service["read_only"] is True, name
-        assert service["cap_drop"] == ["ALL"], name
-        assert service["security_opt"] == ["no-new-privileges:true"], name
-
-
-def test_metric_that_scales_workers_is_one_that_is_told():
-    scaled = next(one for one in kubernetes() if one["kind"] == "ScaledObject")
-    query = scaled["spec"]["triggers"][0]["metadata"]["query"]
-    names = re.findall(r"tada_\w+", query)
-    source = "".join(path.read_text() for path in pathlib.Path(instruments.__file__).parents[1].rglob("*.py"))
-    assert names
-    assert all(name in source for name in names)
 
 
 def test_unit_of_systemd_has_settings_that_there_are():

@@ -24,13 +24,20 @@ def asked(*extras):
     return {re.sub(r"[._-]+", "-", found[1]).lower(): found[2] for found in names}
 
 
-def test_lock_has_what_the_project_asks_for():
+def test_lock_has_what_the_project_asks_for_and_image_and_environment_install_by_it():
     assert asked().items() <= locked("runtime.txt").items()
     assert asked("dev").items() <= locked("dev.txt").items()
     assert locked("runtime.txt").items() <= locked("dev.txt").items()
     assert locked("build.txt").items() <= locked("dev.txt").items()
     assert "hatchling" in locked("build.txt")
     assert "hatchling" not in locked("runtime.txt")  # the image has nothing that only builds it
+    image, make = (ROOT / "docker" / "Dockerfile").read_text(), (ROOT / "Makefile").read_text()
+    for text, name in ((image, "runtime.txt"), (make, "dev.txt")):
+        installs = re.findall(r"pip [^\n]*install[^\n]*", text)
+        of_program = [line for line in installs if "--require-hashes" not in line and "uv==" not in line]
+        of_program = [line for line in of_program if "/wheels/" not in line]
+        assert any("--require-hashes" in line and name in line for line in installs)
+        assert all("--no-deps" in line and "--no-build-isolation" in line for line in of_program), of_program
 
 
 @pytest.mark.parametrize(("name", "least"), [("runtime.txt", 50), ("dev.txt", 100), ("build.txt", 2)])
@@ -41,16 +48,6 @@ def test_every_package_has_hashes_and_none_says_where_it_is_from(name, least):
     entries = re.split(r"(?m)^(?=[a-z0-9-]+==)", text)[1:]
     assert len(entries) >= least
     assert [entry.split()[0] for entry in entries if "--hash=sha256:" not in entry] == []
-
-
-def test_image_and_environment_install_by_the_lock():
-    image, make = (ROOT / "docker" / "Dockerfile").read_text(), (ROOT / "Makefile").read_text()
-    for text, name in ((image, "runtime.txt"), (make, "dev.txt")):
-        installs = re.findall(r"pip [^\n]*install[^\n]*", text)
-        of_program = [line for line in installs if "--require-hashes" not in line and "uv==" not in line]
-        of_program = [line for line in of_program if "/wheels/" not in line]
-        assert any("--require-hashes" in line and name in line for line in installs)
-        assert all("--no-deps" in line and "--no-build-isolation" in line for line in of_program), of_program
 
 
 def answer(*packages):

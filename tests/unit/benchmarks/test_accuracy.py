@@ -41,19 +41,13 @@ def summary(**figures):
     return {"items": 58, "interval_coverage_percent": 90.0, "interval_skill": None} | figures
 
 
-def test_the_papers_own_mean_error_is_computed_from_its_millilitres():
+def test_fruit_stand_beside_the_papers_whose_mean_error_is_computed_and_what_was_not_found_is_a_whole_error():
     table = accuracy.fruit_table([])
     assert table.rows[-1][:3] == ("mean error", "", "7.6 %")
     assert table.rows[2] == ("pear", "230", "195.1 (-15.2 %)")
-
-
-def test_fruit_stand_beside_the_papers_with_both_photographs_of_each():
     table = accuracy.fruit_table([scored(row(ml=177.6)), scored(row(ml=None)), scored(row(food="egg"))])
     assert table.header[-1] == "shape, calibrated"
     assert table.rows[0] == ("apple", "185", "181.5 (-1.9 %)", "-4.0 %, not found")
-
-
-def test_food_that_was_not_found_counts_as_a_whole_error():
     assert accuracy.mean_error([-0.1, None, 0.1]) == "40.0 %"
 
 
@@ -85,14 +79,10 @@ def test_bars_hold_for_sets_of_their_kind_measured_in_their_way_only():
     assert {cells[0] for cells in table.rows} == {"meals-fresh"}
 
 
-def test_every_bar_names_a_figure_of_the_scorers_summary(shared_data):
+def test_summary_is_the_scorers_over_all_scenes_that_are_pooled_and_every_bar_names_a_figure_of_it(shared_data):
     scorer = accuracy.load_scorer(shared_data / "accuracy" / "score.py")
     figures = accuracy.summarise(scorer, [scored(row())])
     assert {bar.figure for bar in BARS} <= figures.keys()
-
-
-def test_summary_is_the_scorers_over_all_scenes_that_are_pooled(shared_data):
-    scorer = accuracy.load_scorer(shared_data / "accuracy" / "score.py")
     own = scorer.run_scene
     figures = accuracy.summarise(
         scorer, [scored(row(true_ml=100.0, ml=110.0)), scored(row(true_ml=100.0, ml=None), spurious=1)]
@@ -116,13 +106,10 @@ def test_folders_of_one_name_are_told_apart_and_empty_ones_left_out(tmp_path):
     assert [len(each.scenes) for each in found] == [1, 1, 1]
 
 
-def test_table_as_text_and_as_markdown():
+def test_table_is_text_or_markdown_and_without_data_it_says_what_to_give(tmp_path, capsys):
     table = Table("Sets", ("scenes", "median"), (("paper6", "3.1 %"),))
     assert accuracy.as_text(table) == "Sets\nscenes  median\npaper6  3.1 %"
     assert accuracy.as_markdown(table) == "## Sets\n\n| scenes | median |\n|---|---|\n| paper6 | 3.1 % |"
-
-
-def test_without_data_it_says_what_to_give(tmp_path, capsys):
     assert accuracy.main(["--data", str(tmp_path)]) == 2
     assert "TADA_SHARED_DATA" in capsys.readouterr().err
 

@@ -14,27 +14,15 @@ def errors(*densities, sheet="apple"):
     return food_errors(sheet, "apple", specimens, DENSITY)
 
 
-def test_error_is_of_the_mass_predicted_from_the_volume():
+def test_error_is_of_the_mass_predicted_from_the_volume_or_by_the_others_without_impossible_fruit():
     assert errors(0.8, 1.0).table_percent == pytest.approx((25.0 + 0.0) / 2)
-
-
-def test_each_specimen_is_predicted_by_the_median_of_the_others():
     found = errors(0.8, 1.0, 1.1)
     assert found.others_percent == pytest.approx(100 * (0.25 / 0.8 + 0.05 / 1.0 + 0.2 / 1.1) / 3)
     assert found.floor_percent == pytest.approx(100 * (0.2 / 0.8 + 0.0 + 0.1 / 1.1) / 3)
-
-
-def test_specimens_within_the_densitys_interval_are_counted():
     assert errors(1.0, 1.16, 1.2, sheet="egg").inside == 2  # exp(1.645 x 0.1) = 1.18
-
-
-def test_impossible_fruit_is_left_out_and_listed():
     found = errors(0.8, 0.9, 1.38)
     assert [specimen.name for specimen in found.excluded] == ["apple2"]
     assert len(found.kept) == 2
-
-
-def test_eggs_are_all_kept():
     assert not errors(1.09, 1.24, sheet="egg").excluded
 
 

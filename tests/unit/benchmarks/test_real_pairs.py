@@ -25,11 +25,8 @@ def folder_of(tmp_path, *cases):
     return tmp_path
 
 
-def test_absent_folder_has_no_pairs(tmp_path):
+def test_absent_folder_has_no_pairs_and_a_rigs_camera_is_its_left_one(tmp_path):
     assert real.real_pairs(tmp_path / "nowhere") == []
-
-
-def test_rigs_camera_is_its_left_one(tmp_path):
     [pair] = real.real_pairs(folder_of(tmp_path, case("orange", "a", "b", rig="rig.json")))
     assert pair.camera == {"width": 1280, "height": 720} | LENS
     assert pair.right.name == "b_card.jpg"
@@ -58,14 +55,11 @@ def test_case_on_a_sheet_is_measured_by_the_sheet_too(tmp_path, monkeypatch):
     ]
 
 
-def test_refused_pairs_are_counted_and_do_not_enter_the_error():
+def test_refused_pairs_are_counted_and_do_not_enter_the_error_and_nothing_measured_has_none():
     measured = {"error": 0.1, "inside": True}
     summary = real.summarise([measured, {"error": -0.02, "inside": False}, {"error": None, "inside": False}])
     assert (summary["pairs"], summary["measured"]) == (3, 2)
     assert summary["mean_error"] == pytest.approx(6.0)
     assert summary["bias"] == pytest.approx(4.0)
     assert summary["coverage"] == pytest.approx(50.0)
-
-
-def test_nothing_measured_has_no_error():
     assert real.summarise([{"error": None, "inside": False}]) == {"pairs": 1, "measured": 0}

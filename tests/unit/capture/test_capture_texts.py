@@ -37,12 +37,9 @@ def test_scripts_ask_for_all_texts_and_for_no_others():
     assert {key for key in asked if not key.startswith(BY_THEIR_VALUE)} == fixed
 
 
-def test_every_state_of_a_meal_has_a_text():
+def test_every_state_of_a_meal_and_every_piece_of_advice_has_a_text():
     states = {key.removeprefix("state_") for key in texts_of("en") if key.startswith("state_")}
     assert states == set(get_args(MealStatus)) | STATES_OF_THE_PHONE
-
-
-def test_every_piece_of_advice_has_a_text():
     listed = re.search(r"CODES = \[(.*?)\]", (STATIC / "live" / "advice.js").read_text(), re.DOTALL)[1]
     assert {f"advice_{code}" for code in re.findall(r'"([a-z_]+)"', listed)} == {
         key for key in texts_of("en") if key.startswith("advice_")

@@ -16,11 +16,13 @@ STARTER = importlib.resources.files("app") / "nutrition" / "starter" / "nutrient
 PLATES = {plate.folder: plate for plate in vars(demo_menus).values() if isinstance(plate, demo_menus.Plate)}
 
 
-def test_every_food_of_the_sample_study_is_in_the_starter_table():
+def test_every_food_of_the_sample_study_is_in_the_starter_table_and_every_bundled_pair_in_the_study():
     known = {row["key"] for row in csv.DictReader(io.StringIO(STARTER.read_text()))}
     told = {food for _, dishes in OCCASIONS for dish in dishes for food, _ in dish}
     seen = {food for plate in PLATES.values() for _, food in plate.points + plate.left_over}
     assert told | seen <= known
+    folders = {entry.name for entry in BUNDLED.iterdir() if entry.is_dir()}
+    assert folders | {""} == {meal.plate.folder for meal in PHOTOGRAPHED} == set(PLATES)
 
 
 @pytest.mark.parametrize("folder", PLATES)
@@ -33,8 +35,3 @@ def test_bundled_pair_shows_its_points(folder):
     for (x, y), _ in plate.points + plate.left_over:
         assert 0 < x < width
         assert 0 < y < height
-
-
-def test_every_bundled_pair_is_of_the_sample_study():
-    folders = {entry.name for entry in BUNDLED.iterdir() if entry.is_dir()}
-    assert folders | {""} == {meal.plate.folder for meal in PHOTOGRAPHED} == set(PLATES)

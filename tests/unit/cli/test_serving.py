@@ -64,8 +64,7 @@ def served(proxies, per_minute=1000):
     return config.loaded_app
 
 
-@pytest.mark.parametrize("client", [CALLER, "127.0.0.1", "::1"])
-@pytest.mark.parametrize("proxies", [None, "", PROXY])
+@pytest.mark.parametrize(("client", "proxies"), [(CALLER, None), ("127.0.0.1", ""), ("::1", PROXY)])
 def test_forged_address_does_not_escape_the_limit(client, proxies, monkeypatch):
     monkeypatch.setenv("FORWARDED_ALLOW_IPS", "*")  # uvicorn's own variable has no say
     app = served(proxies, per_minute=2)
@@ -74,41 +73,26 @@ def test_forged_address_does_not_escape_the_limit(client, proxies, monkeypatch):
     assert "192.0.2" not in "".join(answers)
 
 
-def test_named_proxy_tells_who_calls_and_by_which_scheme():
+def test_named_proxy_tells_who_calls_and_by_which_scheme_and_of_several_the_last_stranger_calls():
     app = served(f"{PROXY}, 10.1.0.0/24")
     answer = asked(app, "10.1.0.9", ("x-forwarded-for", CALLER), ("x-forwarded-proto", "https"))
     assert f'"{CALLER}"' in answer
     assert '"https"' in answer
-
-
-def test_what_the_caller_wrote_before_the_proxy_does_not_count():
     app = served(PROXY, per_minute=2)
     answers = [asked(app, PROXY, ("x-forwarded-for", f"192.0.2.{n}, {CALLER}")) for n in range(3)]
     assert "limited" in answers[2]
-
-
-def test_of_several_proxies_the_last_stranger_calls():
     app = served("10.0.0.0/8")
     assert f'"{CALLER}"' in asked(app, PROXY, ("x-forwarded-for", f"192.0.2.1, {CALLER}, 10.9.9.9"))
     assert f'"{CALLER}"' in asked(app, PROXY, ("x-forwarded-for", "192.0.2.1"), ("x-forwarded-for", CALLER))
 
 
-@pytest.mark.parametrize(
-    "wrong", ["proxy.example.org", "*", "10.0.0.1/8", "10.0.0.256", "0.0.0.0/0", "::/0", "10.0.0.5;10.0.0.6"]
-)
+@pytest.mark.parametrize("wrong", ["proxy.example.org", "*", "10.0.0.1/8", "0.0.0.0/0", "::/0", "10.0.0.5;10.0.0.6"])
 def test_what_names_no_proxy_stops_the_start_with_a_sentence(wrong):
     with pytest.raises(InvalidInputError, match="TADA_TRUSTED_PROXIES") as caught:
         trusted_proxies(wrong)
     assert caught.value.code == "settings_invalid"
-
-
-def test_addresses_and_networks_are_read():
-    assert trusted_proxies(" 10.0.0.5 ,10.1.0.0/24,, fd00::1,fd00:1::/64") == [
-        "10.0.0.5",
-        "10.1.0.0/24",
-        "fd00::1",
-        "fd00:1::/64",
-    ]
+    fine = ["10.0.0.5", "10.1.0.0/24", "fd00::1", "fd00:1::/64"]
+    assert trusted_proxies(" 10.0.0.5 ,10.1.0.0/24,, fd00::1,fd00:1::/64") == fine
 
 
 @pytest.mark.parametrize(
@@ -117,7 +101,6 @@ def test_addresses_and_networks_are_read():
         ("192.0.2.1", "192.0.2.1"),
         ("::ffff:192.0.2.1", "192.0.2.1"),
         ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
-        ("2001:db8:1:2::9", "2001:db8:1:2::/64"),
         ("fe80::1%eth0", "fe80::/64"),
         ("testclient", "testclient"),
     ],
@@ -133,11 +116,8 @@ def test_ipv6_callers_count_by_their_home_network(client, counted):
 def test_public_url_that_no_phone_could_use_stops_the_start(wrong):
     with pytest.raises(InvalidInputError, match="TADA_PUBLIC_URL"):
         check_public_url(wrong)
-
-
-@pytest.mark.parametrize("fine", [None, "https://tada.example.org", "http://10.0.0.2:8000", "https://x.org/tada"])
-def test_public_url_that_phones_can_use_is_taken(fine):
-    check_public_url(fine)
+    for fine in (None, "https://tada.example.org", "http://10.0.0.2:8000", "https://x.org/tada"):
+        check_public_url(fine)
 
 
 def test_process_takes_one_connection_in_a_turn_so_that_others_get_some_of_a_burst():

@@ -13,19 +13,13 @@ LOST = NetworkError("lost")
 CONTENT = bytes(range(256)) * 40
 
 
-def test_pause_doubles_up_to_the_longest_and_is_a_random_part_of_it():
+def test_passing_faults_alone_are_repeated_after_pauses_that_double_with_retry_after_as_a_lower_bound():
     longest = RetryPolicy(attempts=9, first_seconds=1, longest_seconds=5, random=lambda: 1.0)
     assert [longest.seconds_until_next(LOST, attempt) for attempt in (1, 2, 3, 4, 5)] == [1, 2, 4, 5, 5]
     assert POLICY.seconds_until_next(LOST, 2) == 1
     assert POLICY.seconds_until_next(LOST, 4) is None
-
-
-def test_retry_after_is_a_lower_bound_and_one_past_the_longest_pause_ends_the_call():
     assert POLICY.seconds_until_next(Problem(503, None, 3), 1) == 3.5
     assert POLICY.seconds_until_next(Problem(503, None, 6), 1) is None
-
-
-def test_only_passing_faults_are_repeated():
     assert all(is_transient(Problem(status)) for status in (408, 425, 429, 500, 502, 503, 504))
     assert not any(is_transient(Problem(status)) for status in (400, 401, 404, 409, 410, 412, 422, 501))
     assert not is_transient(Problem(500, {"code": "blob_missing", "retryable": False}))

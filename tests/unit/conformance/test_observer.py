@@ -20,7 +20,7 @@ async def me(_request):
     return JSONResponse({})
 
 
-@pytest.mark.parametrize("code", ["", "v", None, 1])
+@pytest.mark.parametrize("code", ["v", None])
 def test_code_that_enrols_nobody_is_no_secret_of_later_addresses(code):
     observer = Observer(Starlette(routes=[Route("/v1/enrolments", enrol, methods=["POST"]), Route("/v1/me", me)]))
     with TestClient(observer) as client:

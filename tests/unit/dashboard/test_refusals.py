@@ -60,33 +60,21 @@ def refusals(model: type[Model], values: dict[str, object]) -> dict[str, str]:
     return wrong_fields(refused.value)
 
 
-def test_wrong_name_of_a_release_says_which_characters_are_allowed():
+def test_wrong_name_of_a_release_says_which_characters_are_allowed_and_a_part_of_a_field_is_named():
     wrong = refusals(ReleaseIn, {"name": "First look!", "from": "soon"})
     assert wrong["name"].startswith("Small letters a-z, digits, dot, _ and - only")
     assert wrong["from"] == "Write a day as 2026-11-30."
-
-
-def test_part_of_a_field_is_named():
     wrong = refusals(ParticipantPatch, {"profile": {"birth_year": "1700", "sex": "cat"}})
     assert "sex: There is no such choice; choose: female, male." in wrong["profile"]
     assert "birth year: This must be " in wrong["profile"]
 
 
-def test_parameter_of_an_address_is_named_without_its_location():
+def test_parameter_or_field_that_cannot_be_read_is_named_and_an_empty_one_keeps_its_default():
     errors = [{"at": "query.status.0", "message": "Input should be 'a' or 'b'", "type": "literal_error"}]
     assert sentence_of_request(errors) == "Status: There is no such choice; choose: a, b."
     assert sentence_of_request([]) is None
-
-
-def test_empty_field_keeps_its_default():
     assert read_form(ReleaseIn, {"name": "first", "from": ""}) == ReleaseIn(name="first")
-
-
-def test_field_that_cannot_be_read_is_wrong_although_the_others_are_valid():
     with pytest.raises(WrongFormError) as refused:
         read_form(ReleaseIn, {"name": "first"}, {"note": "This cannot be read."})
     assert refused.value.wrong == {"note": "This cannot be read."}
-
-
-def test_error_that_is_not_of_the_form_is_shown_at_the_named_field():
     assert wrong_fields(ConflictError("It exists."), "name") == {"name": "It exists."}

@@ -19,8 +19,8 @@ def of(values):
     return distribution("energy_kcal", map(SortedValues.of, runs))
 
 
-@given(st.lists(AMOUNTS, min_size=1, max_size=300))
-def test_every_value_is_in_one_bin_or_outside(values):
+@given(st.lists(AMOUNTS, min_size=2, max_size=300))
+def test_every_value_is_in_one_bin_or_outside_and_figures_are_those_of_the_statistics_module(values):
     found = of(values)
     assert found.days_below_bins + sum(found.counts) + found.days_above_bins == len(values) == found.days
     assert all(low < high for low, high in pairwise(found.edges))
@@ -28,15 +28,8 @@ def test_every_value_is_in_one_bin_or_outside(values):
     last = len(found.counts) - 1
     for number, ((low, high), count) in enumerate(zip(pairwise(found.edges), found.counts, strict=True)):
         assert count == sum(low <= value < high or (number == last and value == high) for value in values)
-    assert (found.days_below_bins, found.days_above_bins) == (
-        sum(value < found.edges[0] for value in values),
-        sum(value > found.edges[-1] for value in values),
-    )
-
-
-@given(st.lists(AMOUNTS, min_size=2, max_size=300))
-def test_figures_are_those_of_the_statistics_module(values):
-    found = of(values)
+    assert found.days_below_bins == sum(value < found.edges[0] for value in values)
+    assert found.days_above_bins == sum(value > found.edges[-1] for value in values)
     spread = max(map(abs, values)) or 1.0
     assert found.mean == pytest.approx(statistics.fmean(values), rel=1e-9, abs=1e-9 * spread)
     assert found.median == pytest.approx(statistics.median(values), rel=1e-9, abs=1e-9 * spread)
@@ -44,25 +37,13 @@ def test_figures_are_those_of_the_statistics_module(values):
     assert (found.minimum, found.maximum) == (min(values), max(values))
 
 
-def test_bins_begin_at_zero_and_are_of_a_round_width():
+def test_bins_begin_at_zero_and_are_of_a_round_width_also_for_an_outlier_one_day_or_none():
     found = of([float(value) for value in range(1200, 3201, 10)])
     assert found.edges[:3] == (0.0, 200.0, 400.0)
     assert (found.edges[-1], found.days_below_bins, found.days_above_bins) == (3200.0, 0, 0)
-
-
-def test_outlier_does_not_flatten_the_histogram():
     found = of([2000.0 + number for number in range(200)] + [90_000.0])
     assert (found.days_above_bins, found.maximum, found.edges[-1]) == (1, 90_000.0, 2200.0)
-
-
-def test_days_when_nothing_was_eaten_have_a_bin():
     assert (of([0.0, 0.0]).counts, of([0.0, 0.0]).mean) == ((2,), 0.0)
-
-
-def test_without_a_day_nothing_is_invented():
     found = of([])
     assert (found.days, found.mean, found.sd, found.median, found.edges, found.counts) == (0, None, None, None, (), ())
-
-
-def test_one_day_has_no_spread():
     assert (of([5.0]).sd, of([5.0]).median) == (None, 5.0)

@@ -20,20 +20,14 @@ def names_in(path):
     return {node.name for node in ast.walk(tree) if hasattr(node, "name")}
 
 
-def test_way_of_one_meal_is_short_and_goes_from_upload_to_record():
+def test_way_of_one_meal_is_short_and_names_only_files_and_functions_that_are_there():
     files = [path for path, _ in steps()]
     assert 10 <= len(files) == len(set(files)) <= MOST_FILES
     assert (files[0], files[-1]) == ("app/uploads/api.py", "app/exports/lists/records_api.py")
-
-
-def test_functions_and_classes_of_each_step_are_in_its_file():
     for path, words in steps():
         named = re.findall(r"`(\w+)`", words)
         assert named, path
         assert set(named) <= names_in(path), path
-
-
-def test_every_file_that_is_named_is_there():
     paths = re.findall(r"`(app/[\w/.]+)`", PAGE)
     assert len(paths) > MOST_FILES
     assert [path for path in paths if not (ROOT / path).exists()] == []

@@ -42,74 +42,71 @@ def number_in(value):
     return float(amount.replace(",", "")) * scale[unit[0] if unit else "s"]
 
 
+def target_of(node):
+    """The name that a node assigns to; None if it is no such node."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return targets[0].id if len(targets) == 1 and isinstance(targets[0], ast.Name) else None
+
+
+def words_in(values):
+    """The texts that stand anywhere in these values."""
+    parts = [each.value for value in values for each in ast.walk(value) if isinstance(each, ast.Constant)]
+    return {word for word in parts if isinstance(word, str)}
+
+
+def nodes_of(folder):
+    for path in folder.rglob("*.py"):
+        yield from ast.walk(ast.parse(path.read_text()))
+
+
 def codes_in_the_source():
     """Every code that the program can answer: `code` of errors, `code=` arguments, those of Failure and PairProblem."""
     codes = set()
-    for path in (DOCS.parent / "app").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call):
-                named = [keyword.value for keyword in node.keywords if keyword.arg == "code"]
-                is_failure = isinstance(node.func, ast.Name) and node.func.id in ("Failure", "PairProblem")
-                named += node.args[:1] if is_failure else []
-            elif isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["code"]:
-                named = [node.value]
-            elif isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["CODES_BY_STATUS"]:
-                named = node.value.values
-            else:
-                continue
-            either = [part for value in named for part in branches_of(value)]
-            codes |= {part.value for part in either if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+    for node in nodes_of(DOCS.parent / "app"):
+        if isinstance(node, ast.Call):
+            named = [keyword.value for keyword in node.keywords if keyword.arg == "code"]
+            is_failure = isinstance(node.func, ast.Name) and node.func.id in ("Failure", "PairProblem")
+            named += node.args[:1] if is_failure else []
+        elif isinstance(node, ast.Assign) and target_of(node) == "code":
+            named = [node.value]
+        elif isinstance(node, ast.Assign) and target_of(node) == "CODES_BY_STATUS":
+            named = node.value.values
+        else:
+            continue
+        either = [[value.body, value.orelse] if isinstance(value, ast.IfExp) else [value] for value in named]
+        codes |= words_in(part for parts in either for part in parts if isinstance(part, ast.Constant))
     return codes
-
-
-def branches_of(value):
-    """A value, or both of a conditional one."""
-    return [value.body, value.orelse] if isinstance(value, ast.IfExp) else [value]
-
-
-def test_every_code_stands_in_the_documents_and_no_other():
-    listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE))
-    assert codes_in_the_source() == listed
-
-
-def test_no_code_is_told_twice():
-    rows = re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE)
-    assert sorted(rows) == sorted(set(rows))
 
 
 def flags_in_the_source():
     """Every flag that an item can carry: what is assigned or given to `flags`, appended to it, or returned by it."""
     flags = set()
-    for path in (DOCS.parent / "app" / "vision").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["flags"]:
-                value = node.value
-            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":
-                value = node.args[0]
-            elif isinstance(node, ast.keyword) and node.arg == "flags":
-                value = node.value
-            elif isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "SCALE_FLAGS":
-                value = ast.Module(node.value.values, [])
-            elif isinstance(node, ast.FunctionDef) and node.name == "flags":
-                value = ast.Module(node.body[1:], [])  # without its docstring
-            else:
-                continue
-            words = [each.value for each in ast.walk(value) if isinstance(each, ast.Constant)]
-            flags |= {word for word in words if isinstance(word, str)}
+    for node in nodes_of(DOCS.parent / "app" / "vision"):
+        if isinstance(node, ast.Assign) and target_of(node) == "flags":
+            flags |= words_in([node.value])
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":
+            flags |= words_in(node.args[:1])
+        elif isinstance(node, ast.keyword) and node.arg == "flags":
+            flags |= words_in([node.value])
+        elif isinstance(node, ast.AnnAssign) and target_of(node) == "SCALE_FLAGS":
+            flags |= words_in(node.value.values)
+        elif isinstance(node, ast.FunctionDef) and node.name == "flags":
+            flags |= words_in(node.body[1:])  # without its docstring
     return flags
 
 
-def flags_of_foods():
-    """What an item can carry because of its food: named where the item's state is."""
-    return {value for name, value in vars(item_state).items() if name.startswith("FOOD_")}
+def test_every_code_stands_in_the_documents_once_and_no_other():
+    rows = re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE)
+    assert sorted(codes_in_the_source()) == sorted(rows)
 
 
 def test_every_flag_stands_in_the_documents_and_no_other():
+    of_foods = {value for name, value in vars(item_state).items() if name.startswith("FOOD_")}
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
-    assert flags_in_the_source() | flags_of_foods() | {CLOCK_DOUBTFUL} == listed
+    assert flags_in_the_source() | of_foods | {CLOCK_DOUBTFUL} == listed
 
 
-def test_every_folder_of_the_program_stands_in_the_layout_once():
+def test_every_folder_of_the_program_stands_in_the_layout_once_and_every_decision_has_its_number():
     table = (DOCS / "development.md").read_text().partition("## Code layout")[2].partition("In a domain's folder")[0]
     listed = [
         name
@@ -118,9 +115,6 @@ def test_every_folder_of_the_program_stands_in_the_layout_once():
     ]
     folders = {path.parent.name for path in (DOCS.parent / "app").glob("*/__init__.py")}
     assert sorted(name for name in listed if not name.endswith(".py")) == sorted(folders - {"demo_data"})
-
-
-def test_every_decision_has_a_number_of_its_own_and_says_it():
     files = sorted((DOCS / "decisions").glob("[0-9]*.md"))
     numbers = [path.name[:4] for path in files]
     assert len(set(numbers)) == len(numbers)

@@ -26,14 +26,11 @@ def test_each_sentence_has_all_languages_with_the_same_values(code):
         assert "{" not in told
 
 
-def test_each_verdict_and_nutrient_has_a_sentence():
+def test_each_verdict_and_nutrient_has_a_sentence_and_a_language_without_falls_back():
     codes = set(catalogue("feedback"))
     assert set(Verdict.__args__) <= codes
     assert {f"name_{column}" for column in COMPARED} <= codes
     assert {f"unit_{column.rpartition('_')[2]}" for column in COMPARED} <= codes
-
-
-def test_language_without_sentences_falls_back():
     assert [choose_locale(None, None, name) for name in ("de", "fr", "")] == ["de", "en", "en"]
 
 
@@ -41,15 +38,14 @@ def record(grams, low, high, energy):
     return EffectiveRecord(consumed_g=grams, consumed_low_g=low, consumed_high_g=high, energy_kcal=energy)
 
 
-def test_interval_of_a_sum_reaches_from_all_low_to_all_high():
+def test_interval_of_a_sum_reaches_from_all_low_to_all_high_and_is_never_below_zero():
     found = sum_amounts([record(100.0, 80.0, 120.0, 50.0), record(200.0, 150.0, 300.0, 100.0)])["energy_kcal"]
     assert (found.amount, found.interval, found.coverage) == (150.0, (40.0 + 75.0, 60.0 + 150.0), 1.0)
-
-
-def test_sum_without_an_interval_or_with_unknown_grams_says_so():
     unknown = sum_amounts([record(100.0, None, None, 50.0), record(None, None, None, None)])["energy_kcal"]
     assert (unknown.amount, unknown.interval, unknown.coverage) == (50.0, None, None)
     assert sum_amounts([])["energy_kcal"].amount is None
+    found = sum_amounts([record(-4.0, -10.0, 2.0, -2.0)])["energy_kcal"]
+    assert (found.amount, found.interval) == (0.0, (0.0, 1.0))
 
 
 def test_nothing_eaten_within_an_interval_of_grams_is_no_certain_nothing():
@@ -60,8 +56,3 @@ def test_nothing_eaten_within_an_interval_of_grams_is_no_certain_nothing():
     assert (certain.amount, certain.interval) == (0.0, (0.0, 0.0))
     by_the_table = sum_amounts([record(0.0, 0.0, 0.0, 0.0), record(100.0, 80.0, 120.0, 0.0)])["energy_kcal"]
     assert (by_the_table.amount, by_the_table.interval) == (0.0, None)
-
-
-def test_what_is_shown_is_never_below_zero():
-    found = sum_amounts([record(-4.0, -10.0, 2.0, -2.0)])["energy_kcal"]
-    assert (found.amount, found.interval) == (0.0, (0.0, 1.0))

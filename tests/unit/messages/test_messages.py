@@ -34,15 +34,15 @@ def test_code_has_all_languages_with_the_same_placeholders(code):
         assert text
 
 
-def test_every_code_of_pairs_and_meals_has_a_sentence():
+def test_every_code_of_pairs_and_meals_has_a_sentence_and_every_sentence_is_of_a_code():
     wanted = codes_in("errors.md", "## Pairs that could be better") | codes_in("errors.md", "## Meals that cannot")
     missing = wanted - photograph_codes() - {"photograph_erased"}  # the privacy page's, told to nobody
     assert not missing
-
-
-def test_every_sentence_is_of_a_code_in_the_documents():
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (ROOT / "docs" / "errors.md").read_text(), re.MULTILINE))
     assert photograph_codes() <= listed
+    assert sentence("no_such_code", "en") is None
+    assert sentence("where_left", "en", "left") is not None  # a part of sentences, and not among the codes
+    assert "where_left" not in photograph_codes()
 
 
 @pytest.mark.parametrize("locale", LOCALES)
@@ -56,12 +56,6 @@ def test_sentence_is_one_names_the_photograph_and_begins_with_a_capital(locale):
             assert text[-1] in ".。"
             assert len(re.findall(r"[.。!?！？](\s|$)", text)) <= 1
             assert len(text) < 160
-
-
-def test_unknown_code_has_no_sentence():
-    assert sentence("no_such_code", "en") is None
-    assert sentence("where_left", "en", "left") is not None  # a part of sentences, and not among the codes
-    assert "where_left" not in photograph_codes()
 
 
 @pytest.mark.parametrize(

@@ -40,11 +40,8 @@ def person():
         ("DELETE", "/v1/meals/a", b"", "call"),
         ("POST", "/v1/meals/a/events", b"", "call"),
         ("POST", "/v1/calibrations/a/withdrawal", b"", "call"),
-        ("GET", "/v1/meals/a/images/left", b"", "call"),
         ("GET", "/v1/records", b"study=a", "call"),
-        ("GET", "/v1/records", b"format=json&study=a", "call"),
         ("GET", "/v1/records", b"study=a&format=csv", "export"),
-        ("GET", "/v1/records", b"format=parquet", "export"),
         ("GET", "/v1/records", b"f%6frmat=parquet", "export"),
         ("GET", "/v1/me/export", b"", "export"),
         ("GET", "/v1/exported", b"", "call"),
@@ -73,29 +70,19 @@ def test_file_asked_for_by_the_header_counts_as_an_export(accept, query, found):
     assert call_class(scope) == found
 
 
-def test_phone_past_its_uploads_is_refused_and_may_still_ask():
-    counted, caller = limits(device_uploads_per_minute=2), phone()
+def test_phone_past_its_uploads_is_refused_may_still_ask_and_is_admitted_after_retry_after():
+    clock = Clock()
+    counted, caller = limits(clock, device_uploads_per_minute=2), phone()
     assert counted.count(*caller, "upload").left == 1
     counted.count(*caller, "upload")
-    with pytest.raises(RateLimitedError) as caught:
-        counted.count(*caller, "upload")
+    for _ in range(5):
+        with pytest.raises(RateLimitedError) as caught:
+            counted.count(*caller, "upload")
     assert caught.value.facts == {"retry_after_seconds": 30, "limit_per_minute": 2}
     counted.count(*caller, "call")
     counted.count(*phone(), "upload")
-
-
-def test_phone_that_waits_retry_after_is_admitted_after_any_number_of_refusals():
-    clock = Clock()
-    counted, caller = limits(clock, device_uploads_per_minute=1), phone()
+    clock.now += 30
     counted.count(*caller, "upload")
-    for _ in range(5):
-        with pytest.raises(RateLimitedError):
-            counted.count(*caller, "upload")
-    clock.now += 60
-    counted.count(*caller, "upload")
-
-
-def test_exports_of_a_person_have_their_own_limit():
     counted, caller = limits(exports_per_minute=1, staff_calls_per_minute=2), person()
     counted.count(*caller, "export")
     with pytest.raises(RateLimitedError):
@@ -106,17 +93,17 @@ def test_exports_of_a_person_have_their_own_limit():
 def test_limit_of_nought_is_none():
     counted = limits(device_uploads_per_minute=0, address_uploads_per_minute=0)
     caller = phone()
-    for _ in range(1000):
+    for _ in range(100):
         assert counted.count(*caller, "upload") is None
         with counted.under_way("192.0.2.1", "upload"):
             pass
 
 
 def test_clinic_of_two_hundred_phones_behind_one_address_is_not_refused():
-    """For ten minutes each sends a meal in four parts a minute and waits for its estimate by calls of 25 s."""
+    """For three minutes each sends a meal in four parts a minute and waits for its estimate by calls of 25 s."""
     clock = Clock()
     counted, callers = limits(clock), [phone() for _ in range(200)]
-    for _ in range(10):
+    for _ in range(3):
         for caller in callers:
             for call in ("upload",) * 4 + ("call",) * 3:
                 with counted.under_way("192.0.2.1", call):

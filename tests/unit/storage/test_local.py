@@ -17,18 +17,32 @@ def store(tmp_path):
     return LocalBlobStore(tmp_path / "blobs")
 
 
-def staged(store, content=b"bytes"):
-    path = store.staging_folder() / "file"
-    path.write_bytes(content)
+@pytest.fixture
+def synced(monkeypatch):
+    """What is synced, as paths, and "moved" for each file that is moved."""
+    seen, sync, replace = [], os.fsync, os.replace
+
+    def note_and_sync(handle):
+        seen.append(os.path.realpath(f"/proc/self/fd/{handle}"))
+        if seen[-1].endswith("/broken"):
+            raise OSError(errno.EIO, "Input/output error")
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", note_and_sync)
+    monkeypatch.setattr(os, "replace", lambda *paths: seen.append("moved") or replace(*paths))
+    return seen
+
+
+def staged(store, name="file"):
+    path = store.staging_folder() / name
+    path.write_bytes(b"bytes")
     return path
 
 
-def test_file_and_every_changed_folder_are_synced_before_put_returns(store, monkeypatch):
-    synced = []
-    real = os.fsync
-    monkeypatch.setattr(
-        os, "fsync", lambda handle: synced.append(os.path.realpath(f"/proc/self/fd/{handle}")) or real(handle)
-    )
+@pytest.mark.parametrize("is_there", [False, True])  # made by another upload, which may not have synced them
+def test_file_and_every_changed_folder_are_synced_before_put_returns(store, synced, is_there):
+    if is_there:
+        (store._root / "study" / "meal" / "left").mkdir(parents=True)
     store.put_file(KEY, staged(store))
     root = str(store._root)
     assert synced[0] == f"{store.staging_folder()}/file"
@@ -36,50 +50,14 @@ def test_file_and_every_changed_folder_are_synced_before_put_returns(store, monk
     assert min(synced.index(folder) for folder in (root, f"{root}/study/meal")) > 0
 
 
-def test_folders_that_another_upload_made_and_may_not_have_synced_are_synced_too(store, monkeypatch):
-    (store._root / "study" / "meal" / "left").mkdir(parents=True)
-    synced = []
-    real = os.fsync
-    monkeypatch.setattr(
-        os, "fsync", lambda handle: synced.append(os.path.realpath(f"/proc/self/fd/{handle}")) or real(handle)
-    )
-    store.put_file(KEY, staged(store))
-    root = str(store._root)
-    assert {root, f"{root}/study", f"{root}/study/meal", f"{root}/study/meal/left"} <= set(synced)
-
-
-def test_files_of_a_call_are_all_synced_before_any_is_moved(store, monkeypatch):
-    left, right = (store.staging_folder() / name for name in ("a", "b"))
-    for path in (left, right):
-        path.write_bytes(b"x")
-    seen = []
-    real_sync, real_replace = os.fsync, os.replace
-    monkeypatch.setattr(
-        os, "fsync", lambda handle: seen.append(os.path.realpath(f"/proc/self/fd/{handle}")) or real_sync(handle)
-    )
-    monkeypatch.setattr(os, "replace", lambda *paths: seen.append("moved") or real_replace(*paths))
+def test_files_of_a_call_are_all_synced_before_any_is_moved_and_a_disk_that_fails_is_told(store, synced):
+    left, right = staged(store, "a"), staged(store, "b")
     store.put_files({"study/meal/left/0": left, "study/meal/right/0": right})
-    assert set(seen[:2]) == {str(left), str(right)}
-    assert seen[2:4] == ["moved", "moved"]
-    assert len(set(seen[4:])) == len(seen[4:]) == 5
-
-
-def test_disk_that_fails_to_sync_any_of_them_is_told(store, monkeypatch):
-    real = os.fsync
-
-    def broken(handle):
-        if os.path.realpath(f"/proc/self/fd/{handle}").endswith("/right"):
-            raise OSError(errno.EIO, "Input/output error")
-        real(handle)
-
-    monkeypatch.setattr(os, "fsync", broken)
-    files = {}
-    for slot in ("left", "right"):
-        path = store.staging_folder() / f"new-{slot}"
-        path.write_bytes(b"x")
-        files[f"study/meal/{slot}/0"] = path
+    assert set(synced[:2]) == {str(left), str(right)}
+    assert synced[2:4] == ["moved", "moved"]
+    assert len(set(synced[4:])) == len(synced[4:]) == 5
     with pytest.raises(OSError, match="Input/output"):
-        store.put_files(files)
+        store.put_files({"study/meal/left/0": staged(store), "study/meal/right/0": staged(store, "broken")})
 
 
 def test_url_opens_a_local_store_and_others_are_refused(tmp_path):
@@ -93,12 +71,8 @@ def test_deleting_the_last_blob_of_a_folder_removes_the_empty_folders(store):
     store.put_bytes(KEY, b"x")
     store.put_bytes("study/other/left/0123", b"x")
     store.delete(KEY)
-    assert sorted(path.name for path in store._root.rglob("*") if STAGING not in path.parts) == [
-        "0123",
-        "left",
-        "other",
-        "study",
-    ]
+    left = sorted(path.name for path in store._root.rglob("*") if STAGING not in path.parts)
+    assert left == ["0123", "left", "other", "study"]
 
 
 def test_blob_is_put_though_its_folder_was_removed_as_empty_meanwhile(store, monkeypatch):

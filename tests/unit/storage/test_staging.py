@@ -46,32 +46,25 @@ def everything_in(parent):
     return sorted(path.name for path in parent.iterdir())
 
 
-def test_what_a_living_process_writes_stays_whatever_our_clock_says(tmp_path, other_process, monkeypatch):
-    _, theirs = other_process(tmp_path, "stay")
+def test_what_a_living_process_writes_stays_whatever_our_clock_says_and_goes_once_it_is_killed(
+    tmp_path, other_process, monkeypatch
+):
+    process, theirs = other_process(tmp_path, "stay")
     now = time.time()
     monkeypatch.setattr(time, "time", lambda: now + LONG_AGO)
     ours = Staging(tmp_path)
     ours.remove_abandoned()
     assert (theirs / "photograph").read_bytes() == b"x"
     assert ours.folder.is_dir()
-
-
-def test_what_a_killed_process_left_goes_at_once(tmp_path, other_process):
-    process, theirs = other_process(tmp_path, "stay")
     process.send_signal(signal.SIGKILL)
     process.wait()
     ours = Staging(tmp_path)
-    assert not theirs.exists()
     assert everything_in(tmp_path) == [ours.folder.name, ours.folder.name + LOCK_SUFFIX]
 
 
-def test_process_that_ends_well_leaves_nothing(tmp_path, other_process):
+def test_process_that_ends_well_and_a_store_that_is_given_up_leave_nothing(tmp_path, other_process):
     process, _ = other_process(tmp_path, "end")
     process.wait()
-    assert everything_in(tmp_path) == []
-
-
-def test_store_that_is_given_up_leaves_nothing(tmp_path):
     ours = Staging(tmp_path)
     (ours.folder / "photograph").write_bytes(b"x")
     del ours
