@@ -1,4 +1,4 @@
-"""The pages' vendor folders hold what their READMEs list, each with its licence, and three.js loads from nowhere else."""
+"""The pages' vendor folders hold what their READMEs list, each with its licence, and three.js imports nothing else."""
 
 import hashlib
 import pathlib

@@ -54,15 +54,18 @@ def words_in(values):
     return {word for word in parts if isinstance(word, str)}
 
 
-def nodes_of(folder):
+def nodes_of(folder, word):
+    """The nodes of all files that have this word."""
     for path in folder.rglob("*.py"):
-        yield from ast.walk(ast.parse(path.read_text()))
+        text = path.read_text()
+        if re.search(word, text):
+            yield from ast.walk(ast.parse(text))
 
 
 def codes_in_the_source():
     """Every code that the program can answer: `code` of errors, `code=` arguments, those of Failure and PairProblem."""
     codes = set()
-    for node in nodes_of(DOCS.parent / "app"):
+    for node in nodes_of(DOCS.parent / "app", r"\bcode\b|CODES_BY_STATUS|Failure|PairProblem"):
         if isinstance(node, ast.Call):
             named = [keyword.value for keyword in node.keywords if keyword.arg == "code"]
             is_failure = isinstance(node.func, ast.Name) and node.func.id in ("Failure", "PairProblem")
@@ -81,7 +84,7 @@ def codes_in_the_source():
 def flags_in_the_source():
     """Every flag that an item can carry: what is assigned or given to `flags`, appended to it, or returned by it."""
     flags = set()
-    for node in nodes_of(DOCS.parent / "app" / "vision"):
+    for node in nodes_of(DOCS.parent / "app" / "vision", r"flags|SCALE_FLAGS"):
         if isinstance(node, ast.Assign) and target_of(node) == "flags":
             flags |= words_in([node.value])
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":

@@ -1,11 +1,7 @@
-"""No private names of other packages in the program, and the tool that looks for them."""
-
-import subprocess
-import sys
+"""The tool that looks for private names of other packages; `make check` runs it over the program."""
 
 import pytest
 
-from tests.e2e.processes import REPOSITORY
 from tools.check_private_names import private_imports, silenced
 
 
@@ -25,10 +21,3 @@ from tools.check_private_names import private_imports, silenced
 def test_import_of_a_private_name_of_others_is_reported_and_access_that_ruff_is_told_to_allow(line, count):
     assert len(list(private_imports(line))) == count
     assert list(silenced("a = 1\nb = x._y  # noqa: SLF001  # why\n")) == [(2, "b = x._y  # noqa: SLF001  # why")]
-
-
-def test_program_uses_none():
-    done = subprocess.run(
-        [sys.executable, "tools/check_private_names.py"], cwd=REPOSITORY, capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stdout) == (0, "")
