@@ -43,12 +43,12 @@ class Planned:
 
 
 def plan_meals(rng, count, real_pair):
-    """Meals of all ways, drawn by the generator; the first is of real photographs, the second crashes the decoder."""
+    """Meals of all ways, drawn; the first is of the real pair, if any, the second crashes the decoder."""
     meals = []
     for number in range(count):
         meal_id = uuid.UUID(int=rng.getrandbits(128), version=4)
         way = WAYS[number % len(WAYS)]
-        if number % 50 == 0:
+        if number % 50 == 0 and real_pair is not None:
             hints = [{"point": [1092, 620], "food": "apple"}]
             meals.append(Planned(meal_id, dict(real_pair), way, hints))
             continue

@@ -254,6 +254,7 @@ class Postgres(Program):
     def launch(self):
         command = [self._program, "-D", self._data, "-h", "127.0.0.1", "-p", self.port, "-k", self._data]
         options = {"max_connections": 200, "min_wal_size": "32MB", "max_wal_size": "64MB", "shared_buffers": "32MB"}
+        options["dynamic_shared_memory_type"] = "mmap"  # files of its own folder: none is left in /dev/shm by a kill
         for name, value in options.items():
             command += ["-c", f"{name}={value}"]
         return self.spawn(

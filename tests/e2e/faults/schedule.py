@@ -292,16 +292,16 @@ def older_worker(deployment, rng, witness):
 
 
 class Schedule(threading.Thread):
-    """Brings the faults and undoes them. rounds: of every kind whose name holds the word `kinds`."""
+    """Brings the faults and undoes them. rounds: of every kind that `is_wanted`, a function of its name."""
 
-    def __init__(self, deployment, witness, rng, *, rounds, longest_gap, kinds=""):
+    def __init__(self, deployment, witness, rng, *, rounds, longest_gap, is_wanted):
         super().__init__(name="faults", daemon=True)
         self._deployment = deployment
         self._witness = witness
         self._rng = rng
         self._rounds = rounds
         self._longest_gap = longest_gap
-        self.names = [name for name, (_, where) in FAULTS.items() if kinds in name and where(deployment)]
+        self.names = [name for name, (_, where) in FAULTS.items() if is_wanted(name) and where(deployment)]
         self._undo = []
         self._order = itertools.count()
         self._ending = threading.Event()

@@ -18,7 +18,6 @@ PHONES = 4
 LONGEST_STORM_SECONDS = 7200
 CALM_SECONDS = 180.0  # after the last fault all meals have their answer by then; far more than it takes
 SLOW_SECONDS = 6.0  # of the estimates that a worker dies at
-WORKERS_BEGIN_SECONDS = 5.0  # until all workers are up again
 PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 
 
@@ -37,14 +36,15 @@ class Outcome:
     kinds: list
 
 
-def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""):
+def storm(folder, database, store, *, seed, meals, rounds, longest_gap, is_wanted, is_small=False):
     """Run it. The seed draws meals and faults; when they meet is up to the machine.
 
-    rounds: of each fault whose name holds `kinds`.
+    rounds: of each fault that `is_wanted`, a function of its name. is_small: without real photographs, and without
+    the deaths of workers while nothing else is broken.
     """
     real_pair = {slot: (PAIR / f"{slot}.jpg").read_bytes() for slot in ("left", "right")}
     rng = random.Random(seed)
-    planned = plan_meals(rng, meals, real_pair)
+    planned = plan_meals(rng, meals, None if is_small else real_pair)
     with contextlib.ExitStack() as cleanup:
         deployment = Deployment(folder, database, store)
         cleanup.callback(deployment.close)
@@ -54,9 +54,8 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""
         cleanup.callback(journal.close)
         witness = Witness(settings.resolved_database_url, journal)
         began = time.monotonic()
-        schedule = Schedule(
-            deployment, witness, random.Random(seed), rounds=rounds, longest_gap=longest_gap, kinds=kinds
-        )
+        when = {"rounds": rounds, "longest_gap": longest_gap, "is_wanted": is_wanted}
+        schedule = Schedule(deployment, witness, random.Random(seed), **when)
         phones = [
             Phone(
                 code,
@@ -85,7 +84,8 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""
         checker = Checker(settings, journal)
         calm = wait_for_calm(checker)
         stormy = len(witness.takeovers)
-        deaths(deployment, phones[0], witness, checker, rng, count=min(4, max(2, rounds // 2)))
+        if not is_small:
+            deaths(deployment, phones[0], witness, checker, rng, count=min(4, max(2, rounds // 2)))
         witness.stop()
         ends = {program.name: program.ends for program in [*deployment.apis, *deployment.workers]}
         deployment.manager.close_but(deployment.database, deployment.store)
@@ -108,7 +108,6 @@ def deaths(deployment, phone, witness, checker, rng, *, count):
         is_stopped = number % 2 == 1 and not deployment.is_embedded  # on SQLite a stopped worker keeps its jobs
         for api in deployment.apis:
             api.wait_until_ready()
-        time.sleep(WORKERS_BEGIN_SECONDS)
         phone.send(plan_slow_meal(rng, SLOW_SECONDS))
         pid = witness.pid_at_work()
         assert pid is not None, "no worker began with the meal"
