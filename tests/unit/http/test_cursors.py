@@ -31,6 +31,7 @@ def test_key_is_read_as_it_was_written(instant, row, day, count, number, text):
     [
         (WHOLE_NUMBER, "-1"),
         (WHOLE_NUMBER, "007"),
+        (WHOLE_NUMBER, "1_0"),
         (WHOLE_NUMBER, str(2**63)),
         (WHOLE_NUMBER, "\u0661"),
         (NUMBER, "nan"),
@@ -42,6 +43,7 @@ def test_key_is_read_as_it_was_written(instant, row, day, count, number, text):
         (DAY, "2026-02-30"),
         (DAY, "20261120"),
         (ID, str(uuid.UUID(int=7))),
+        (ID, "x"),
         (TEXT, "a\0b"),
     ],
 )

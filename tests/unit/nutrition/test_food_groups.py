@@ -46,6 +46,8 @@ LEGUMES, DAIRY = "Legumes and Legume Products", "Dairy and Egg Products"
         (DAIRY, "Milk, whole, 3.25% milkfat, with added vitamin D", "milk"),
         (DAIRY, "Milk, dry, whole, with added vitamin D", None),
         (DAIRY, "Butter, salted", "dairy_fat"),
+        (DAIRY, "Cheese, cheddar", "cheese"),
+        ("Fats and Oils", "Oil, coconut", None),
         (DAIRY, "Egg, whole, cooked, hard-boiled", "eggs"),
         (DAIRY, "Eggnog", None),
         ("Pork Products", "Pork, fresh, leg (ham), whole, separable lean and fat, raw", "pork"),

@@ -33,6 +33,7 @@ def test_kind_that_the_name_tells_weighs_as_the_starters_foods_of_it(name, group
     ("name", "group", "form"),
     [
         ("Turkey roll, light meat", "Poultry Products", "slab"),
+        ("Taco, as a heap", "Fast Foods", "heap"),
         ("Bread crumbs, dry, grated, plain", "Baked Products", "slab"),
         ("Cake, yellow, dry mix", "Baked Products", "slab"),
         ("Egg rolls, chicken, refrigerated, heated", "Meals, Entrees, and Side Dishes", "slab"),

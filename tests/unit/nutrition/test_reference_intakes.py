@@ -50,6 +50,8 @@ def test_pregnancy_and_lactation_have_their_own_columns_also_without_a_sex():
     [
         ({"age_years": -0.1}, "between 0 and 120"),
         ({"age_years": 120.1}, "between 0 and 120"),
+        ({"age_years": float("nan")}, "between 0 and 120"),
+        ({"age_years": 25.0, "sex": "male", "is_lactating": True}, "for females"),
         ({"age_years": 9.0}, "differ by sex"),
         ({"age_years": 25.0, "sex": "male", "is_pregnant": True}, "for females"),
         ({"age_years": 13.9, "sex": "female", "is_pregnant": True}, "14 to 50"),

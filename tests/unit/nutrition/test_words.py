@@ -51,6 +51,7 @@ def test_long_words_count_by_their_beginning_singular_is_the_likeliest_form_and_
         ("peaches", "peach"),
         ("swiss", "swiss"),
         ("hummus", "hummus"),
+        ("gas", "gas"),
     ],
 )
 def test_forms_of_a_plural_hold_its_singular(plural, one):

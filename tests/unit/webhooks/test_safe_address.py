@@ -99,6 +99,7 @@ GOOD_URLS = {
     "https://hooks.example.org:1024/a": ("hooks.example.org", 1024, "/a", "hooks.example.org:1024"),
     "https://hooks.example.org:65535?x": ("hooks.example.org", 65535, "/?x", "hooks.example.org:65535"),
     "https://8.8.8.8/": ("8.8.8.8", 443, "/", "8.8.8.8"),
+    "https://xn--bcher-kva.example/": ("xn--bcher-kva.example", 443, "/", "xn--bcher-kva.example"),
     "https://[2606:4700:0:0::1111]:8443/": ("2606:4700::1111", 8443, "/", "[2606:4700::1111]:8443"),
     "https://1.example.org/": ("1.example.org", 443, "/", "1.example.org"),
 }

@@ -215,6 +215,7 @@ def test_text_of_the_receiver_is_not_stored_a_continue_is_passed_over_and_a_refu
     ("header", "seconds"),
     [
         (b"120", 120.0),
+        (b"0", 0.0),
         (b"-5", None),
         (b"Wed, 21 Oct 2026 07:28:00 GMT", None),
     ],

@@ -121,6 +121,8 @@ def replaced(old, new):
         ("WEIGHT", replaced("^223^", "^heavy^"), r"WEIGHT.txt, line 2: the weight is 'heavy', no number"),
         ("WEIGHT", replaced("~09003~^2^", "~09003~^1^"), r"WEIGHT.txt, line 2: portion 09003 1 is there twice"),
         ("WEIGHT", replaced("~15237~", "~15238~"), r"WEIGHT.txt, line 6: food 15238 is none of FOOD_DES.txt"),
+        ("WEIGHT", lambda text: "", r"WEIGHT.txt: it is empty"),
+        ("FD_GROUP", lambda text: text + text, r"FD_GROUP.txt, line 3: group 0900 is there twice"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_its_file_and_line(tmp_path, file, change, message):
