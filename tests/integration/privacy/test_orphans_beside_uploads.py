@@ -3,6 +3,7 @@
 Whoever comes first, a photograph that was acknowledged stays. Each test forces one order of the two.
 """
 
+import contextlib
 import threading
 
 import pytest
@@ -23,9 +24,7 @@ from tests.integration.records.after_pairs import Table
 from tests.support import estimates
 from tests.support.photographs import pair
 from tests.support.stores import make_old
-from tests.support.waiting import PATIENCE_SECONDS
-
-BLOCKED_SECONDS = 0.5  # long enough for whoever is not kept waiting by a lock
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 
 class Sending:
@@ -76,16 +75,44 @@ def in_thread(work):
     return thread
 
 
-class Halted:
-    """A call that waits: `reached` once somebody is in it, and goes on when `go_on` is set."""
+@contextlib.contextmanager
+def deletion_on_its_way(state, monkeypatch, delete_orphans):
+    """Within: a thread that has spent the orphans' keys, and deletes the first blob from the store when this ends."""
+    delete, reached, go_on = state.blobs.delete, threading.Event(), threading.Event()
 
-    def __init__(self, call):
-        self._call, self.reached, self.go_on = call, threading.Event(), threading.Event()
+    def delete_later(key):
+        reached.set()
+        assert go_on.wait(PATIENCE_SECONDS)
+        delete(key)
 
-    def __call__(self, *arguments, **options):
-        self.reached.set()
-        assert self.go_on.wait(PATIENCE_SECONDS)
-        return self._call(*arguments, **options)
+    with monkeypatch.context() as patch:
+        patch.setattr(state.blobs, "delete", delete_later)
+        deletion = in_thread(delete_orphans)
+        assert reached.wait(PATIENCE_SECONDS)
+        patch.setattr(state.blobs, "delete", delete)
+        yield
+        go_on.set()
+        deletion.join(PATIENCE_SECONDS)
+
+
+@contextlib.contextmanager
+def deleted_once_sealed(state, monkeypatch, count):
+    """Within: what is sealed is at once an orphan that is deleted, as by a worker whose clock is days ahead."""
+    put_files = state.blobs.put_files
+
+    def put_and_deleted(files):
+        put_files(files)
+        make_old(state.blobs)
+        assert BlobDeleter(state.database, state.blobs).delete_orphans() == count
+
+    with monkeypatch.context() as patch:
+        patch.setattr(state.blobs, "put_files", put_and_deleted)
+        yield
+
+
+def assert_all_named_are_there(state):
+    with state.database.read() as session:
+        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
 
 
 @pytest.fixture
@@ -96,44 +123,23 @@ def sending(phone, state, monkeypatch):
 @pytest.mark.both_stores
 def test_photograph_acknowledged_during_orphan_deletion_stays(sending, state, monkeypatch):
     """The deletion is on its way to the store: it deletes what it finds there, whenever it gets there."""
-    halted = Halted(state.blobs.delete)
-    monkeypatch.setattr(state.blobs, "delete", halted)
-    deletion = in_thread(sending.delete_orphans)
-    assert halted.reached.wait(PATIENCE_SECONDS)
-    acknowledged = sending.send()
-    halted.go_on.set()
-    deletion.join(PATIENCE_SECONDS)
-    assert acknowledged.status_code == 202
+    with deletion_on_its_way(state, monkeypatch, sending.delete_orphans):
+        assert sending.send().status_code == 202
     sending.assert_kept()
 
 
 def test_deleter_that_was_stopped_and_goes_on_long_after_another_took_its_place_deletes_no_photograph(
     sending, state, monkeypatch
 ):
-    delete = state.blobs.delete
-    halted = Halted(delete)
-    monkeypatch.setattr(state.blobs, "delete", halted)
-    deletion = in_thread(sending.delete_orphans)
-    assert halted.reached.wait(PATIENCE_SECONDS)
-    monkeypatch.setattr(state.blobs, "delete", delete)
-    assert sending.delete_orphans() == 2
-    assert sending.send().status_code == 202
-    halted.go_on.set()
-    deletion.join(PATIENCE_SECONDS)
+    with deletion_on_its_way(state, monkeypatch, sending.delete_orphans):
+        assert sending.delete_orphans() == 2
+        assert sending.send().status_code == 202
     sending.assert_kept()
 
 
 def test_photograph_whose_key_is_spent_after_sealing_is_refused_and_accepted_when_resent(sending, state, monkeypatch):
-    put_files = state.blobs.put_files
-
-    def put_and_deleted(files):
-        put_files(files)
-        make_old(state.blobs)  # as a worker sees it whose clock is days ahead
-        assert sending.delete_orphans() == 2
-
-    monkeypatch.setattr(state.blobs, "put_files", put_and_deleted)
-    refused = sending.send()
-    monkeypatch.setattr(state.blobs, "put_files", put_files)
+    with deleted_once_sealed(state, monkeypatch, 2):
+        refused = sending.send()
     assert (refused.status_code, refused.json()["retryable"]) == (503, True)
     assert refused.headers["Retry-After"] == "1"
     assert sending.send().status_code == 202
@@ -164,7 +170,10 @@ def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, mon
         if not deletions:
             make_old(state.blobs)
             deletions.append(in_thread(sending.delete_orphans))
-            deletions[0].join(BLOCKED_SECONDS)
+            if state.database.is_sqlite:
+                wait_for_blocked_transaction(state.database)
+            else:
+                deletions[0].join(PATIENCE_SECONDS)
         return lock_meal(session, meal_id)
 
     monkeypatch.setattr(meals, "lock_meal", while_orphans_are_deleted)
@@ -174,7 +183,7 @@ def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, mon
 
 
 @pytest.mark.both_stores
-def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, monkeypatch):
+def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, state, monkeypatch):
     spend, uploads, answers = spent_keys.spend, [], []
 
     def while_it_is_sent(session, keys, now):
@@ -182,8 +191,8 @@ def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, monkeypatch):
         session.flush()
         if not uploads:
             uploads.append(in_thread(lambda: answers.append(sending.send())))
-            uploads[0].join(BLOCKED_SECONDS)
-            assert answers == []  # it waits
+            wait_for_blocked_transaction(state.database)
+            assert answers == []
 
     monkeypatch.setattr(spent_keys, "spend", while_it_is_sent)
     sending.delete_orphans()
@@ -193,16 +202,14 @@ def test_upload_of_a_key_being_spent_waits_and_is_refused(sending, monkeypatch):
     sending.assert_kept()
 
 
-def test_orphans_of_a_batch_are_spent_together_before_the_first_is_deleted(sending, state, monkeypatch):
+def test_orphans_of_a_batch_are_spent_together_before_the_first_is_deleted_and_without_orphans_nothing_is_written(
+    sending, state, monkeypatch
+):
     spend, delete, done = spent_keys.spend, state.blobs.delete, []
     monkeypatch.setattr(spent_keys, "spend", lambda *given: (done.append(set(given[1])), spend(*given)))
     monkeypatch.setattr(state.blobs, "delete", lambda key: (done.append(key), delete(key)))
     assert sending.delete_orphans() == 2
     assert done == [sending.orphans, *sorted(sending.orphans)]
-
-
-def test_listing_without_orphans_writes_nothing(sending, state, monkeypatch):
-    assert sending.delete_orphans() == 2
     monkeypatch.setattr(state.database, "write", out_of_order)
     assert sum(BlobDeleter(state.database, state.blobs).orphan_batches()) == 0
 
@@ -227,38 +234,22 @@ def test_deleter_that_died_before_deleting_blocks_no_phone(sending, state, monke
     sending.assert_kept()
 
 
-def test_photograph_of_an_after_pair_whose_orphan_is_just_deleted_stays(phone, state, monkeypatch):
+@pytest.mark.parametrize("when", ["deleted", "spent"])
+def test_photograph_of_an_after_pair_whose_orphan_is_just_deleted_stays(when, phone, state, monkeypatch):
     table = Table(phone, state).measured()
-    with monkeypatch.context() as patch:
-        patch.setattr(SubmitAfterPair, "_write", out_of_order)
-        assert table.put("after_left").status_code == 503
-    make_old(state.blobs)
-    halted = Halted(state.blobs.delete)
-    monkeypatch.setattr(state.blobs, "delete", halted)
-    deletion = in_thread(BlobDeleter(state.database, state.blobs).delete_orphans)
-    assert halted.reached.wait(PATIENCE_SECONDS)
-    table.send_after()
-    halted.go_on.set()
-    deletion.join(PATIENCE_SECONDS)
-    with state.database.read() as session:
-        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
-
-
-def test_photograph_of_an_after_pair_is_refused_once_its_key_is_spent(phone, state, monkeypatch):
-    table = Table(phone, state).measured()
-    put_files = state.blobs.put_files
-
-    def put_and_deleted(files):
-        put_files(files)
+    if when == "spent":
+        with deleted_once_sealed(state, monkeypatch, 1):
+            assert table.put("after_left").status_code == 503
+        table.send_after()
+    else:
+        with monkeypatch.context() as patch:
+            patch.setattr(SubmitAfterPair, "_write", out_of_order)
+            assert table.put("after_left").status_code == 503
         make_old(state.blobs)
-        assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
-
-    monkeypatch.setattr(state.blobs, "put_files", put_and_deleted)
-    assert table.put("after_left").status_code == 503
-    monkeypatch.setattr(state.blobs, "put_files", put_files)
-    table.send_after()
-    with state.database.read() as session:
-        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+        deleter = BlobDeleter(state.database, state.blobs)
+        with deletion_on_its_way(state, monkeypatch, deleter.delete_orphans):
+            table.send_after()
+    assert_all_named_are_there(state)
 
 
 def test_photograph_replaced_by_another_pair_does_not_count_as_sealed(phone, state, monkeypatch):
@@ -278,8 +269,7 @@ def test_photograph_replaced_by_another_pair_does_not_count_as_sealed(phone, sta
     assert answers[0].status_code == 202
     assert late.status_code == 409
     assert table.put("after_right").status_code == 202
-    with state.database.read() as session:
-        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+    assert_all_named_are_there(state)
 
 
 @pytest.mark.parametrize("kind", ["postgres"])  # on SQLite nothing is committed while the deleter looks

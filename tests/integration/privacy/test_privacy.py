@@ -50,44 +50,37 @@ def person(state, enrol):
     return Person(state, enrol, "somebody-9Qv", seed=1)
 
 
-def test_deleting_a_meal_gives_a_receipt_readable_by_id_alone(person, client):
-    answer = client.delete(person.path, headers=person.phone.headers)
-    receipt = answer.json()
+def test_deleted_meal_has_a_receipt_readable_by_id_alone_and_tombstones_and_each_call_of_it_is_410(
+    person, client, state, enrol
+):
+    assert client.delete(person.path, headers=enrol("other").headers).status_code == 404
+    assert person.phone.get(person.path).status_code == 200
+    with state.database.read() as session:
+        item_ids = list(session.scalars(sa.select(EffectiveRecord.item_id)))
+        last = session.scalars(sa.select(Study.change_seq)).one()
+    receipt = client.delete(person.path, headers=person.phone.headers).json()
     assert (receipt["what"], receipt["policy"]) == ("meal", "erase")
     assert receipt["counts"]["meal"] == 1
     assert receipt["counts"]["meal_image"] == 2
     assert client.get(f"/v1/receipts/{receipt['id']}").json() == receipt
     assert client.get(f"/v1/receipts/{uuid.uuid4()}").status_code == 404
-    for method in ("DELETE", "GET"):
-        again = client.request(method, person.path, headers=person.phone.headers)
-        assert (again.status_code, again.json()["code"], again.json()["receipt"]) == (
-            410,
-            "meal_deleted",
-            receipt["id"],
-        )
-
-
-@pytest.mark.parametrize(
-    ("method", "below", "content_type"),
-    [
+    with state.database.read() as session:
+        found = session.scalars(sa.select(Tombstone).where(Tombstone.kind == "record")).all()
+    assert {row.digest for row in found} == {public_digest(item_id) for item_id in item_ids}
+    assert all(row.change_seq > last for row in found)
+    calls = [
+        ("DELETE", "", "application/json"),
+        ("GET", "", "application/json"),
         ("POST", "/events", "application/json"),
         ("PUT", "/images/left", "image/jpeg"),
         ("PUT", "/after", "application/json"),
         ("PUT", "", "application/json"),
-    ],
-)
-def test_any_change_of_a_deleted_meal_is_410_whatever_its_body(person, client, method, below, content_type):
-    client.delete(person.path, headers=person.phone.headers)
-    answer = client.request(
-        method, person.path + below, headers=person.phone.headers | {"Content-Type": content_type}, content=b"{}"
-    )
-    assert (answer.status_code, answer.json()["code"]) == (410, "meal_deleted")
-
-
-def test_another_phone_of_another_person_cannot_delete_a_meal(person, enrol, client):
-    other = enrol("other")
-    assert client.delete(person.path, headers=other.headers).status_code == 404
-    assert person.phone.get(person.path).status_code == 200
+    ]
+    for method, below, content_type in calls:  # whatever the body
+        headers = person.phone.headers | {"Content-Type": content_type}
+        again = client.request(method, person.path + below, headers=headers, content=b"{}")
+        told = (again.status_code, again.json()["code"], again.json()["receipt"])
+        assert told == (410, "meal_deleted", receipt["id"]), (method, below)
 
 
 def test_staff_delete_a_meal_and_hear_404_afterwards(person, client, admin):
@@ -95,31 +88,25 @@ def test_staff_delete_a_meal_and_hear_404_afterwards(person, client, admin):
     assert client.get(person.path, headers=admin).status_code == 404
 
 
-def test_erased_records_leave_tombstones_in_the_order_of_changes(person, client, state):
-    with state.database.read() as session:
-        item_ids = list(session.scalars(sa.select(EffectiveRecord.item_id)))
-        last = session.scalars(sa.select(Study.change_seq)).one()
-    client.delete(person.path, headers=person.phone.headers)
-    with state.database.read() as session:
-        found = session.scalars(sa.select(Tombstone).where(Tombstone.kind == "record")).all()
-    assert {row.digest for row in found} == {public_digest(item_id) for item_id in item_ids}
-    assert all(row.change_seq > last for row in found)
-
-
-@pytest.mark.parametrize(("policy", "stays"), [("keep", True), ("anonymise", True), ("erase", False)])
-def test_what_food_looked_like_stays_with_its_item_and_goes_with_it(policy, stays, person, state, client):
-    set_study(state, withdrawal_policy=policy)
-    client.post("/v1/me/withdrawal", headers=person.phone.headers)
-    with state.database.read() as session:
-        assert list(session.scalars(sa.select(ItemIdentification.vector))) == [person.vector] * stays
-        assert list(session.scalars(sa.select(IndexEntry.food_key))) == ["apple"] * stays
-
-
 @pytest.mark.parametrize("policy", ["keep", "anonymise", "erase"])
-def test_every_call_of_the_phone_is_410_after_withdrawal(policy, person, state, client):
+def test_person_who_left_is_counted_their_calls_are_410_their_code_is_spent_and_their_data_stay_as_the_policy_says(
+    policy, person, state, client, admin
+):
     set_study(state, withdrawal_policy=policy)
+    before = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
     receipt = client.post("/v1/me/withdrawal", headers=person.phone.headers).json()
     assert (receipt["what"], receipt["policy"]) == ("participant", policy)
+    after = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
+    assert (before["everybody"], before["withdrawn"]) == (1, 0)
+    assert (after["everybody"], after["withdrawn"], after["erased"]) == (1, 1, policy == "erase")
+    with state.database.read() as session:  # what their food looked like
+        assert list(session.scalars(sa.select(ItemIdentification.vector))) == [person.vector] * (policy != "erase")
+        assert list(session.scalars(sa.select(IndexEntry.food_key))) == ["apple"] * (policy != "erase")
+    if policy == "keep":
+        with state.database.read() as session:
+            assert session.scalars(sa.select(Participant)).one().withdrawn_at is not None
+            assert session.scalars(sa.select(BlobDeletion)).all() == []
+        assert client.get(person.path, headers=admin, params={"participant": person.mark}).status_code == 200
     for method, path in (
         ("GET", person.path),
         ("GET", "/v1/records"),
@@ -135,6 +122,12 @@ def test_every_call_of_the_phone_is_410_after_withdrawal(policy, person, state, 
     assert person.phone.post(pair(7)).status_code == 410
     answer = client.post("/v1/enrolments", json={"code": f"code of {person.mark}", "device_name": "again"})
     assert answer.status_code == 404
+    again = client.post("/v1/studies/pilot/participants", headers=admin, json={"code": person.mark})
+    expected = "participant_exists" if policy == "keep" else "participant_code_spent"
+    assert (again.status_code, again.json()["code"]) == (409, expected)
+    client.post("/v1/studies", headers=admin, json={"code": "other", "name": "Other", "marker": "plain:9x7:11"})
+    elsewhere = client.post("/v1/studies/other/participants", headers=admin, json={"code": person.mark})
+    assert elsewhere.status_code == 201
 
 
 @pytest.mark.both_stores
@@ -217,36 +210,6 @@ def test_call_of_a_phone_whose_person_is_erased_meanwhile_is_410(person, state, 
         assert caught.value.code == "withdrawn"
 
 
-def test_erased_participant_still_counts_as_withdrawn(person, state, client, admin):
-    set_study(state, withdrawal_policy="erase")
-    before = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
-    client.post("/v1/me/withdrawal", headers=person.phone.headers)
-    after = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
-    assert (before["everybody"], before["withdrawn"]) == (1, 0)
-    assert (after["everybody"], after["withdrawn"], after["erased"]) == (1, 1, 1)
-
-
-@pytest.mark.parametrize("policy", ["erase", "anonymise", "keep"])
-def test_code_of_a_withdrawn_participant_cannot_be_used_again(policy, person, state, client, admin):
-    set_study(state, withdrawal_policy=policy)
-    client.post("/v1/me/withdrawal", headers=person.phone.headers)
-    again = client.post("/v1/studies/pilot/participants", headers=admin, json={"code": person.mark})
-    expected = "participant_exists" if policy == "keep" else "participant_code_spent"
-    assert (again.status_code, again.json()["code"]) == (409, expected)
-    client.post("/v1/studies", headers=admin, json={"code": "other", "name": "Other", "marker": "plain:9x7:11"})
-    elsewhere = client.post("/v1/studies/other/participants", headers=admin, json={"code": person.mark})
-    assert elsewhere.status_code == 201
-
-
-def test_kept_data_stay_after_withdrawal(person, state, client, admin):
-    set_study(state, withdrawal_policy="keep")
-    client.post("/v1/me/withdrawal", headers=person.phone.headers)
-    with state.database.read() as session:
-        assert session.scalars(sa.select(Participant)).one().withdrawn_at is not None
-        assert session.scalars(sa.select(BlobDeletion)).all() == []
-    assert client.get(person.path, headers=admin, params={"participant": person.mark}).status_code == 200
-
-
 def test_anonymised_data_identify_nobody_and_keep_food_and_times(person, state, settings, client, admin):
     set_study(state, withdrawal_policy="anonymise")
     with state.database.read() as session:
@@ -305,7 +268,8 @@ def test_owner_withdraws_a_participant_once_and_again_only_if_the_policy_asks_fo
     assert client.post("/v1/studies/none/participants/x/withdrawal", headers=admin).status_code == 404
 
 
-def test_photographs_past_retention_go_and_records_stay(person, state, client, admin, settings):
+def test_photographs_past_retention_go_and_records_stay(person, state, client, admin):
+    assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=10_000)) == 0  # no study has any
     set_study(state, retention_days=30)
     with state.database.read() as session:
         keys = list(session.scalars(sa.select(MealImage.blob_key)))
@@ -328,11 +292,7 @@ def test_photographs_past_retention_go_and_records_stay(person, state, client, a
     assert person.phone.post(person.photos, person.metadata).status_code == 200  # the phone may ask whether it is here
 
 
-def test_study_without_retention_keeps_its_photographs(person, state):
-    assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=10_000)) == 0
-
-
-def test_export_contains_all_data_and_the_original_photographs(person, state, enrol):
+def test_export_contains_all_data_and_the_original_photographs_and_is_noted_as_a_read_of_them(person, state, enrol):
     Person(state, enrol, "another-one-3Fd", seed=5)
     answer = person.phone.get("/v1/me/export")
     assert answer.headers["content-disposition"] == 'attachment; filename="my-data.zip"'
@@ -357,6 +317,11 @@ def test_export_contains_all_data_and_the_original_photographs(person, state, en
     assert b"another-one-3Fd" not in everything
     assert person.token_sha256.encode() not in everything
     assert list(state.blobs.staging_folder().iterdir()) == []
+    with state.database.read() as session:
+        event = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "photograph.read")).one()
+        subject = str(session.get_one(Participant, person.participant_id).alias)
+    assert (event.actor_kind, event.subject) == ("device", subject)
+    assert event.details == {"by": "export", "photographs": 2}
 
 
 def test_export_of_many_meals_holds_each_in_the_order_of_eating(person, state):
@@ -373,39 +338,28 @@ def test_export_of_many_meals_holds_each_in_the_order_of_eating(person, state):
     assert [each["captured_at"] for each in told] == sorted(each["captured_at"] for each in told)
 
 
-def test_third_export_of_a_person_at_once_is_refused_and_let_in_once_another_has_ended(person, state, enrol):
-    leaving = [state.part(ExportPlaces).take(person.participant_id) for _ in range(2)]
+def test_exports_at_once_are_bounded_for_a_person_and_for_all_and_each_leaves_its_place_when_it_ends_or_fails(
+    person, state, enrol, monkeypatch
+):
+    places = state.part(ExportPlaces)
+    own = [places.take(person.participant_id) for _ in range(2)]
     answer = person.phone.get("/v1/me/export")
     assert (answer.status_code, answer.json()["code"], answer.headers["Retry-After"]) == (503, "server_busy", "60")
     assert enrol("other").get("/v1/me/export").status_code == 200
-    leaving[0]()
-    for _ in range(3):  # each leaves when it ends
+    own[0]()
+    for _ in range(3):
         assert person.phone.get("/v1/me/export").status_code == 200
-
-
-def test_exports_of_all_at_once_are_bounded_and_one_that_fails_leaves_its_place(person, state, monkeypatch):
-    others = [state.part(ExportPlaces).take(uuid.uuid4()) for _ in range(7)]
+    own[1]()
+    others = [places.take(uuid.uuid4()) for _ in range(7)]
     with monkeypatch.context() as patched:
         patched.setattr("app.privacy.export_me.README", None)
         assert person.phone.get("/v1/me/export").status_code == 500
     assert person.phone.get("/v1/me/export").status_code == 200
-    others.append(state.part(ExportPlaces).take(uuid.uuid4()))
+    others.append(places.take(uuid.uuid4()))
     assert person.phone.get("/v1/me/export").status_code == 503
     for leave in others:
         leave()
     assert person.phone.get("/v1/me/export").status_code == 200
-
-
-def test_export_is_noted_as_a_read_of_photographs(person, state):
-    person.phone.get("/v1/me/export")
-    with state.database.read() as session:
-        event = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "photograph.read")).one()
-        alias = session.scalars(sa.select(Participant.alias)).one()
-    assert (event.actor_kind, event.subject, event.details) == (
-        "device",
-        str(alias),
-        {"by": "export", "photographs": 2},
-    )
 
 
 def test_audit_log_pages_filters_and_exports(person, client, admin, state):
@@ -455,18 +409,19 @@ def located_pair():
     return {"left": photograph(1, exif=b"Exif\0\0" + block), "right": photograph(2, exif=b"Exif\0\0" + block)}
 
 
-@pytest.mark.parametrize("told", [None, EXACT])
 @pytest.mark.parametrize("policy", ["drop", "round", "keep"])
-def test_no_byte_of_the_exact_place_is_kept_unless_the_study_keeps_places(policy, told, phone, state, settings):
+def test_no_byte_of_the_exact_place_is_kept_unless_the_study_keeps_places(policy, phone, state):
     set_study(state, location_policy=policy, location_decimals=1 if policy == "round" else None)
-    assert phone.post(located_pair(), location=told).status_code == 202
-    with state.database.read() as session:
-        kept = session.scalars(sa.select(Meal)).one().details["location"]
-    rounded = {"latitude": 34.1, "longitude": -118.1} if told else {"latitude": 40.4, "longitude": -86.9}
-    assert kept == {"drop": None, "round": rounded, "keep": told}[policy]
-    held = database_bytes(state.database) + store_bytes(state.blobs)
     exact = [b"34.1391839", b"118.1250041", *(each.lower() for each in coordinate_bytes())]
-    assert any(needle in held for needle in exact) == (policy == "keep")
+    for told in (None, EXACT):
+        meal_id = phone.post(located_pair(), location=told).json()["id"]
+        with state.database.read() as session:
+            query = sa.select(Meal).where(Meal.client_id == uuid.UUID(meal_id))
+            kept = session.scalars(query).one().details["location"]
+        rounded = {"latitude": 34.1, "longitude": -118.1} if told else {"latitude": 40.4, "longitude": -86.9}
+        assert kept == {"drop": None, "round": rounded, "keep": told}[policy]
+        held = database_bytes(state.database) + store_bytes(state.blobs)
+        assert any(needle in held for needle in exact) == (policy == "keep")
 
 
 def test_place_of_a_photograph_that_comes_by_itself_is_rounded_too(phone, state):
