@@ -6,7 +6,6 @@ must be quiet: no error in the console, no request of another host (browser.py).
 
 import csv
 import io
-import json
 import math
 import re
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ import cv2
 import httpx2
 import numpy as np
 import pytest
-from playwright.sync_api import expect
 
 from app.cli.demo_menus import APPLE, PEOPLE, RICE, SALAD
 from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
@@ -23,8 +21,7 @@ from tests.e2e.browser import violations
 from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server
-from tests.support.qr_codes import read_qr
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -37,9 +34,7 @@ MEALS = (
 DAYS = 4
 SEED = 3
 SAMPLE = f"/dashboard/studies/{STUDY}"
-CARD = ".review-card:not([hidden])"
 MADE_SECONDS = 120
-SETTLED_MS = 170  # of review.js: a key that comes sooner is taken for one that was meant for the item before
 GPU = "GPU stall due to ReadPixels"  # what drawing by software costs
 OF_STUDY = "/dashboard/studies/{study}"
 MEAL = f"{OF_STUDY}/meals/{{participant}}/{{meal_id}}"
@@ -127,7 +122,6 @@ def test_researcher_walks_from_sign_in_to_sign_out(world, open_page, tmp_path):
     tab = open_page(world.address, accept_downloads=True, reduced_motion="reduce")
     tab.expect(GPU)
     page = tab.page
-    page.clock.install()
     tab.sign_in(*world.password("owner"))
     page.get_by_role("link", name="Sample study").click()
     page.wait_for_url(f"**{SAMPLE}", wait_until="load")
@@ -146,9 +140,6 @@ def test_researcher_walks_from_sign_in_to_sign_out(world, open_page, tmp_path):
     assert_meal_is_shown(page, rice)
     assert_foods_are_drawn(page)
 
-    menu(page, "Review")
-    review_by_keyboard(world, page)
-
     menu(page, "Participants")
     page.get_by_role("link", name="P001", exact=True).click()
     page.wait_for_url("**/participants/P001", wait_until="load")
@@ -159,9 +150,6 @@ def test_researcher_walks_from_sign_in_to_sign_out(world, open_page, tmp_path):
 
     menu(page, "Exports")
     assert_file_is_the_apis(world, page)
-
-    menu(page, "Devices")
-    enrol_by_card(page, world)
 
     page.get_by_role("button", name="Sign out").click()
     page.wait_for_url(re.compile(r".*/dashboard/sign-in$"))
@@ -203,42 +191,6 @@ def assert_foods_are_drawn(page):
     wait_until(lambda: coloured_pixels() > 2000, "a view in colours")
 
 
-def review_by_keyboard(world, page):
-    """Ten items, or as many as wait: the food by Enter where there is one to take, an amount where it lacks one."""
-    page.wait_for_selector(CARD)
-    before = reviewed(world)
-    decided = 0
-    while decided < 10 and (shown := page.query_selector(CARD)) is not None:
-        item = shown.get_attribute("data-item")
-        (told,) = [one for one in queue(world) if one["item"] == item]
-        page.clock.run_for(SETTLED_MS)
-        if told["food"] is None and not told["candidates"]:
-            page.keyboard.press("x")
-        elif told["mass_g"] is None and told["volume_ml"] is None:
-            page.keyboard.press("m")
-            page.keyboard.type("150")
-            page.keyboard.press("Enter")
-        else:  # where nothing is marked, for none of the candidates is likely, the first of them is chosen
-            page.keyboard.press("Enter" if shown.query_selector(".choice.marked") else "1")
-        page.wait_for_function(
-            "([card, item]) => (document.querySelector(card)?.dataset.item ?? null) !== item", arg=[CARD, item]
-        )
-        decided += 1
-    page.wait_for_function("() => !document.querySelector('[data-position]').textContent.includes('aving')")
-    assert decided >= 5
-    assert len(reviewed(world) - before) == decided
-
-
-def queue(world):
-    return require(world.admin.get(f"/v1/studies/{STUDY}/review-queue", params={"limit": 200}))["items"]
-
-
-def reviewed(world):
-    """Items of which a reviewer has said something."""
-    rows = require(world.admin.get("/v1/records", params={"study": STUDY, "limit": 1000}))["items"]
-    return {row["id"] for row in rows if row["reviewed"]}
-
-
 def assert_file_is_the_apis(world, page):
     page.select_option("#format", "csv")
     with page.expect_download() as download:
@@ -249,23 +201,6 @@ def assert_file_is_the_apis(world, page):
     assert len(got) == len(expected) > 20
     assert got == expected
     assert re.fullmatch(r"[\w.-]+\.csv", download.value.suggested_filename)
-
-
-def enrol_by_card(page, world):
-    """A card with a QR code; its code opens a phone, once."""
-    page.get_by_role("link", name=re.compile("nrol")).first.click()
-    page.fill("#participants", "P002")
-    page.get_by_role("button", name="Create the cards").click()
-    expect(page.locator(".enrol-card figure")).to_have_count(2)
-    page.wait_for_load_state()
-    assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
-    code = page.inner_text(".enrol-card .secret").strip()
-    for_browser, for_app = (read_qr(picture.screenshot()) for picture in page.locator(".enrol-card figure").all())
-    assert for_browser == f"{world.address}/capture/#code={code}"
-    assert json.loads(for_app) == {"tada": 1, "server": world.address, "code": code}
-    body = {"code": code, "device_name": "a phone of the walk"}
-    assert httpx2.post(f"{world.address}/v1/enrolments", json=body, timeout=PATIENCE_SECONDS).status_code == 201
-    assert httpx2.post(f"{world.address}/v1/enrolments", json=body, timeout=PATIENCE_SECONDS).status_code >= 400
 
 
 def measured_meal(admin):

@@ -10,7 +10,7 @@ import httpx2
 import pytest
 
 from tests.e2e.documents import BLOCK, run_blocks
-from tests.e2e.processes import REPOSITORY, Server, enrolment_code
+from tests.e2e.processes import REPOSITORY, RecallingServer, enrolment_code
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ PATIENCE_SECONDS = 120
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("sandbox"))
+    server = RecallingServer(tmp_path_factory.mktemp("sandbox"))
     server.place_prepared_database()
     server.start()
     server.wait_until_ready()

@@ -61,16 +61,13 @@ def impatient_server(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def token(server):
-    return token_of_a_phone(server)
+    with enrolled_client(server) as phone:
+        return phone.headers["authorization"]
 
 
 @pytest.fixture(scope="module")
 def impatient_token(impatient_server):
-    return token_of_a_phone(impatient_server)
-
-
-def token_of_a_phone(server):
-    with enrolled_client(server) as phone:
+    with enrolled_client(impatient_server) as phone:
         return phone.headers["authorization"]
 
 
@@ -144,6 +141,14 @@ def upload_head(token, *headers, path="/v1/meals", method="POST"):
     return "\r\n".join(lines).encode()
 
 
+def announced_meal(token):
+    """The path of a new meal, and the request that announces it."""
+    metadata = meal_metadata()
+    path = f"/v1/meals/{metadata.pop('id')}"
+    body = json.dumps(metadata).encode()
+    return path, upload_head(token, f"Content-Length: {len(body)}", path=path, method="PUT") + body
+
+
 MULTIPART = "Content-Type: multipart/form-data; boundary=b"
 
 
@@ -201,14 +206,11 @@ def test_body_that_stalls_is_refused_and_one_that_flows_slowly_is_not(connect_im
 def one_slow_and_one_stalled(connect, token):
     """Two uploads of the same photograph: one comes slowly and wholly, the other stands still."""
     photo = pair()["left"]
-    announced = meal_metadata()
-    client_id = announced.pop("id")
-    body = json.dumps(announced).encode()
+    path, announcement = announced_meal(token)
     first = connect()
-    head = upload_head(token, f"Content-Length: {len(body)}", path=f"/v1/meals/{client_id}", method="PUT")
-    first.sendall(head + body)
+    first.sendall(announcement)
     assert read_answer(first)[0] == 202
-    path = f"/v1/meals/{client_id}/images/left"
+    path = f"{path}/images/left"
     stalled, slow = connect(), connect()
     length = f"Content-Length: {len(photo)}"
     stalled.sendall(upload_head(token, length, "Content-Type: image/jpeg", path=path, method="PUT") + photo[:1000])
@@ -223,14 +225,12 @@ def one_slow_and_one_stalled(connect, token):
 
 
 def test_waiting_for_a_change_is_no_stall(connect_impatient, impatient_token):
-    announced = meal_metadata()
-    client_id = announced.pop("id")
-    body = json.dumps(announced).encode()
-    path, seconds = f"/v1/meals/{client_id}", STALL_SECONDS + 1
+    path, announcement = announced_meal(impatient_token)
+    seconds = STALL_SECONDS + 1
 
     def attempt():
         sock = connect_impatient()
-        sock.sendall(upload_head(impatient_token, f"Content-Length: {len(body)}", path=path, method="PUT") + body)
+        sock.sendall(announcement)
         assert read_answer(sock)[0] in (200, 202)
         started = time.monotonic()
         sock.sendall(upload_head(impatient_token, path=f"{path}?wait={seconds}", method="GET"))
@@ -315,35 +315,35 @@ def test_caller_of_one_request_who_still_sends_reads_the_refusal(connect, head):
     assert is_closed(sock)
 
 
-def test_endless_photograph_is_refused_at_its_limit(connect, token):
+PART_OF_A_PHOTOGRAPH = b'--b\r\nContent-Disposition: form-data; name="left"\r\nContent-Type: image/jpeg\r\n\r\n'
+LAST_PART = b'--b\r\nContent-Disposition: form-data; name="metadata"\r\n\r\n{}\r\n--b--\r\n'
+ENDLESS = [(PART_OF_A_PHOTOGRAPH, 32, "image_too_large"), (LAST_PART, 70, "too_large")]
+
+
+@pytest.mark.parametrize(("part", "mebibytes", "code"), ENDLESS, ids=["photograph", "after the last part"])
+def test_body_without_an_end_is_refused_at_its_limit(connect, token, part, mebibytes, code):
     sock = connect()
     sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
-    part = b'--b\r\nContent-Disposition: form-data; name="left"\r\nContent-Type: image/jpeg\r\n\r\n'
     sock.sendall(b"%x\r\n%s\r\n" % (len(part), part))
-    chunk = b"100000\r\n" + bytes(0x100000) + b"\r\n"
-    for _ in range(32):
-        sock.sendall(chunk)
-    refused(sock, 413, "image_too_large")
+    with contextlib.suppress(OSError):
+        for _ in range(mebibytes):
+            sock.sendall(b"100000\r\n" + bytes(0x100000) + b"\r\n")
+    refused(sock, 413, code)
 
 
-def test_endless_words_after_the_last_part_are_refused(connect, token):
+CHUNKED = "Transfer-Encoding: chunked"
+WRONG_LENGTHS = [
+    (f"Content-Length: {1 << 40}", b"", 413, "too_large"),  # past all limits
+    (CHUNKED, b"1\r\na\r\n" * 5000, 400, "malformed_request"),  # chunks of a byte, before they cost much
+    (CHUNKED, b"fffffffffffffffffffffff\r\n", 400, "malformed_request"),
+]
+
+
+@pytest.mark.parametrize(("length", "body", "status", "code"), WRONG_LENGTHS, ids=["long", "bytes", "impossible"])
+def test_impossible_length_is_refused_before_the_body_has_come(connect, token, length, body, status, code):
     sock = connect()
-    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
-    part = b'--b\r\nContent-Disposition: form-data; name="metadata"\r\n\r\n{}\r\n--b--\r\n'
-    sock.sendall(b"%x\r\n%s\r\n" % (len(part), part))
-    chunk = b"100000\r\n" + bytes(0x100000) + b"\r\n"
-    for _ in range(70):
-        try:
-            sock.sendall(chunk)
-        except OSError:
-            break
-    refused(sock, 413, "too_large")
-
-
-def test_declared_length_past_all_limits_is_refused_before_the_body(connect, token):
-    sock = connect()
-    sock.sendall(upload_head(token, MULTIPART, f"Content-Length: {1 << 40}"))
-    refused(sock, 413, "too_large")
+    sock.sendall(upload_head(token, MULTIPART, length) + body)
+    refused(sock, status, code)
 
 
 def test_body_shorter_than_declared_is_given_up_when_the_caller_leaves(connect, token, server):
@@ -363,114 +363,73 @@ def test_what_follows_the_declared_length_is_the_next_request(connect):
     assert is_closed(sock)
 
 
-def test_chunks_of_a_byte_are_refused_before_they_cost_much(connect, token):
-    sock = connect()
-    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
-    sock.sendall(b"1\r\na\r\n" * 5000)
-    refused(sock, 400, "malformed_request")
-
-
-def test_chunk_of_impossible_length_is_refused(connect, token):
-    sock = connect()
-    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked") + b"fffffffffffffffffffffff\r\n")
-    refused(sock, 400, "malformed_request")
-
-
-def test_caller_who_asks_first_is_told_to_go_on(connect, token):
+def test_caller_who_asks_first_is_told_to_go_on_or_refused_and_then_needs_a_new_connection(connect, token):
     sock = connect()
     sock.sendall(upload_head(token, MULTIPART, "Content-Length: 7", "Expect: 100-continue"))
     assert sock.recv(100).startswith(b"HTTP/1.1 100 ")
     sock.sendall(b"--b--\r\n")
     assert read_answer(sock)[0] == 400
-
-
-def test_caller_who_asks_first_and_is_refused_needs_a_new_connection(connect):
     sock = connect()
     sock.sendall(upload_head("Bearer wrong", MULTIPART, "Content-Length: 1000", "Expect: 100-continue"))
-    headers = refused(sock, 401, "unauthenticated")
-    assert headers["connection"] == "close"
+    assert refused(sock, 401, "unauthenticated")["connection"] == "close"
     assert is_closed(sock)
 
 
-def test_pipelined_requests_are_answered_in_order(connect):
+FIRST = b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"
+SECOND = [
+    (b"GET /v1/meals/x HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n", 401),
+    (b"GET /healthz HTTP/1.1\nHost: x\n\n", 400),
+]
+
+
+@pytest.mark.parametrize(("second", "status"), SECOND)
+def test_pipelined_requests_are_answered_in_order_and_read_as_strictly(connect, second, status):
     sock = connect()
-    sock.sendall(
-        b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\nGET /v1/meals/x HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"
-    )
-    data = b""
-    while piece := sock.recv(65536):
-        data += piece
-    assert data.startswith(b"HTTP/1.1 200")
-    assert b"HTTP/1.1 401" in data
+    sock.sendall(FIRST + second)
+    assert read_answer(sock)[0] == 200
+    assert read_answer(sock)[0] == status
+    assert is_closed(sock)
+
+
+GET, POST = b"GET / HTTP/1.1\r\n", b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\n"
+NO_REQUESTS = [
+    GET + b"\r\n",
+    GET + b"Host: x\r\nHost: y\r\n\r\n",
+    GET + b"Host: x\r\nX : y\r\n\r\n",
+    GET + b"Host: x\r\nA: b\r\n c: folded\r\n\r\n",
+    GET + b"Host: x\r\nA: b\r\n\tc\r\n\r\n",
+    GET + b"Host: x\nA: b\r\n\r\n",
+    GET + b"Host: x\r\n\n",
+    b"GET / HTTP/1.1\nHost: x\n\n",
+    b"GET /\xff\xfe HTTP/1.1\r\nHost: x\r\n\r\n",
+    b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+    b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n",
+    POST + b"Content-Length: 5\r\nContent-Length: 6\r\n\r\nhello",
+    POST + b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+    POST + b"Transfer-Encoding: chunked\r\nContent-Length: 5\r\n\r\nhello",
+    POST.replace(b"1.1", b"1.0") + b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+    POST + b"Transfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n",
+    POST + b"Content-Length: -1\r\n\r\n",
+]
+TOO_MUCH = [
+    (GET + b"Host: x\r\nX: " + b"a" * 40_000 + b"\r\n\r\n", 431, "headers_too_large"),
+    (GET + b"Host: x\r\n" + b"X: a\r\n" * 200 + b"\r\n", 431, "headers_too_large"),
+    (b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\nHost: x\r\n\r\n", 414, "target_too_long"),
+    (b"GET /v1/foods/%ff%fe HTTP/1.1\r\nHost: x\r\n\r\n", 401, "unauthenticated"),
+    (POST + b"Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nhello", 415, "body_packed"),
+]
 
 
 @pytest.mark.parametrize(
-    ("request_bytes", "status", "code"),
-    [
-        (b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"a" * 40_000 + b"\r\n\r\n", 431, "headers_too_large"),
-        (b"GET / HTTP/1.1\r\nHost: x\r\n" + b"X: a\r\n" * 200 + b"\r\n", 431, "headers_too_large"),
-        (b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\nHost: x\r\n\r\n", 414, "target_too_long"),
-        (b"GET /\xff\xfe HTTP/1.1\r\nHost: x\r\n\r\n", 400, "malformed_request"),
-        (b"GET /v1/foods/%ff%fe HTTP/1.1\r\nHost: x\r\n\r\n", 401, "unauthenticated"),
-        (b"GET / HTTP/1.1\r\n\r\n", 400, "malformed_request"),
-        (b"GET / HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n", 400, "malformed_request"),
-        (b"GET / HTTP/1.1\r\nHost: x\r\nX : y\r\n\r\n", 400, "malformed_request"),
-        (b"GET /nowhere HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 400, "malformed_request"),
-        (b"GET /healthz HTTP/1.1\r\nHost: x\r\nA: b\r\n\tc\r\n\r\n", 400, "malformed_request"),
-        (b"GET /healthz HTTP/1.1\nHost: x\n\n", 400, "malformed_request"),
-        (b"GET /healthz HTTP/1.1\r\nHost: x\nA: b\r\n\r\n", 400, "malformed_request"),
-        (b"GET /healthz HTTP/1.1\r\nHost: x\r\n\n", 400, "malformed_request"),
-        (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 400, "malformed_request"),
-        (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400, "malformed_request"),
-        (
-            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\nhello",
-            400,
-            "malformed_request",
-        ),
-        (
-            b"POST /v1/meals HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
-            400,
-            "malformed_request",
-        ),
-        (
-            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\nContent-Length: 5\r\n\r\nhello",
-            400,
-            "malformed_request",
-        ),
-        (
-            b"POST /v1/enrolments HTTP/1.0\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
-            400,
-            "malformed_request",
-        ),
-        (
-            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n",
-            400,
-            "malformed_request",
-        ),
-        (
-            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Encoding: gzip\r\nContent-Length: 5\r\n\r\nhello",
-            415,
-            "body_packed",
-        ),
-        (b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Length: -1\r\n\r\n", 400, "malformed_request"),
-    ],
+    ("sent", "status", "code"),
+    [*((sent, 400, "malformed_request") for sent in NO_REQUESTS), *TOO_MUCH],
     ids=lambda value: value[:60].decode("latin-1") if isinstance(value, bytes) else str(value),
 )
-def test_request_that_is_none_gets_a_problem_document(connect, request_bytes, status, code):
+def test_request_that_is_none_gets_a_problem_document(connect, sent, status, code):
     sock = connect()
-    sock.sendall(request_bytes)
+    sock.sendall(sent)
     refused(sock, status, code)
     assert lives(connect)
-
-
-def test_second_request_on_a_connection_is_read_as_strictly(connect):
-    sock = connect()
-    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\nGET /healthz HTTP/1.1\nHost: x\n\n")
-    data = b""
-    while piece := sock.recv(65536):
-        data += piece
-    assert data.startswith(b"HTTP/1.1 200")
-    assert b"HTTP/1.1 400" in data
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """From the printed card to a confirmed meal: its QR code is read by the phone's camera app, or by the page itself."""
 
 import base64
+import json
 
 import cv2
 import numpy as np
@@ -107,9 +108,10 @@ def browser(driver, cards, tmp_path_factory):
 
 
 def test_camera_app_reads_the_link_on_the_printed_card_and_the_page_joins(served, cards, open_page):
-    texts = {code.text for code in zxingcpp.read_barcodes(cards[CAMERA_APPS])}
-    assert len(texts) == 2  # the other one is for the study's app
-    (link,) = (text for text in texts if text.startswith(f"{served.address}/capture/"))
+    for_app, link = sorted((code.text for code in zxingcpp.read_barcodes(cards[CAMERA_APPS])), reverse=True)
+    address, _, code = link.partition("#code=")
+    assert address == f"{served.address}/capture/"
+    assert json.loads(for_app) == {"tada": 1, "server": served.address, "code": code}
     tab = open_page(served.address, **PHONE)
     tab.page.goto(link)
     tab.page.get_by_text(f"Participant {CAMERA_APPS}").wait_for()

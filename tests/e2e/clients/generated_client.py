@@ -10,6 +10,8 @@ import pathlib
 import sys
 import uuid
 
+STUDY = "generated-python"
+
 
 def part(name):
     return importlib.import_module(f"phone_client.{name}")
@@ -33,7 +35,7 @@ def talk(address, token, photographs):
         with part("client").AuthenticatedClient(token=token, **strict) as phone:
             check_a_pair(phone, photographs)
             meal = send_and_confirm_a_meal(phone, photographs)
-            (record,) = part("api.records.get_records").sync(client=admin, study="pilot").items
+            (record,) = part("api.records.get_records").sync(client=admin, study=STUDY).items
             assert (record.food.key, record.status) == ("apple", "confirmed"), record
             correct_the_meal(phone, meal)
             with part("client").Client(**strict) as anybody:
@@ -43,11 +45,11 @@ def talk(address, token, photographs):
 def set_up_study(admin):
     """A study with a participant; the participant's enrolment code."""
     models = part("models")
-    study = models.StudyIn(code="pilot", name="Pilot", marker="plain:9x7:11")
-    assert part("api.studies.post_study").sync(client=admin, body=study).code == "pilot"
+    study = models.StudyIn(code=STUDY, name="Generated", marker="plain:9x7:11")
+    assert part("api.studies.post_study").sync(client=admin, body=study).code == STUDY
     person = models.ParticipantIn(code="P001")
-    part("api.participants.post_participant").sync("pilot", client=admin, body=person)
-    return part("api.participants.post_enrolment_code").sync("pilot", "P001", client=admin).code
+    part("api.participants.post_participant").sync(STUDY, client=admin, body=person)
+    return part("api.participants.post_enrolment_code").sync(STUDY, "P001", client=admin).code
 
 
 def send_and_confirm_a_meal(phone, photographs):

@@ -13,7 +13,7 @@ import pytest
 
 from app.core.settings import Settings
 from app.main import create_app
-from tests.e2e.processes import REPOSITORY, Server, enrolment_code
+from tests.e2e.processes import REPOSITORY, enrolment_code
 
 FOR_PYTHON = "openapi-python-client==0.29.1"
 FOR_TYPESCRIPT = ("openapi-typescript@7.13.0", "openapi-fetch@0.17.0", "typescript@5.9.3", "@types/node@24.10.1")
@@ -38,7 +38,7 @@ def run(folder, *command):
     return done.stdout + done.stderr
 
 
-def test_python_client_is_whole_and_carries_a_phones_conversation(document, tmp_path):
+def test_python_client_is_whole_and_carries_a_phones_conversation(document, server, tmp_path):
     run(tmp_path, sys.executable, "-m", "venv", "tools")
     python = tmp_path / "tools" / "bin" / "python"
     run(tmp_path, python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", FOR_PYTHON)
@@ -47,27 +47,9 @@ def test_python_client_is_whole_and_carries_a_phones_conversation(document, tmp_
     printed = run(tmp_path, *generate, "--path", document, "--output-path", "phone_client")
     assert "WARNING" not in printed, printed  # an operation or a schema was skipped
     assert "Unable" not in printed, printed
-    server = Server(tmp_path)
-    server.place_prepared_database()
-    server.start()
-    try:
-        server.wait_until_ready()
-        script = REPOSITORY / "tests" / "e2e" / "clients" / "generated_client.py"
-        photographs = REPOSITORY / "app" / "demo_data"
-        talk = [
-            python,
-            "-W",
-            "error",
-            script,
-            tmp_path,
-            server.address,
-            server.create_admin("me"),
-            document,
-            photographs,
-        ]
-        run(tmp_path, *talk)
-    finally:
-        server.stop()
+    script = REPOSITORY / "tests" / "e2e" / "clients" / "generated_client.py"
+    about = [tmp_path, server.address, server.create_admin("me of a generated client"), document]
+    run(tmp_path, python, "-W", "error", script, *about, REPOSITORY / "app" / "demo_data")
 
 
 def test_typescript_types_carry_a_phones_conversation(document, server, tmp_path):
