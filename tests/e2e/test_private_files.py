@@ -5,7 +5,10 @@ import stat
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.slow
 def test_files_of_a_new_deployment_are_readable_by_nobody_else(tmp_path):
     """With umask 022 the SQLite file, which holds names and tokens, was readable by every local user."""
     data = tmp_path / "data"
