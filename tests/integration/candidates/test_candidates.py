@@ -65,8 +65,9 @@ def shown(item):
     return [(one["food"]["key"], one["probability"], one["source"]) for one in item["candidates"]]
 
 
-def test_candidates_are_kept_with_run_and_index_and_shown(meal_of, rows, client, admin):
-    meal = meal_of(identified_item(UNSURE, none=0.1, vcm=LOOKS))
+def test_candidates_are_kept_once_with_run_and_index_and_shown(meal_of, rows, client, admin, state):
+    found = identified_item(UNSURE, none=0.1, vcm=LOOKS)
+    meal = meal_of(found)
     (item,) = meal.items()
     assert shown(item) == [("apple", 0.5, "index"), ("pear", 0.3, "index"), ("peach", 0.1, "index")]
     assert (item["none_of_these"], item["index_version"]) == (0.1, "test 1")
@@ -76,54 +77,55 @@ def test_candidates_are_kept_with_run_and_index_and_shown(meal_of, rows, client,
     assert {one.run_id for one in rows(ItemCandidate)} == {kept.run_id}
     (queued,) = client.get("/v1/studies/pilot/review-queue", headers=admin).json()["items"]
     assert (queued["candidates"], queued["none_of_these"]) == (item["candidates"], 0.1)
+    before = [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)]
+    estimates.save(state, uuid.UUID(meal.meal_id), found)
+    assert [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)] == before
 
 
-def test_item_without_vcm_has_no_candidates(meal_of, rows):
+def test_item_that_was_not_identified_has_a_network_s_candidates_at_most_and_keeps_its_vector(meal_of, rows):
     (item,) = meal_of(found_item(hint=None)).items()
     assert (item["candidates"], item["none_of_these"], item["index_version"]) == ([], None, None)
+    (item,) = meal_of(found_item(hint=None, **by_model({"plum": 0.97}))).items()
+    assert (shown(item), item["none_of_these"]) == ([("plum", 0.97, "model")], None)
     assert rows(ItemIdentification) == []
-
-
-def test_described_item_that_was_not_identified_keeps_its_vector(meal_of, rows):
     (item,) = meal_of(found_item(hint=None, vcm=LOOKS)).items()
     assert (item["candidates"], item["none_of_these"]) == ([], None)
     (kept,) = rows(ItemIdentification)
     assert (kept.index_version, kept.none_probability) == (None, None)
 
 
-@pytest.mark.parametrize(
-    ("probability", "food", "status", "flags"),
-    [(0.8, "apple", "proposed", ["food_identified"]), (0.799, None, "needs_review", [])],
-)
-def test_item_is_taken_for_what_it_surely_is_and_waits_else(meal_of, probability, food, status, flags):
-    meal = meal_of(identified_item({"apple": probability}))
+def test_item_is_taken_for_what_it_surely_is_with_the_doubt_that_it_is_another_and_waits_else(meal_of, rows):
+    meal_of(found_item(hint=0), hints=[{"point": [3, 3], "food": "apple"}])
+    for probability, food, status, flags in (
+        (0.8, "apple", "proposed", ["food_identified"]),
+        (0.799, None, "needs_review", []),
+    ):
+        (item,) = meal_of(identified_item({"apple": probability})).items()
+        assert (item["food"] and item["food"]["key"], item["status"], item["flags"]) == (food, status, flags)
+        assert (item["mass_g"] is None) == (food is None)
+    known, identified = sorted(record.doubt for record in rows(EffectiveRecord) if record.food_id is not None)
+    assert 1 - identified == pytest.approx(0.8 * (1 - known))
+
+
+def test_one_call_confirms_what_the_index_found_or_chooses_another_and_an_amount_vouches_for_no_food(meal_of, rows):
+    meal = meal_of(identified_item(SURE))
+    item_id = meal.items()[0]["id"]
+    meal.say("set_volume", item=item_id, volume_ml=100.0)
     (item,) = meal.items()
-    assert (item["food"] and item["food"]["key"], item["status"], item["flags"]) == (food, status, flags)
-    assert (item["mass_g"] is None) == (food is None)
-
-
-def test_one_call_confirms_what_the_index_found(meal_of):
+    assert (item["status"], item["flags"]) == ("corrected", ["food_identified"])
+    assert rows(IndexEntry) == []
+    meal.say("set_food", item=item_id, food=item["candidates"][1]["food"]["key"])
+    (item,) = meal.items()
+    assert (item["status"], item["food"]["key"], item["flags"]) == ("corrected", "pear", [])
     meal = meal_of(identified_item(SURE))
     meal.say("confirm", item=meal.items()[0]["id"])
     (item,) = meal.items()
     assert (item["status"], item["food"]["key"], item["flags"]) == ("confirmed", "apple", [])
-
-
-@pytest.mark.parametrize("probabilities", [SURE, UNSURE])
-def test_one_call_chooses_another_candidate(meal_of, probabilities):
-    meal = meal_of(identified_item(probabilities))
+    meal = meal_of(identified_item(UNSURE))
     (item,) = meal.items()
     meal.say("set_food", item=item["id"], food=item["candidates"][1]["food"]["key"])
     (item,) = meal.items()
     assert (item["status"], item["food"]["key"], item["flags"]) == ("corrected", "pear", [])
-
-
-def test_setting_an_amount_vouches_for_no_food(meal_of, rows):
-    meal = meal_of(identified_item(SURE))
-    meal.say("set_volume", item=meal.items()[0]["id"], volume_ml=100.0)
-    (item,) = meal.items()
-    assert (item["status"], item["flags"]) == ("corrected", ["food_identified"])
-    assert rows(IndexEntry) == []
 
 
 def test_hint_names_the_food_and_the_index_stands_beside_it(meal_of):
@@ -157,34 +159,17 @@ def test_hint_of_a_food_that_is_gone_by_now_is_not_overruled(phone, state, clien
     assert [key for key, *_ in shown(item)] == ["apple", "pear"]
 
 
-def test_hint_without_a_food_says_how_the_identified_food_lies(meal_of):
-    hints = [{"point": [3, 3], "lies_as": "heap"}]
-    (item,) = meal_of(identified_item(SURE, hint=0), hints=hints).items()
-    assert (item["food"]["key"], item["lies_as"]) == ("apple", "heap")
-
-
-def test_food_that_no_table_has_adds_to_none_of_these(meal_of):
-    found = identified_item({"mooncake": 0.85, "sachima": 0.1, "apple": 0.03}, none=0.02)
-    (item,) = meal_of(found).items()
-    assert shown(item) == [("apple", 0.03, "index")]
-    assert item["none_of_these"] == pytest.approx(0.97)
-    assert item["food"] is None
-
-
-def test_ten_candidates_at_most_and_none_that_is_next_to_impossible(meal_of, client, admin):
+def test_candidates_are_ten_at_most_none_next_to_impossible_and_none_that_no_table_has(meal_of, client, admin):
     keys = [food["key"] for food in client.get("/v1/foods?limit=30", headers=admin).json()["items"]][:14]
     many = dict.fromkeys(keys[:12], 0.08)
     (item,) = meal_of(identified_item(many)).items()
     assert len(item["candidates"]) == 10
     (item,) = meal_of(identified_item({"apple": 0.5, "pear": 0.001, "peach": 0.0009})).items()
     assert [key for key, *_ in shown(item)] == ["apple", "pear"]
-
-
-def test_doubt_of_an_identified_food_is_that_it_is_another(meal_of, rows):
-    meal_of(found_item(hint=0), hints=[{"point": [3, 3], "food": "apple"}])
-    meal_of(identified_item({"apple": 0.84}))
-    known, identified = sorted(record.doubt for record in rows(EffectiveRecord))
-    assert 1 - identified == pytest.approx(0.84 * (1 - known))
+    (item,) = meal_of(identified_item({"mooncake": 0.85, "sachima": 0.1, "apple": 0.03}, none=0.02)).items()
+    assert shown(item) == [("apple", 0.03, "index")]
+    assert item["none_of_these"] == pytest.approx(0.97)
+    assert item["food"] is None
 
 
 def test_redrawn_region_is_identified_anew_and_undone_as_it_was(meal_of, remeasure, rows):
@@ -221,16 +206,14 @@ def test_redrawn_region_that_is_surely_something_is_taken_for_it_as_long_as_nobo
     assert meal.items()[0]["food"]["key"] == "apple"
 
 
-def test_food_that_a_redrawn_region_is_taken_for_lies_as_was_told(meal_of, remeasure):
+def test_identified_food_lies_as_was_told_redrawn_too_and_an_added_region_is_identified(meal_of, remeasure):
     meal = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "lies_as": "heap"}])
-    meal.say("redraw", item=meal.items()[0]["id"], polygon=RING)
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["lies_as"]) == ("apple", "heap")
+    meal.say("redraw", item=item["id"], polygon=RING)
     remeasure(meal, identified_item({"peach": 0.85}, hint=0))
     (item,) = meal.items()
     assert (item["food"]["key"], item["lies_as"]) == ("peach", "heap")
-
-
-def test_added_region_is_identified(meal_of, remeasure):
-    meal = meal_of(identified_item(SURE))
     meal.say("add", region={"polygon": RING})
     remeasure(meal, identified_item({"peach": 0.85, "plum": 0.1}, hint=0))
     added = meal.items()[-1]
@@ -283,7 +266,9 @@ def test_confirmed_meal_teaches_all_its_items_and_a_hint_alone_nothing(meal_of, 
     assert sorted(entry.food_key for entry in rows(IndexEntry)) == ["apple", "pear"]
 
 
-def test_entry_of_a_redrawn_item_is_of_its_new_region(meal_of, remeasure, rows):
+def test_entry_of_a_redrawn_item_is_of_its_new_region_and_a_split_one_gives_way_to_its_measured_parts(
+    meal_of, remeasure, rows
+):
     meal = meal_of(identified_item(SURE))
     item_id = meal.items()[0]["id"]
     meal.say("confirm", item=item_id)
@@ -295,12 +280,6 @@ def test_entry_of_a_redrawn_item_is_of_its_new_region(meal_of, remeasure, rows):
     assert (entry.run_id, entry.food_key, entry.volume_ml) == (run_id, "apple", 90.0)
     meal.say("undo", event=drawing)
     assert [one.run_id for one in rows(IndexEntry)] == [before.run_id]
-
-
-def test_split_item_gives_way_to_its_measured_parts(meal_of, remeasure, rows):
-    meal = meal_of(identified_item(SURE))
-    item_id = meal.items()[0]["id"]
-    meal.say("confirm", item=item_id)
     meal.say("split", item=item_id, parts=[{"polygon": RING}, {"polygon": RING[::-1], "food": "pear"}])
     assert rows(IndexEntry) == []
     remeasure(meal, identified_item(SURE, hint=0), identified_item(UNSURE, hint=1))
@@ -323,13 +302,6 @@ def test_spoilt_entry_is_found_and_mended(meal_of, state, rows):
     assert changes == 2  # the estimate's and the confirmation's: an entry is no change of a record
 
 
-def test_saving_an_answer_again_writes_nothing_more(meal_of, state, rows):
-    meal = meal_of(identified_item(SURE))
-    before = [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)]
-    estimates.save(state, uuid.UUID(meal.meal_id), identified_item(SURE))
-    assert [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)] == before
-
-
 def by_model(probabilities):
     return {"model_candidates": [{"food": key, "probability": p} for key, p in probabilities.items()]}
 
@@ -344,11 +316,6 @@ def test_candidates_of_a_network_stand_after_those_of_the_index_and_assign_nothi
     assert meal.items()[0]["food"]["key"] == "plum"
 
 
-def test_candidates_of_a_network_are_there_where_the_index_was_not_used(meal_of):
-    (item,) = meal_of(found_item(hint=None, **by_model({"plum": 0.97}))).items()
-    assert (shown(item), item["none_of_these"]) == ([("plum", 0.97, "model")], None)
-
-
 def test_candidates_of_a_network_follow_a_redrawn_region(meal_of, remeasure):
     meal = meal_of(identified_item(UNSURE, none=0.1, **by_model({"plum": 0.97})))
     (item,) = meal.items()
@@ -356,9 +323,7 @@ def test_candidates_of_a_network_follow_a_redrawn_region(meal_of, remeasure):
     remeasure(meal, identified_item({"peach": 0.7}, hint=0, **by_model({"pear": 0.6})))
     assert shown(meal.items()[0]) == [("peach", 0.7, "index"), ("pear", 0.6, "model")]
     meal.say("redraw", item=item["id"], polygon=RING[::-1])
-    remeasure(
-        meal, identified_item({"apple": 0.6}, hint=0)
-    )  # the network failed: what it said of another region is gone
+    remeasure(meal, identified_item({"apple": 0.6}, hint=0))  # the network failed: what it said before is gone
     assert shown(meal.items()[0]) == [("apple", 0.6, "index")]
     for event in meal.history()["items"][-2:]:
         meal.say("undo", event=event["id"])

@@ -138,21 +138,15 @@ def test_food_that_nobody_has_confirmed_is_no_candidate_and_probably_none_of_the
     assert item["index_version"] == "without litchis"
 
 
-def test_known_food_is_found_at_once_and_confirmed_by_one_call(kitchen, phone, looks):
+def test_known_food_is_found_at_once_and_candidates_and_the_rest_add_up(kitchen, phone, looks):
     meal = kitchen.serve(phone, looks("banana")[0][0], volume_ml=150.0)
     (item,) = meal.items()
     assert (item["food"]["key"], item["flags"]) == ("banana", ["food_identified"])
     meal.say("confirm", item=item["id"])
     assert meal.meal()["status"] == "confirmed"
-
-
-def test_food_of_the_index_that_no_table_has_is_no_candidate(kitchen, phone, looks):
     (item,) = kitchen.serve(phone, looks("mooncake")[0][0]).items()
-    assert "mooncake" not in keys(item)
+    assert "mooncake" not in keys(item)  # no table has it
     assert item["none_of_these"] > 0.9
-
-
-def test_candidates_and_the_rest_add_up(kitchen, phone, looks):
     (item,) = kitchen.serve(phone, looks("peach")[0][0]).items()
     probabilities = [one["probability"] for one in item["candidates"]]
     assert probabilities == sorted(probabilities, reverse=True)
@@ -170,20 +164,6 @@ def test_rejected_and_erased_items_are_forgotten_at_the_next_meal(kitchen, phone
     assert phone.client.delete(path, headers=phone.headers | {"If-Match": "*"}).status_code in (200, 202, 204)
     (item,) = kitchen.serve(phone, second[0]).items()
     assert (NEW_FOOD in keys(item), item["index_version"]) == (False, "without litchis")
-
-
-def test_other_studies_are_learned_from_only_where_they_share(kitchen, enrol, looks, state):
-    here, there = enrol("P001", study="here"), enrol("P002", study="there")
-    first, second, _ = looks(NEW_FOOD)
-    for vector in first[:5]:
-        kitchen.told(there, NEW_FOOD, vector)
-    before = kitchen.serve(here, second[0]).items()[0]
-    assert (NEW_FOOD in keys(before), before["index_version"]) == (False, "without litchis")
-    share(state, "there")
-    assert NEW_FOOD in keys(kitchen.serve(here, second[0]).items()[0])[:3]
-    share(state, "there", is_shared=False)
-    after = kitchen.serve(here, second[0]).items()[0]
-    assert after["candidates"] == before["candidates"]
 
 
 def share(state, study, *, is_shared=True):
@@ -265,13 +245,21 @@ def test_meal_is_no_evidence_for_itself(kitchen, phone, looks):
     assert NEW_FOOD in keys(kitchen.serve(phone, second[1]).items()[0])
 
 
-@pytest.mark.parametrize("vector", [[], [1.0, 2.0]])
-def test_meal_is_estimated_without_candidates_where_it_cannot_be_identified(kitchen, phone, vector):
-    with capture_logs() as logs:
-        meal = kitchen.serve(phone, vector)
-    assert [line["event"] for line in logs if line["log_level"] == "error"] == ["identify_failed"]
-    (item,) = meal.items()
-    assert (item["candidates"], item["volume_ml"], meal.meal()["status"]) == ([], 20.0, "needs_review")
+def test_meal_is_estimated_without_candidates_where_it_cannot_be_identified(kitchen, state, settings, phone, looks):
+    for vector in ([], [1.0, 2.0]):
+        with capture_logs() as logs:
+            meal = kitchen.serve(phone, vector)
+        assert [line["event"] for line in logs if line["log_level"] == "error"] == ["identify_failed"]
+        (item,) = meal.items()
+        assert (item["candidates"], item["volume_ml"], meal.meal()["status"]) == ([], 20.0, "needs_review")
+    (item,) = Kitchen(state, settings, None).serve(phone, looks("banana")[0][0]).items()  # there is no index
+    assert (item["candidates"], item["none_of_these"]) == ([], None)
+    body = meal_metadata()
+    phone.post(pair(), body)
+    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*looks("banana")[0][0], version="0"))]
+    kitchen.work()
+    (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
+    assert (item["candidates"], item["none_of_these"]) == ([], None)
 
 
 def test_entry_that_cannot_be_read_is_left_out_and_the_others_count(kitchen, phone, looks, state):
@@ -289,12 +277,6 @@ def test_entry_that_cannot_be_read_is_left_out_and_the_others_count(kitchen, pho
         assert item["index_version"].startswith("without litchis + 1 confirmed ")
 
 
-def test_meal_is_estimated_without_an_index(state, settings, phone, looks):
-    kitchen = Kitchen(state, settings, None)
-    (item,) = kitchen.serve(phone, looks("banana")[0][0]).items()
-    assert (item["candidates"], item["none_of_these"]) == ([], None)
-
-
 def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(kitchen, phone, looks, monkeypatch):
     body = meal_metadata()
     phone.post(pair(), body)
@@ -310,15 +292,6 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
     kitchen.work()
     (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
     assert keys(item)[0] == "banana"
-
-
-def test_vector_of_another_version_is_kept_and_not_identified(kitchen, phone, looks):
-    body = meal_metadata()
-    phone.post(pair(), body)
-    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*looks("banana")[0][0], version="0"))]
-    kitchen.work()
-    (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
-    assert (item["candidates"], item["none_of_these"]) == ([], None)
 
 
 def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
