@@ -152,16 +152,26 @@ def enrolment_code(server, participant="P001", study="pilot", **protocol):
     """A one-time code of a new participant; the study is made if there is none yet, by `protocol`."""
     admin = {"Authorization": f"Bearer {server.create_admin(f'admin of {study} {participant}')}"}
     with httpx2.Client(base_url=server.address, headers=admin, timeout=PATIENCE_SECONDS) as client:
-        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11", **protocol})
-        client.post(f"/v1/studies/{study}/participants", json={"code": participant})
-        return client.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
+        return new_code(client, participant, study, **protocol)
+
+
+def new_code(admin, participant="P001", study="pilot", **protocol):
+    """The same by an admin's HTTP client."""
+    admin.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11", **protocol})
+    admin.post(f"/v1/studies/{study}/participants", json={"code": participant})
+    return admin.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
+
+
+def new_phone(address, admin_token, participant="P001", study="pilot", device_name="phone"):
+    """The token of a phone of a new participant."""
+    admin = {"Authorization": f"Bearer {admin_token}"}
+    with httpx2.Client(base_url=address, headers=admin, timeout=PATIENCE_SECONDS) as client:
+        enrolment = {"code": new_code(client, participant, study), "device_name": device_name}
+        return client.post("/v1/enrolments", json=enrolment).json()["token"]
 
 
 def enrolled_client(server, participant="P001", study="pilot"):
     """A phone's HTTP client, enrolled over HTTP."""
-    code = enrolment_code(server, participant, study)
-    enrolment = {"code": code, "device_name": "phone"}
-    token = httpx2.post(f"{server.address}/v1/enrolments", json=enrolment, timeout=PATIENCE_SECONDS).json()["token"]
-    return httpx2.Client(
-        base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=PATIENCE_SECONDS
-    )
+    admin_token = server.create_admin(f"admin of {study} {participant}")
+    headers = {"Authorization": f"Bearer {new_phone(server.address, admin_token, participant, study)}"}
+    return httpx2.Client(base_url=server.address, headers=headers, timeout=PATIENCE_SECONDS)

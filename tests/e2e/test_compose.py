@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from app.db.session import normalise_url
 from tests.conftest import postgres_database
 from tests.e2e.composed import SCRIPTS, Composed, compose_config
-from tests.e2e.processes import REPOSITORY
+from tests.e2e.processes import REPOSITORY, new_phone
 from tests.support.s3_server import SERVICES, free_ports
 from tests.support.waiting import wait_until
 
@@ -130,13 +130,7 @@ def enrolled(composed, address, folder):
         text=True,
         check=True,
     )
-    admin = {"Authorization": f"Bearer {made.stdout.strip()}"}
-    with httpx2.Client(base_url=address, headers=admin, timeout=30) as client:
-        study = {"code": "pilot", "name": "pilot", "marker": "plain:9x7:11"}
-        assert client.post("/v1/studies", json=study).status_code == 201
-        client.post("/v1/studies/pilot/participants", json={"code": "P001"})
-        issued = client.post("/v1/studies/pilot/participants/P001/enrolment-codes").json()
-        return client.post("/v1/enrolments", json={"code": issued["code"], "device_name": "phone"}).json()["token"]
+    return new_phone(address, made.stdout.strip())
 
 
 @pytest.mark.slow

@@ -6,16 +6,15 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import uuid
 
 import httpx2
 import pytest
+from playwright.sync_api import expect
 from tada_client import Phone, Problem
 
-from tests.e2e.browser import ARGUMENTS, CHROMIUM, WatchedPage
-from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
-from tests.support.waiting import PATIENCE_SECONDS
+from tests.e2e.processes import REPOSITORY, START_SECONDS, Program, environment_of, free_port
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -35,17 +34,12 @@ class ConformanceServer(Program):
         environment = environment_of(folder / "data", PYTHONUNBUFFERED="1", TMPDIR=str(folder))
         super().__init__(command, environment, folder / "server.log")
         self.start()
-        self.wait_for("listens on")
+        wait_until(self._listens, lambda: self.log, patience_seconds=START_SECONDS)
         self.code = re.search(r"enrolment code +(\S+)", self.log)[1]
 
-    def wait_for(self, text):
-        is_there = threading.Event()
-        for _ in range(600):
-            if text in self.log:
-                return
-            assert self.process.poll() is None, self.log
-            is_there.wait(0.1)
-        raise AssertionError(self.log)
+    def _listens(self):
+        assert self.process.poll() is None, self.log
+        return "listens on" in self.log
 
     def verdicts(self, name):
         """The checks of a phone by their outcome, and whether all is well."""
@@ -61,16 +55,16 @@ class ConformanceServer(Program):
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
+def judge(tmp_path_factory):
     server = ConformanceServer(tmp_path_factory.mktemp("conformance"))
     yield server
     server.stop()
     assert server.process.returncode == 0, server.log
 
 
-def test_python_client_passes(served):
-    with Phone(served.address) as phone:
-        phone.enrol({"code": served.code, "device_name": "python client"})
+def test_python_client_passes(judge):
+    with Phone(judge.address) as phone:
+        phone.enrol({"code": judge.code, "device_name": "python client"})
         meals = [phone.send_meal(uuid.uuid4(), METADATA, photographs) for photographs in PAIRS]
         assert [meal["missing"] for meal in meals] == [[], []]
         meal = phone.wait_for_estimate(meals[0]["id"])
@@ -79,82 +73,72 @@ def test_python_client_passes(served):
             phone.send_event(meal, event)
         assert phone.send_event(phone.get_meal(meal["id"]), event)["version"] > meal["version"]
         phone.delete_meal(meals[1]["id"])
-    served.require_conforming("python client")
+    judge.require_conforming("python client")
 
 
-def test_python_client_passes_with_photographs_in_pieces(served):
+def test_python_client_passes_with_photographs_in_pieces(judge):
     padding = bytes(1_200_000)  # behind a JPEG's end
-    with Phone(served.address) as phone:
-        phone.enrol({"code": served.code, "device_name": "client in pieces"})
+    with Phone(judge.address) as phone:
+        phone.enrol({"code": judge.code, "device_name": "client in pieces"})
         for photographs in PAIRS:
             large = {slot: path.read_bytes() + padding for slot, path in photographs.items()}
             meal = phone.send_meal(uuid.uuid4(), METADATA, large)
             assert meal["missing"] == []
             phone.cancel_estimate(meal["id"])
-    checks, _ = served.verdicts("client in pieces")
+    checks, _ = judge.verdicts("client in pieces")
     for name in ("safe_resending", "resume", "durable", "retry_after", "both_photographs"):
         assert checks[name][0] == "passed", checks[name]
     assert "pieces" in checks["durable"][1]
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
-def test_typescript_client_passes(served):
+def test_typescript_client_passes(judge):
     script = REPOSITORY / "tests" / "e2e" / "clients" / "typescript_conformance.mjs"
     done = subprocess.run(
-        ["node", script, served.address, served.code, DEMO], capture_output=True, text=True, timeout=200, check=False
+        ["node", script, judge.address, judge.code, DEMO], capture_output=True, text=True, timeout=200, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    served.require_conforming("typescript client")
+    judge.require_conforming("typescript client")
 
 
-def test_capture_page_passes(served):
-    if CHROMIUM is None:
-        pytest.skip("there is no chromium on this machine")
-    from playwright.sync_api import expect, sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS])
-        context = browser.new_context(viewport={"width": 390, "height": 844})
-        context.set_default_timeout(PATIENCE_MS)
-        tab = WatchedPage(context.new_page(), served.address)
-        tab.expect("status of (412|429|503)|ERR_(CONNECTION|EMPTY|SOCKET)")
-        page = tab.page
-        page.goto(f"{served.address}/capture/#code={served.code}")
-        expect(page.get_by_text("Sandbox: for trials only.")).to_be_visible(timeout=PATIENCE_MS)
-        for photographs in PAIRS:
-            page.get_by_role("button", name="Photograph a meal").click()
-            for heading, side in (("First photograph", "left"), ("Second photograph", "right")):
-                page.get_by_role("heading", name=heading).wait_for()
-                with page.expect_file_chooser() as chooser:
-                    page.get_by_role("button", name="Choose a photograph").click()
-                chooser.value.set_files(photographs[side])
-            page.get_by_role("heading", name="Are both good?").wait_for()
-            page.get_by_role("button", name="Send").click()
-            page.get_by_role("button", name="Photograph a meal").wait_for()
-        expect(page.locator("li[data-state=sent]")).to_have_count(2, timeout=PATIENCE_MS)
-        newest, oldest = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]
-        page.click(f"li[data-meal='{oldest}'] a")
-        page.get_by_role("button", name="That is right").first.click()
-        page.get_by_text("The meal has changed meanwhile. This is ").wait_for()
-        page.get_by_role("button", name="That is right").first.click()
-        page.wait_for_selector("li[data-status=confirmed]")
-        page.once("dialog", lambda dialog: dialog.accept())
-        page.goto(f"{served.address}/capture/#meal/{newest}")
-        page.get_by_role("button", name="Erase this meal").click()
-        page.wait_for_selector(f"li[data-meal='{newest}']", state="detached")
-        context.close()
-        browser.close()
-    tab.require_quiet()
-    names = [each["name"] for each in httpx2.get(f"{served.address}/conformance.json", timeout=PATIENCE_SECONDS).json()]
-    served.require_conforming(next(name for name in names if "client" not in name))
+def test_capture_page_passes(judge, open_page):
+    tab = open_page(judge.address, viewport={"width": 390, "height": 844})
+    tab.page.context.set_default_timeout(PATIENCE_MS)
+    tab.expect("status of (412|429|503)|ERR_(CONNECTION|EMPTY|SOCKET)")
+    page = tab.page
+    page.goto(f"{judge.address}/capture/#code={judge.code}")
+    expect(page.get_by_text("Sandbox: for trials only.")).to_be_visible(timeout=PATIENCE_MS)
+    for photographs in PAIRS:
+        page.get_by_role("button", name="Photograph a meal").click()
+        for heading, side in (("First photograph", "left"), ("Second photograph", "right")):
+            page.get_by_role("heading", name=heading).wait_for()
+            with page.expect_file_chooser() as chooser:
+                page.get_by_role("button", name="Choose a photograph").click()
+            chooser.value.set_files(photographs[side])
+        page.get_by_role("heading", name="Are both good?").wait_for()
+        page.get_by_role("button", name="Send").click()
+        page.get_by_role("button", name="Photograph a meal").wait_for()
+    expect(page.locator("li[data-state=sent]")).to_have_count(2, timeout=PATIENCE_MS)
+    newest, oldest = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]
+    page.click(f"li[data-meal='{oldest}'] a")
+    page.get_by_role("button", name="That is right").first.click()
+    page.get_by_text("The meal has changed meanwhile. This is ").wait_for()
+    page.get_by_role("button", name="That is right").first.click()
+    page.wait_for_selector("li[data-status=confirmed]")
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.goto(f"{judge.address}/capture/#meal/{newest}")
+    page.get_by_role("button", name="Erase this meal").click()
+    page.wait_for_selector(f"li[data-meal='{newest}']", state="detached")
+    names = [each["name"] for each in httpx2.get(f"{judge.address}/conformance.json", timeout=PATIENCE_SECONDS).json()]
+    judge.require_conforming(next(name for name in names if "client" not in name))
 
 
-def test_app_that_drops_begins_anew_and_hurries_fails(served):
+def test_app_that_drops_begins_anew_and_hurries_fails(judge):
     """One that sends each meal whole, under a new id each time, and does not wait."""
-    enrolment = {"code": served.code, "device_name": "a bad app"}
-    token = httpx2.post(f"{served.address}/v1/enrolments", json=enrolment, timeout=PATIENCE_SECONDS).json()["token"]
+    enrolment = {"code": judge.code, "device_name": "a bad app"}
+    token = httpx2.post(f"{judge.address}/v1/enrolments", json=enrolment, timeout=PATIENCE_SECONDS).json()["token"]
     files = {side: (f"{side}.jpg", path.read_bytes()) for side, path in PAIRS[0].items()}
-    with httpx2.Client(base_url=served.address, headers={"Authorization": f"Bearer {token}"}, timeout=60) as phone:
+    with httpx2.Client(base_url=judge.address, headers={"Authorization": f"Bearer {token}"}, timeout=60) as phone:
         for attempt in range(6):
             metadata = METADATA | {
                 "id": str(uuid.uuid4()),
@@ -165,7 +149,7 @@ def test_app_that_drops_begins_anew_and_hurries_fails(served):
                 phone.post("/v1/meals", files=body)
         phone.post(f"/v1/meals/{metadata['id']}/events", json={"id": str(uuid.uuid4()), "kind": "comment", "text": "x"})
         phone.get("/v1/me", params={"token": token})
-    checks, is_conforming = served.verdicts("a bad app")
+    checks, is_conforming = judge.verdicts("a bad app")
     assert not is_conforming
     assert {name for name, (outcome, _) in checks.items() if outcome == "failed"} == {
         "ids",

@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 import app
-from tests.e2e.processes import Server, free_port
+from tests.e2e.processes import Server, free_port, new_phone
 from tests.support.receivers import receiver
 from tests.support.waiting import wait_until
 
@@ -56,18 +56,15 @@ def test_meal_is_followed_by_the_log_alone_which_names_nobody(tmp_path):
 
 def send_meal(server, hook, request_id, client_id):
     """Everything that a study does before its first meal, and the meal. Returns the phone's token."""
-    admin = {"Authorization": f"Bearer {server.create_admin(MARKED['staff'])}"}
-    with httpx2.Client(base_url=server.address, headers=admin, timeout=60) as client:
-        client.post("/v1/studies", json={"code": "pilot", "name": "Pilot", "marker": "plain:9x7:11"})
-        client.post("/v1/studies/pilot/participants", json={"code": MARKED["participant"]})
-        made = client.post(
-            "/v1/studies/pilot/webhooks",
-            json={"url": f"http://127.0.0.1:{hook.port}/{MARKED['hook']}", "events": ["*"]},
-        )
-        assert made.status_code == 201, made.text
-        codes = f"/v1/studies/pilot/participants/{MARKED['participant']}/enrolment-codes"
-        body = {"code": client.post(codes).json()["code"], "device_name": MARKED["device"]}
-        token = client.post("/v1/enrolments", json=body).json()["token"]
+    admin_token = server.create_admin(MARKED["staff"])
+    token = new_phone(server.address, admin_token, MARKED["participant"], device_name=MARKED["device"])
+    made = httpx2.post(
+        f"{server.address}/v1/studies/pilot/webhooks",
+        headers={"Authorization": f"Bearer {admin_token}"},
+        json={"url": f"http://127.0.0.1:{hook.port}/{MARKED['hook']}", "events": ["*"]},
+        timeout=PATIENCE_SECONDS,
+    )
+    assert made.status_code == 201, made.text
     metadata = {"id": client_id, "captured_at": "2026-11-20T12:30:00-09:30", "time_zone": MARKED["zone"]}
     files = {"metadata": ("m.json", json.dumps(metadata), "application/json")}
     files |= {side: (MARKED["file"], (PHOTOS / f"{side}.jpg").read_bytes(), "image/jpeg") for side in ("left", "right")}

@@ -14,7 +14,7 @@ import httpx2
 import pytest
 
 from tests.conftest import postgres_database
-from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
+from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port, new_phone
 from tests.e2e.test_compose import answers, estimated, send, wait_for
 from tests.support.next_migration import REVISION, write_next_migration
 
@@ -89,15 +89,6 @@ class Version:
         return [sys.executable, "-m", "app.cli"]
 
 
-def enrolled(version):
-    admin = {"Authorization": f"Bearer {version.tada('admin', 'create', 'chief')}"}
-    with httpx2.Client(base_url=version.address, headers=admin, timeout=30) as client:
-        client.post("/v1/studies", json={"code": "pilot", "name": "pilot", "marker": "plain:9x7:11"})
-        client.post("/v1/studies/pilot/participants", json={"code": "P001"})
-        code = client.post("/v1/studies/pilot/participants/P001/enrolment-codes").json()["code"]
-        return client.post("/v1/enrolments", json={"code": code, "device_name": "phone"}).json()["token"]
-
-
 @pytest.mark.slow
 def test_old_and_new_processes_share_meals_while_machines_are_upgraded_one_by_one(
     postgres_server, old_program, new_program, tmp_path
@@ -108,7 +99,7 @@ def test_old_and_new_processes_share_meals_while_machines_are_upgraded_one_by_on
         new = Version(tmp_path / "after", new_program, url, stack)
         old_api, old_worker = old.start("serve", "--no-worker"), old.start("worker")
         wait_for(lambda: answers(f"{old.address}/readyz"), old_api, old_worker)
-        token = enrolled(old)
+        token = new_phone(old.address, old.tada("admin", "create", "chief"))
         phones = [
             stack.enter_context(
                 httpx2.Client(base_url=version.address, headers={"Authorization": f"Bearer {token}"}, timeout=30)

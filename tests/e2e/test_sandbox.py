@@ -89,31 +89,26 @@ def test_conformance_run_passes_our_server_and_writes_its_report(served, phones,
     assert "all required checks have passed" in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.parametrize("most", [0, 1000])
-def test_lost_request_keeps_nothing(phones, most):
+def test_lost_request_keeps_nothing(phones):
     sandbox, ordinary = phones
     path = f"/v1/meals/{uuid.uuid4()}"
     for phone in phones:
         assert phone.put(path, json=METADATA).status_code == 202
-    headers, left = {"Tada-Sandbox": f"lose_request={most}"}, (DEMO / "left.jpg").read_bytes()
+    headers, left = {"Tada-Sandbox": "lose_request=1000"}, (DEMO / "left.jpg").read_bytes()
     with pytest.raises(httpx2.TransportError):
         sandbox.put(f"{path}/images/left", content=left, headers=headers)
     assert sandbox.get(path).json()["missing"] == ["left", "right"]
     assert ordinary.put(f"{path}/images/left", content=left, headers=headers).status_code == 202
 
 
-@pytest.mark.parametrize("most", [0, 100])
-def test_lost_answer_leaves_the_request_carried_out(phones, most):
+def test_lost_answer_leaves_the_request_carried_out_and_a_shorter_one_arrives(phones):
     sandbox, ordinary = phones
-    path, headers = f"/v1/meals/{uuid.uuid4()}", {"Tada-Sandbox": f"lose_answer={most}"}
+    path, headers = f"/v1/meals/{uuid.uuid4()}", {"Tada-Sandbox": "lose_answer=100"}
     with pytest.raises(httpx2.TransportError):
         sandbox.put(path, json=METADATA, headers=headers)
     assert sandbox.put(path, json=METADATA).status_code == 200
     assert ordinary.put(path, json=METADATA, headers=headers).status_code == 202
-
-
-def test_answer_that_is_shorter_than_what_may_be_sent_arrives(phones):
-    assert phones[0].get("/v1/me", headers={"Tada-Sandbox": "lose_answer=100000"}).json()["participant"] == "P001"
+    assert sandbox.get("/v1/me", headers={"Tada-Sandbox": "lose_answer=100000"}).json()["participant"] == "P001"
 
 
 @pytest.mark.parametrize("asked", ["lose_request=10", "lose_answer=0"])

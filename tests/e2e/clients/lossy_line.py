@@ -5,13 +5,11 @@ import random
 import re
 import socket
 import threading
-import time
 from contextlib import contextmanager
 
 import httpx2
 
 LARGE_BODY = 256 * 1024
-BREAK_SECONDS = 0.5
 HOP_BY_HOP = {"connection", "keep-alive", "transfer-encoding", "content-length", "date", "server"}
 
 
@@ -96,7 +94,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         url = self.server.client.base_url
         with socket.create_connection((url.host, url.port)) as connection:
             connection.sendall(head.replace(b"\n", b"\r\n").replace(b"\r\r\n", b"\r\n") + self.rfile.read(count))
-            time.sleep(BREAK_SECONDS)  # a server gives up what it has not yet read from a closed connection
+            connection.shutdown(socket.SHUT_WR)  # closed at once, the server would give up what it has not yet read
+            while connection.recv(LARGE_BODY):
+                """Wait until it has closed the connection."""
         self.server.photograph_bytes += count
         self._break_off()
 

@@ -11,7 +11,6 @@ import time
 from collections import Counter
 from unittest import mock
 
-import httpx2
 import psycopg
 
 from app.core.settings import Settings
@@ -20,7 +19,7 @@ from tests.e2e.faults.child_at_work import estimate_of
 from tests.e2e.faults.disk import Disk
 from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Tada, child_named, children_of, send
 from tests.e2e.faults.proxy import Network
-from tests.e2e.processes import environment_of, free_port
+from tests.e2e.processes import environment_of, free_port, new_phone
 from tests.support.commands import run_tada
 from tests.support.s3_server import S3Server
 from tests.support.waiting import wait_until
@@ -163,21 +162,9 @@ class Deployment:
 
     def enrol(self, codes):
         """Participants with a phone each, by code: the phone's token."""
-        admin = {"Authorization": f"Bearer {self.tada('admin', 'create', 'admin')}"}
-        tokens = {}
-        with httpx2.Client(base_url=f"http://127.0.0.1:{self.apis[0].port}", headers=admin, timeout=30) as client:
-
-            def post(path, **body):
-                answer = client.post(path, json=body) if body else client.post(path)
-                assert answer.status_code < 300, answer.text
-                return answer.json()
-
-            post("/v1/studies", code=STUDY, name=STUDY, marker="plain:9x7:11")
-            for code in codes:
-                post(f"/v1/studies/{STUDY}/participants", code=code)
-                enrolment = post(f"/v1/studies/{STUDY}/participants/{code}/enrolment-codes")["code"]
-                tokens[code] = post("/v1/enrolments", code=enrolment, device_name="phone")["token"]
-        return tokens
+        admin_token = self.tada("admin", "create", "admin")
+        address = f"http://127.0.0.1:{self.apis[0].port}"
+        return {code: new_phone(address, admin_token, code, STUDY) for code in codes}
 
     def logs(self):
         """Program's name -> its log."""
