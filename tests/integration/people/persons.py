@@ -104,31 +104,24 @@ class Person:
                 sha256=sha256,
                 blob_key=key,
             )
-            event = MealEvent(
-                id=uuid.uuid4(),
-                meal_id=meal.id,
-                sequence=10,
-                item_id=item.id,
-                kind="comment",
-                layer="participant",
-                device_id=meal.device_id,
-                old={},
-                new={"text": f"said {mark}"},
-                request_sha256=hashlib.sha256(mark.encode()).hexdigest(),
-                created_at=now,
-            )
-            confirmed = MealEvent(
-                id=uuid.uuid4(),
-                meal_id=meal.id,
-                sequence=11,
-                item_id=item.id,
-                kind="confirm",
-                layer="participant",
-                device_id=meal.device_id,
-                old={},
-                new={"status": "confirmed"},
-                request_sha256=hashlib.sha256(f"confirmed by {mark}".encode()).hexdigest(),
-                created_at=now,
+            event, confirmed = (
+                MealEvent(
+                    id=uuid.uuid4(),
+                    meal_id=meal.id,
+                    sequence=sequence,
+                    item_id=item.id,
+                    kind=kind,
+                    layer="participant",
+                    device_id=meal.device_id,
+                    old={},
+                    new=new,
+                    request_sha256=hashlib.sha256(f"{kind} of {mark}".encode()).hexdigest(),
+                    created_at=now,
+                )
+                for sequence, kind, new in (
+                    (10, "comment", {"text": f"said {mark}"}),
+                    (11, "confirm", {"status": "confirmed"}),
+                )
             )
             session.add_all([artefact, event, confirmed])
             session.flush()

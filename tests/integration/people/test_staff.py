@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.people.models import Staff
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
 
@@ -16,20 +15,17 @@ def study(client, admin):
     return "/v1/studies/pilot"
 
 
-def test_admin_creates_staff_who_can_sign_in(client, admin):
+def test_admin_creates_staff_who_can_sign_in_once_they_have_a_password(client, admin):
     made = client.post("/v1/staff", headers=admin, json={"name": "olga", "password": PASSWORD})
     assert made.status_code == 201
     body = made.json()
     assert (body["name"], body["is_admin"], body["has_password"], body["disabled_at"]) == ("olga", False, True, None)
     assert client.get("/v1/staff/olga", headers=admin).json() == body
     assert sign_in(client, "olga").status_code == 201
-
-
-def test_staff_without_a_password_cannot_sign_in_until_they_have_one(client, admin):
-    client.post("/v1/staff", headers=admin, json={"name": "olga"})
-    assert sign_in(client, "olga", "").json()["code"] == "sign_in_failed"
-    client.patch("/v1/staff/olga", headers=admin, json={"password": PASSWORD})
-    assert sign_in(client, "olga").status_code == 201
+    client.post("/v1/staff", headers=admin, json={"name": "rita"})
+    assert sign_in(client, "rita", "").json()["code"] == "sign_in_failed"
+    client.patch("/v1/staff/rita", headers=admin, json={"password": PASSWORD})
+    assert sign_in(client, "rita").status_code == 201
 
 
 def test_unicode_forms_of_a_name_are_equal(client, admin):
@@ -39,29 +35,26 @@ def test_unicode_forms_of_a_name_are_equal(client, admin):
     assert client.get("/v1/staff/Rene\u0301", headers=admin).status_code == 200
 
 
-@pytest.mark.parametrize("name", ["olga@example.org", "a/b", "..", " ", "x" * 101, "a\nb", "<b>", "a?b"])
-def test_name_unfit_for_urls_is_refused(client, admin, name):
-    answer = client.post("/v1/staff", headers=admin, json={"name": name})
-    assert (answer.status_code, answer.json()["code"]) == (422, "staff_name_invalid")
+def test_name_unfit_for_urls_is_refused(client, admin):
+    for name in ("olga@example.org", "a/b", "..", " ", "x" * 101, "a\nb", "<b>", "a?b"):
+        answer = client.post("/v1/staff", headers=admin, json={"name": name})
+        assert (answer.status_code, answer.json()["code"]) == (422, "staff_name_invalid"), name
 
 
-@pytest.mark.parametrize(
-    ("name", "password"),
-    [("olga", "short pass"), ("olga", "x" * 201), ("olga-petrova", "OLGA-Petrova"), ("olga", "aaaaaaaaaaaaaa")],
-)
-def test_weak_or_overlong_password_is_refused(client, admin, name, password):
-    answer = client.post("/v1/staff", headers=admin, json={"name": name, "password": password})
-    assert (answer.status_code, answer.json()["code"]) == (422, "password_refused")
-    assert password not in answer.text
-    assert client.get(f"/v1/staff/{name}", headers=admin).status_code == 404
-
-
-@pytest.mark.usefixtures("full_password_cost")
-def test_password_is_kept_as_argon2id_only(client, admin, state):
+def test_weak_common_or_overlong_password_is_refused(client, admin):
+    common = ("password1234", "Passw0rd2026!", "qwertyuiop12", "123456789012", "iloveyou1234", "olga.olga.olga")
+    for password in ("short pass", "x" * 201, "aaaaaaaaaaaaaa", *common):
+        answer = client.post("/v1/staff", headers=admin, json={"name": "olga", "password": password})
+        assert (answer.status_code, answer.json()["code"]) == (422, "password_refused"), password
+        assert password not in answer.text
+    body = {"name": "olga-petrova", "password": "OLGA-Petrova"}
+    assert client.post("/v1/staff", headers=admin, json=body).json()["code"] == "password_refused"
+    for name in ("olga", "olga-petrova"):
+        assert client.get(f"/v1/staff/{name}", headers=admin).status_code == 404
     make_staff(client, admin, "olga")
-    with state.database.read() as session:
-        kept = session.query(Staff).filter_by(name="olga").one().password_hash
-    assert kept.startswith("$argon2id$v=19$m=65536,t=3,p=4$")
+    changed = client.patch("/v1/staff/olga", headers=admin, json={"password": common[0]})
+    assert (changed.status_code, changed.json()["code"]) == (422, "password_refused")
+    assert sign_in(client, "olga").status_code == 201
 
 
 def test_disabling_ends_sessions_and_tokens_for_good(client, admin, study):
@@ -112,13 +105,11 @@ def test_owner_gives_changes_and_removes_a_role(client, admin, study):
 
 
 def test_last_owner_cannot_be_removed_or_lose_the_role(client, admin, study):
-    olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
+    olga = make_staff(client, admin, "olga", pilot="owner")
+    make_staff(client, admin, "rita", pilot="owner")
     client.patch("/v1/staff/rita", headers=admin, json={"is_disabled": True})  # one who cannot act is no owner left
-    del rita
-    for answer in (
-        olga.delete(f"{study}/members/olga"),
-        olga.put(f"{study}/members/olga", json={"role": "viewer"}),
-    ):
+    member = f"{study}/members/olga"
+    for answer in (olga.delete(member), olga.put(member, json={"role": "viewer"})):
         assert (answer.status_code, answer.json()["code"]) == (409, "last_owner")
     assert olga.put(f"{study}/members/olga", json={"role": "owner"}).status_code == 200
 
