@@ -1,4 +1,4 @@
-"""An estimate is the same, bit for bit, whatever the number of cores."""
+"""Whole estimates in processes of their own: the same on any number of cores, without SciPy or the database."""
 
 import json
 import subprocess
@@ -53,3 +53,14 @@ def test_estimate_is_the_same_on_one_core_and_on_two(photographs, foods):
     assert pictures == pictures_of_two
     assert seconds_beside == 0.0
     assert seconds_beside_of_two > 0.0
+
+
+@pytest.mark.slow
+def test_plain_pair_is_measured_without_parts_of_scipy_or_the_database():
+    pair = [str(files("app") / "demo_data" / f"{side}.jpg") for side in ("left", "right")]
+    command = [sys.executable, "-X", "importtime", "-m", "app.cli", "estimate", "--json", *pair]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    assert {"cv2", "app.vision.shape.shape"} <= loaded
+    assert {"scipy.linalg", "scipy.sparse", "scipy.special", "scipy.spatial", "scipy.optimize"}.isdisjoint(loaded)
+    assert {"sqlalchemy", "fastapi"}.isdisjoint(loaded)

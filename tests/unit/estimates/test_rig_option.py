@@ -1,6 +1,7 @@
-"""`tada estimate --rig`: read from its file, alone or not at all, and kept for the child process."""
+"""`tada estimate` with --rig, --poses or --vessels: read from their files, alone or not at all."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -77,3 +78,20 @@ def test_poses_of_a_file_take_the_markers_place_and_survive_json(tmp_path, rig_f
     for count in (1, 3):
         with pytest.raises(InvalidInputError, match="two photographs"):
             estimate_files([tmp_path / "left.jpg"] * count, options, max_pixels=1, debug=None, on_stage=None)
+
+
+MUG = {"name": "blue mug", "kind": "mug", "rim_diameter_mm": 80, "height_mm": 90, "capacity_ml": 350}
+
+
+def test_list_of_vessels_in_a_file_reaches_the_options(tmp_path: Path) -> None:
+    path = tmp_path / "vessels.json"
+    path.write_text(json.dumps([MUG]))
+    options = read_options(marker="plain:9x7:11", camera=None, method="shape", hints=(), vessels=path)
+    assert [vessel.name for vessel in options.vessels] == ["blue mug"]
+
+
+def test_file_that_is_no_list_of_vessels_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "vessels.json"
+    path.write_text(json.dumps(MUG))
+    with pytest.raises(InvalidInputError, match="must be a list"):
+        read_options(marker="plain:9x7:11", camera=None, method="shape", hints=(), vessels=path)

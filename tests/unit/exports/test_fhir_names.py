@@ -1,7 +1,8 @@
-"""Ids and tokens of Patients are read back for any codes."""
+"""Ids and tokens of Patients are read back for any codes, and the meals that a caller may see."""
 
 import contextlib
 import re
+import uuid
 
 import pytest
 from hypothesis import given
@@ -12,6 +13,8 @@ from app.exports.fhir.dates import add_date
 from app.exports.fhir.fhir_intakes import PersonName
 from app.exports.fhir.names import Names, patient_id, person_of_id, person_of_token
 from app.exports.fhir.queries import IntakeFilter
+from app.http.row_filter import RowFilter
+from app.people.access.caller import DeviceCaller, StaffCaller, visible_rows
 
 NAMES = Names("https://tada.example.org/fhir")
 codes = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,40}", fullmatch=True)
@@ -40,3 +43,19 @@ def test_invalid_id_names_no_participant(text):
 def test_any_text_is_a_date_or_refused(text):
     with contextlib.suppress(MalformedRequestError):
         assert add_date(IntakeFilter(), text) != IntakeFilter()
+
+
+ANY_ID, PERSON, STUDY, OTHER = (uuid.UUID(int=n) for n in range(1, 5))
+
+
+def test_phone_sees_its_participants_meals_and_no_other_study_is_looked_into():
+    """What another filter asks (flags) is looked up study by study: a phone's call must not read all of them."""
+    phone = DeviceCaller(device_id=ANY_ID, participant_id=PERSON, study_id=STUDY, participant_alias=ANY_ID)
+    visible = visible_rows(phone, RowFilter(participant_id=ANY_ID, study_ids=frozenset({OTHER}), flags=("a",)))
+    assert visible == RowFilter(participant_id=PERSON, study_ids=frozenset({STUDY}), flags=("a",))
+
+
+def test_staff_see_the_studies_in_which_their_role_suffices():
+    roles = {STUDY: "viewer", OTHER: "reviewer"}
+    staff = StaffCaller(staff_id=ANY_ID, name="ann", is_admin=False, token_id=ANY_ID, roles=roles, needs="reviewer")
+    assert visible_rows(staff, RowFilter()).study_ids == {OTHER}

@@ -1,9 +1,24 @@
-"""The OpenAPI document: whole."""
+"""The OpenAPI document as a contract: valid, whole, with examples, closed sets as enums, and what can come back."""
+
+import re
 
 import pytest
 from fastapi.routing import APIRoute
+from jsonschema import Draft202012Validator
+from openapi_spec_validator import OpenAPIV31SpecValidator
 
+from app.exports.models import EXPORT_STATES
+from app.exports.release_models import RELEASE_STATES
+from app.http.text_schemas import stored_word
+from app.meals.day_models import DAY_STATUSES
+from app.meals.event_models import EVENT_KINDS, LAYERS
+from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES
+from app.meals.record_models import ITEM_ORIGINS, RECORD_STATUSES
+from app.nutrition.foods import FOOD_STATES
+from app.openapi import COMPARE_CLOCKS, COUNTED_AT_401, LOCATED, LOCATED_AGAIN, TAGGED
+from app.outbox.models import DELIVERY_STATES
 from app.people.access.access_rules import OF_API, RULES, list_parameters
+from app.people.models import ROLES
 from app.people.schemas import ParticipantIn, StudyIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
 
@@ -50,3 +65,260 @@ def test_only_what_the_rules_open_needs_no_token(operations):
         "/v1/enrolments", "/v1/sessions", "/v1/receipts/{receipt}", "/healthz", "/readyz", "/v1/server",
         "/fhir/metadata", "/fhir/StructureDefinition/{name}", "/", "/dashboard/sign-in",
     }  # fmt: skip
+
+
+NAME = re.compile(r"^(get|post|put|patch|delete|search)(_[a-z]+)+$")
+
+
+def test_document_is_valid(document):
+    assert [error.message for error in OpenAPIV31SpecValidator(document).iter_errors()] == []
+
+
+def test_every_operation_has_an_id_a_summary_and_a_tag_and_no_parameter_twice(operations):
+    ids = [operation["operationId"] for operation in operations.values()]
+    assert [each for each in ids if not NAME.match(each)] == []
+    assert len(set(ids)) == len(ids)
+    assert set(ids) >= LOCATED | LOCATED_AGAIN | TAGGED | COUNTED_AT_401 | COMPARE_CLOCKS
+    summaries = [operation["summary"] for operation in operations.values()]
+    assert [each for each in summaries if not 7 <= len(each) <= 110 or " " not in each] == []
+    assert len(set(summaries)) > 0.9 * len(summaries)
+    for call, operation in operations.items():
+        made_of_the_id = operation["operationId"].replace("_", " ").casefold()
+        assert operation["summary"].casefold() != made_of_the_id, call
+        assert operation["tags"], call
+        names = [(each["in"], each["name"].casefold()) for each in operation.get("parameters", ())]
+        assert len(set(names)) == len(names), call
+
+
+def test_every_field_and_parameter_has_a_description(document, operations):
+    fields = {
+        (schema, name): field
+        for schema, content in document["components"]["schemas"].items()
+        for name, field in content.get("properties", {}).items()
+    }
+    parameters = {
+        (call, parameter["in"], parameter["name"]): parameter
+        for call, operation in operations.items()
+        for parameter in operation.get("parameters", ())
+    }
+    assert (len(fields) > 1000, len(parameters) > 250) == (True, True)
+    described = fields | parameters
+    assert [name for name, each in described.items() if not each.get("description", "").strip()] == []
+
+
+def test_no_two_schemas_share_a_name(document):
+    """FastAPI tells them apart by their modules' paths, and generators of clients drop them."""
+    names = [name.casefold() for name in document["components"]["schemas"]]
+    assert [name for name in names if "__" in name] == []
+    assert len(set(names)) == len(names)
+
+
+def test_every_refusal_is_a_problem_document(operations):
+    for (method, path), operation in operations.items():
+        is_fhir = path.startswith("/fhir")
+        for status, response in operation["responses"].items():
+            if int(status) >= 400 and path != "/readyz":
+                kind = "application/fhir+json" if is_fhir else "application/problem+json"
+                assert list(response["content"]) == [kind], (method, path, status)
+                schema = response["content"][kind]["schema"]
+                assert is_fhir or schema == {"$ref": "#/components/schemas/Problem"}, (method, path, status)
+
+
+def test_what_stands_around_an_endpoint_is_declared(operations):
+    for call, operation in operations.items():
+        rule, statuses = RULES[call], set(operation["responses"])
+        if not rule.is_open:
+            assert {"401", "403"} <= statuses, call
+        if rule.device:
+            assert "410" in statuses, call
+        if "requestBody" in operation:
+            assert {"400", "408", "413", "415", "422"} <= statuses, call
+        if call[1].startswith("/v1/"):
+            assert "422" in statuses, call  # a parameter that it does not know
+        if call[1] not in {"/healthz", "/readyz"}:
+            assert {"429", "500", "503"} <= statuses, call
+
+
+def test_if_match_is_required_where_its_absence_is_refused(operations):
+    names = {call: [each.get("name", "").lower() for each in o.get("parameters", ())] for call, o in operations.items()}
+    refusing = {call for call, operation in operations.items() if "428" in operation["responses"]}
+    assert len(refusing) >= 7
+    for call in refusing:
+        assert "if-match" in names[call], call
+        (header,) = (each for each in operations[call]["parameters"] if each.get("name", "").lower() == "if-match")
+        assert header["required"], call
+        assert header["schema"]["type"] == "string", call
+
+
+def test_headers_are_declared(document, operations):
+    assert {"Retry-After", "Location", "ETag", "RateLimit"} <= set(document["components"]["headers"])
+    for call, operation in operations.items():
+        for status, response in operation["responses"].items():
+            headers = set(response.get("headers", ()))
+            assert (status in {"408", "429", "503"}) <= ("Retry-After" in headers), (call, status)
+    made = operations["POST", "/v1/meals"]["responses"]["202"]["headers"]
+    assert {"Location", "ETag", "RateLimit", "RateLimit-Policy"} <= set(made)
+
+
+OF_OPENAPI = {"discriminator", "example"}
+OF_FORMS = {"examples", "title", "description", "default", "deprecated", "readOnly", "writeOnly", "format"}
+MAPS, LISTS, SINGLE = {"properties", "patternProperties"}, {"anyOf", "oneOf", "allOf", "prefixItems"}, {"items", "not"}
+KEYWORDS = set(Draft202012Validator.VALIDATORS) | OF_OPENAPI | OF_FORMS
+
+
+def parts(schema, place):
+    """A schema and all inside it, each with its place."""
+    if not isinstance(schema, dict):
+        return
+    yield place, schema
+    for keyword, value in schema.items():
+        inside = {}
+        if keyword in MAPS:
+            inside = value
+        elif keyword in LISTS:
+            inside = dict(enumerate(value))
+        elif keyword in SINGLE | {"additionalProperties", "propertyNames"}:
+            inside = {keyword: value}
+        for name, part in inside.items():
+            yield from parts(part, (*place, name))
+
+
+@pytest.fixture(scope="module")
+def schemas(document, operations):
+    named = [part for name, schema in document["components"]["schemas"].items() for part in parts(schema, (name,))]
+    return named + [
+        part
+        for call in operations.values()
+        for parameter in call.get("parameters", ())
+        for part in parts(parameter["schema"], (call["operationId"], parameter["name"]))
+    ]
+
+
+def test_schemas_have_keywords_of_json_schema_only(schemas):
+    assert len(schemas) > 3000
+    assert {keyword: place for place, schema in schemas for keyword in schema if keyword not in KEYWORDS} == {}
+
+
+def test_examples_are_valid_and_limits_of_numbers_in_the_document(document, schemas):
+    share = document["components"]["schemas"]["DeclaredItemIn"]["properties"]["share"]
+    assert (share["minimum"], share["maximum"]) == (0.001, 1)
+    examples = {
+        (*place, number): (schema, example)
+        for place, schema in schemas
+        for number, example in enumerate(
+            [*([schema["example"]] if "example" in schema else []), *schema.get("examples", ())]
+        )
+    }
+    assert len(examples) > 40
+    for place, (schema, example) in examples.items():
+        validator = Draft202012Validator(schema | {"components": document["components"]})
+        assert [f"{error.json_path}: {error.message}" for error in validator.iter_errors(example)] == [], place
+
+
+def test_every_json_body_of_a_request_and_every_answer_of_a_phones_conversation_has_an_example(document, operations):
+    named = document["components"]["schemas"]
+
+    def has_example(schema):
+        if "$ref" in schema:
+            schema = named[schema["$ref"].rpartition("/")[2]]
+        return "example" in schema or any(has_example(choice) for choice in schema.get("oneOf", ()))
+
+    bodies = {
+        operation["operationId"]: operation["requestBody"]["content"]["application/json"]["schema"]
+        for operation in operations.values()
+        if "application/json" in operation.get("requestBody", {}).get("content", {})
+    }
+    assert len(bodies) > 25
+    assert [call for call, schema in bodies.items() if not has_example(schema)] == []
+    answers = ["EnrolmentOut", "MeOut", "CheckOut", "MealOut", "FoodList", "DayOut", "SummaryOut", "ReceiptOut"]
+    assert [name for name in [*answers, "Problem"] if "example" not in named[name]] == []
+
+
+WORDS = (
+    "status", "state", "kind", "origin", "layer", "role", "scope", "stage", "policy", "locale", "verdict", "event",
+    "events", "basis", "form", "severity", "source", "found", "action", "class", "weighs", "unit", "method", "type",
+    "life_stage", "per", "rows", "layout", "components", "needs", "slot", "what", "scale", "lies_as", "why_not",
+    "decided_by", "plausibility", "answer",
+)  # fmt: skip
+ENDINGS = ("_status", "_state", "_kind", "_basis", "_policy")
+OPEN = {  # (schema, field) -> why it is any text; a schema of "*": wherever the field stands
+    ("*", "source"): "a publication or a person",
+    ("*", "unit"): "the food table's, which grows with imports",
+    ("*", "stage"): "a step of the pipeline, which a newer worker may name otherwise",
+    ("*", "method"): "free text, or a run's, which older pipelines may have named otherwise",
+    ("DensityIn", "state"): "free text, such as boiled, mashed",
+    ("DensityOut", "state"): "free text, such as boiled, mashed",
+    ("RejectedDensityOut", "state"): "free text, such as boiled, mashed",
+    ("MeasuredDensityIn", "state"): "free text, such as boiled, mashed",
+    ("StudyDensityIn", "state"): "free text, such as boiled, mashed",
+    ("StudyDensityOut", "state"): "free text, such as boiled, mashed",
+    ("AuditEventOut", "action"): "each kind of change has its own, and the log keeps those that are gone",
+    ("Problem", "type"): "RFC 9457: a URI",
+    ("Problem", "status"): "a number",
+}
+
+
+def is_any_text(schema):
+    if schema.keys() & {"enum", "const", "$ref", "pattern", "format"}:
+        return False
+    if "anyOf" in schema:
+        return any(map(is_any_text, schema["anyOf"]))
+    if schema.get("type") == "array":
+        return is_any_text(schema.get("items", {}))
+    return schema.get("type") == "string"
+
+
+def is_named_as_a_closed_set(name):
+    return name in WORDS or name.endswith(ENDINGS)
+
+
+def test_no_closed_set_is_any_text(document):
+    fields = {
+        (schema, name): field
+        for schema, content in document["components"]["schemas"].items()
+        for name, field in content.get("properties", {}).items()
+        if is_named_as_a_closed_set(name)
+    }
+    assert len(fields) > 120
+    any_text = {place for place, field in fields.items() if is_any_text(field)}
+    assert {place for place in any_text if place not in OPEN and ("*", place[1]) not in OPEN} == set()
+
+
+def test_no_parameter_of_a_closed_set_is_any_text(operations):
+    any_text = {
+        (path, parameter["name"])
+        for (_, path), operation in operations.items()
+        for parameter in operation.get("parameters", ())
+        if is_named_as_a_closed_set(parameter["name"]) and is_any_text(parameter["schema"])
+    }
+    assert any_text == {
+        ("/v1/audit", "action"),
+        ("/v1/studies/{study}/audit", "action"),
+        ("/fhir/NutritionIntake", "status"),  # FHIR's token: several codes, parted by commas
+    }
+
+
+@pytest.mark.parametrize(
+    ("schema", "field", "words"),
+    [
+        ("MealOut", "status", MEAL_STATUSES),
+        ("MealListItem", "origin", MEAL_ORIGINS),
+        ("ItemOut", "status", RECORD_STATUSES),
+        ("RecordOut", "origin", ITEM_ORIGINS),
+        ("EventOut", "kind", EVENT_KINDS),
+        ("EventOut", "layer", LAYERS),
+        ("DayOut", "status", DAY_STATUSES),
+        ("MemberOut", "role", ROLES),
+        ("ExportOut", "state", EXPORT_STATES),
+        ("ReleaseOut", "state", RELEASE_STATES),
+        ("DeliveryOut", "state", DELIVERY_STATES),
+    ],
+)
+def test_an_answer_has_all_words_that_the_database_lets_in(document, schema, field, words):
+    assert document["components"]["schemas"][schema]["properties"][field]["enum"] == list(words)
+
+
+def test_a_stored_word_that_this_version_does_not_know_is_null():
+    assert stored_word("cooked", FOOD_STATES) == "cooked"
+    assert stored_word("fermented", FOOD_STATES) is None
+    assert stored_word(None, FOOD_STATES) is None
