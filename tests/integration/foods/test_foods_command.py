@@ -78,32 +78,26 @@ def test_release_is_imported_shown_and_found(tada, tmp_path, counts):
     assert tada("foods", "show", "sr28:09003").returncode == 2
 
 
-@pytest.mark.parametrize(
-    ("changed", "place"),
-    [
-        ({"WEIGHT": None}, "WEIGHT.txt"),
-        ({"FOOD_DES": 2 * APPLE["FOOD_DES.txt"]}, "FOOD_DES.txt, line 2"),
-        ({"NUTR_DEF": APPLE["NUTR_DEF.txt"].replace("~kcal~", "~g~")}, "NUTR_DEF.txt, line 1"),
-        ({"FOOD_DES": APPLE["FOOD_DES.txt"].replace("Apples", "\u00c4pfel").encode()}, "FOOD_DES.txt, line 1"),
-        ({"NUT_DATA": APPLE["NUT_DATA.txt"][:-30]}, "NUT_DATA.txt, line 2"),
-    ],
-    ids=["missing file", "duplicate id", "unit", "encoding", "cut off"],
-)
-def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, counts, changed, place):
-    before = counts()
-    done = tada("foods", "import", "sr28", release(tmp_path / "sr28.zip", **changed))
-    assert done.returncode == 2
-    assert place in done.stderr
-    assert "Traceback" not in done.stderr
-    assert counts() == before
-
-
-def test_truncated_zip_is_refused(tada, tmp_path, counts):
+def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, counts):
     before = counts()
     whole = release(tmp_path / "whole.zip").read_bytes()
     (tmp_path / "cut.zip").write_bytes(whole[: len(whole) // 2])
-    done = tada("foods", "import", "sr28", tmp_path / "cut.zip")
-    assert (done.returncode, "only a part of one" in done.stderr) == (2, True)
+    foods = APPLE["FOOD_DES.txt"]
+    wrong = {
+        "cut.zip": (None, "only a part of one"),
+        "missing.zip": ({"WEIGHT": None}, "WEIGHT.txt"),
+        "twice.zip": ({"FOOD_DES": 2 * foods}, "FOOD_DES.txt, line 2"),
+        "unit.zip": ({"NUTR_DEF": APPLE["NUTR_DEF.txt"].replace("~kcal~", "~g~")}, "NUTR_DEF.txt, line 1"),
+        "encoding.zip": ({"FOOD_DES": foods.replace("Apples", "\u00c4pfel").encode()}, "FOOD_DES.txt, line 1"),
+        "cut_off.zip": ({"NUT_DATA": APPLE["NUT_DATA.txt"][:-30]}, "NUT_DATA.txt, line 2"),
+    }
+    for name, (changed, place) in wrong.items():
+        if changed is not None:
+            release(tmp_path / name, **changed)
+        done = tada("foods", "import", "sr28", tmp_path / name)
+        assert done.returncode == 2, name
+        assert place in done.stderr
+        assert "Traceback" not in done.stderr
     assert counts() == before
 
 
@@ -132,12 +126,8 @@ def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, 
 
 
 def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
-    environment = os.environ | {
-        "TADA_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x",
-        "TADA_DATA_DIR": str(tmp_path),
-    }
-    command = [sys.executable, "-m", "app.cli", "foods", "releases"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    places = {"TADA_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x", "TADA_DATA_DIR": tmp_path}
+    done = run_tada("foods", "releases", **places)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("tada: The database does not answer: ")
     assert len(done.stderr.splitlines()) == 1

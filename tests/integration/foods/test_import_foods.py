@@ -41,9 +41,12 @@ def food(number, energy=50.0, **changes):
 
 def table(count=250, version="1", **changes):
     foods = tuple(food(number, **changes) for number in range(count))
-    release = FoodTable("bls", version, date(2026, 1, 1), f"{version}-{count}-{changes}".ljust(64, "x")[:64], foods)
+    return table_of(*foods, version=version, checksum=f"{version}-{count}-{changes}".ljust(64, "x")[:64])
+
+
+def table_of(*foods, name="bls", kind="csv", version="1", checksum="s" * 64):
     components = (COMPONENT_BY_NUMBER["208"], COMPONENT_BY_NUMBER["401"])
-    return ImportedTable("csv", release, components, Skipped())
+    return ImportedTable(kind, FoodTable(name, version, date(2026, 1, 1), checksum, foods), components, Skipped())
 
 
 def counts(database):
@@ -97,6 +100,8 @@ def test_broken_off_import_is_seen_by_nobody_and_goes_on_where_it_stopped(databa
         import_foods(database, table(), "me", stop_after(100))
     with pytest.raises(NotFoundError):
         read_food(database, "bls:7")
+    with pytest.raises(NotFoundError, match="no complete release bls 1"):
+        use_release(database, "bls", "1", "me")
     assert counts(database)["food_activation"] == before["food_activation"]
     written = []
     report = import_foods(database, table(), "me", lambda done, _: written.append(done))
@@ -173,28 +178,13 @@ def test_new_release_of_a_table_takes_the_place_of_the_old_one_and_back(database
     assert ("tada-starter", True) in {(one.release.name, one.is_in_force) for one in list_releases(database)}
 
 
-def test_release_that_is_not_whole_cannot_be_put_in_force(database):
-    with pytest.raises(Stop):
-        import_foods(database, table(), "me", stop_after(100))
-    with pytest.raises(NotFoundError, match="no complete release bls 1"):
-        use_release(database, "bls", "1", "me")
-
-
 @pytest.mark.both_stores
-@pytest.mark.parametrize("shared", [{"fdc_data_type": "sr_legacy_food"}, {"foodex2": "A01DJ"}])
-def test_foods_of_one_kind_or_class_take_no_densities_from_each_other(database, shared):
-    foods = tuple(food(number, source_ids={"bls": str(number)} | shared) for number in range(3))
-    imported = table()
-    import_foods(database, dataclasses.replace(imported, table=dataclasses.replace(imported.table, foods=foods)), "me")
+def test_foods_of_one_data_set_and_class_take_no_densities_from_each_other_and_are_not_found_by_it(database):
+    shared = {"fdc_data_type": "sr_legacy_food", "foodex2": "A01DJ"}
+    foods = (food(number, source_ids={"fdc_id": f"17168{number}"} | shared) for number in range(3))
+    import_foods(database, table_of(*foods), "me")
     assert [density.source for density in read_food(database, "bls:1").value.densities] == ["a quince, 1"]
-
-
-@pytest.mark.both_stores
-def test_data_set_of_a_food_is_no_number_that_it_is_found_by(database):
-    imported = table()
-    foods = (food(1, source_ids={"fdc_id": "171688", "fdc_data_type": "sr_legacy_food"}),)
-    import_foods(database, dataclasses.replace(imported, table=dataclasses.replace(imported.table, foods=foods)), "me")
-    assert read_food(database, "171688").value.key == "bls:1"
+    assert read_food(database, "171681").value.key == "bls:1"
     with pytest.raises(NotFoundError):
         read_food(database, "sr_legacy_food")
 
@@ -203,8 +193,7 @@ def test_data_set_of_a_food_is_no_number_that_it_is_found_by(database):
 def test_same_food_of_two_tables_shares_what_was_measured(database):
     """An SR28 apple is weighed by the starter's measured density: they share the NDB number."""
     apple = food(1, key="sr28:09003", source_ids={"sr28_ndb": "09003"}, densities=(), state="raw")
-    release = FoodTable("sr28", "28", date(2016, 5, 1), "s" * 64, (apple,))
-    import_foods(database, ImportedTable("sr28", release, table().components, Skipped()), "me")
+    import_foods(database, table_of(apple, name="sr28", kind="sr28"), "me")
     choice = read_food(database, "sr28:09003").density
     assert (choice.chosen.basis, choice.chosen.g_per_ml) == ("measured", 0.789)
 
@@ -214,8 +203,7 @@ def test_starters_judgement_stands_for_what_the_tables_that_it_is_made_from_say(
     cup = Density(2.0, 0.1, "raw", "solid", "portion", "USDA SR28, a cup that cannot be")
     heap = Density(0.7, 0.1, "chopped", "bulk", "portion", "USDA SR28, a heap that the starter does not know")
     milk = food(1, key="sr28:01077", source_ids={"sr28_ndb": "01077"}, form="liquid", densities=(cup, heap))
-    release = FoodTable("sr28", "28", date(2016, 5, 1), "s" * 64, (milk,))
-    import_foods(database, ImportedTable("sr28", release, table().components, Skipped()), "me")
+    import_foods(database, table_of(milk, name="sr28", kind="sr28"), "me")
     ours, theirs = read_food(database, "milk-whole").value, read_food(database, "sr28:01077").value
     assert cup not in (*ours.densities, *theirs.densities)
     assert heap in ours.densities
@@ -224,25 +212,19 @@ def test_starters_judgement_stands_for_what_the_tables_that_it_is_made_from_say(
 
 
 @pytest.mark.both_stores
-@pytest.mark.parametrize(("state", "is_linked"), [("as_eaten", True), ("raw", False), (None, False)])
-def test_density_row_of_the_same_name_is_linked_if_its_state_is_known_to_be_the_same(database, state, is_linked):
-    quince = food(1, name="Jam, quince", aliases=(), densities=(), state="as_eaten")
-    imported = table()
-    import_foods(
-        database,
-        dataclasses.replace(imported, table=dataclasses.replace(imported.table, foods=(quince,))),
-        "me",
+def test_density_row_of_the_same_name_is_linked_if_its_state_is_known_to_be_the_same(database):
+    fruits = {"quince": "as_eaten", "pear": "raw", "plum": None}
+    jams = (
+        food(number, name=f"Jam, {fruit}", aliases=(), densities=(), state="as_eaten")
+        for number, fruit in enumerate(fruits)
     )
-    jam = food(
-        2,
-        key="fao:522",
-        name="Quince jam",
-        aliases=(),
-        per_100_g={},
-        state=state,
-        densities=(Density(1.33, 0.1, "as eaten", "solid", "fao", "FAO row 522"),),
+    import_foods(database, table_of(*jams), "me")
+    measured = (Density(1.33, 0.1, "as eaten", "solid", "fao", "a row of FAO"),)
+    rows = (
+        food(fruit, name=f"{fruit.title()} jam", aliases=(), per_100_g={}, state=state, densities=measured)
+        for fruit, state in fruits.items()
     )
-    release = FoodTable("fao-infoods-density", "2.0", date(2012, 1, 1), "f" * 64, (jam,))
-    import_foods(database, ImportedTable("fao-density", release, (), Skipped()), "me")
-    choice = read_food(database, "bls:1").density
-    assert (choice is not None and choice.chosen.g_per_ml == 1.33) == is_linked
+    rows = (dataclasses.replace(row, key=f"fao:{number}") for number, row in enumerate(rows))
+    import_foods(database, table_of(*rows, name="fao-infoods-density", kind="fao-density", checksum="f" * 64), "me")
+    choices = [read_food(database, f"bls:{number}").density for number in range(3)]
+    assert [choice is not None and choice.chosen.g_per_ml == 1.33 for choice in choices] == [True, False, False]

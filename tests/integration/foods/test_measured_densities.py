@@ -6,20 +6,17 @@ from tests.integration.foods.editing import refused
 
 
 def test_a_measured_density_goes_before_the_tables(staff):
-    specimens = [{"volume_ml": 200, "mass_g": 168}, {"volume_ml": 250, "mass_g": 204}, {"volume_ml": 100, "mass_g": 82}]
-    body = {
-        "specimens": specimens,
-        "volume_step_ml": 10,
-        "state": "raw, whole",
-        "kind": "solid",
-        "method": "water",
-        "reason": "r",
-    }
-    made = staff.post("/v1/foods/apple/densities", body)
+    specimens = specimens_of((200, 168), (250, 204), (100, 82))
+    body = {"state": "raw, whole", "kind": "solid", "method": "water", "reason": "r"}
+    made = staff.post("/v1/foods/apple/densities", body | {"specimens": specimens, "volume_step_ml": 10})
     assert made.status_code == 201, made.json()
     chosen = made.json()["density"]["chosen"]
     assert (chosen["g_per_ml"], chosen["basis"], chosen["source"]) == (0.82, "measured", "water: median of 3 specimens")
     assert chosen["sd_g_per_ml"] == pytest.approx(10 / 12**0.5 / (550 / 3) * 0.82)
+
+
+def specimens_of(*pairs):
+    return [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in pairs]
 
 
 def test_a_study_s_own_density_goes_first_there_and_nowhere_else(staff, enrol):
@@ -44,49 +41,37 @@ def test_a_study_s_own_density_goes_first_there_and_nowhere_else(staff, enrol):
     assert staff.get("/v1/studies/second/densities").json() == {"items": []}
 
 
-def test_specimens_of_a_study_s_density_are_kept(staff, enrol):
+def test_a_density_that_cannot_be_is_refused_and_specimens_of_one_that_can_are_kept(staff, enrol):
     enrol()
-    specimens = [{"volume_ml": 200.0, "mass_g": 168.0}, {"volume_ml": 250.0, "mass_g": 204.0}]
-    body = {"food": "apple", "specimens": specimens, "state": "raw", "kind": "solid", "method": "m", "reason": "r"}
-    made = staff.post("/v1/studies/pilot/densities", body | {"measured_at": "2026-11-20T12:00:00+08:00"}).json()
-    assert made["specimens"] == specimens
-    assert made["g_per_ml"] == pytest.approx((0.84 + 0.816) / 2)
-    assert made["measured_at"] == "2026-11-20T04:00:00Z"
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
+    path, body = "/v1/studies/pilot/densities", {"food": "apple", "state": "raw", "kind": "solid", "method": "m"}
+    body |= {"reason": "r"}
+    sound = {"g_per_ml": 1.0, "sd_g_per_ml": 0.1}
+    for change in (
         {"g_per_ml": 0.7},
         {"sd_g_per_ml": 0.1},
         {"specimens": []},
-        {"specimens": [{"volume_ml": 1, "mass_g": 1}]},
-        {"specimens": [{"volume_ml": 10, "mass_g": 100}] * 2},
-        {"specimens": [{"volume_ml": 0, "mass_g": 1}] * 2},
-        {"specimens": [{"volume_ml": 1e6, "mass_g": 1e-320}] * 2},
-        {"specimens": [{"volume_ml": 1e6, "mass_g": 0.01}] * 2},
-        {
-            "specimens": [
-                {"volume_ml": 100, "mass_g": 1},
-                {"volume_ml": 100, "mass_g": 290},
-                {"volume_ml": 100, "mass_g": 9},
-            ]
-        },
-        {"specimens": [{"volume_ml": 1, "mass_g": 1}] * 2, "volume_step_ml": 100},
-        {"g_per_ml": 0.1, "sd_g_per_ml": 0.2},
-        {"g_per_ml": 1e-320, "sd_g_per_ml": 0.0},
-        {"specimens": [{"volume_ml": 10, "mass_g": 9}] * 2, "g_per_ml": 1.0, "sd_g_per_ml": 0.1},
-        {"g_per_ml": 9.0, "sd_g_per_ml": 0.1},
-        {"g_per_ml": 1.0, "sd_g_per_ml": -0.1},
-        {"g_per_ml": 1.0, "sd_g_per_ml": 0.1, "kind": "fluffy"},
-        {"g_per_ml": 1.0, "sd_g_per_ml": 0.1, "measured_at": "2999-01-01T00:00:00Z"},
-        {"g_per_ml": 1.0, "sd_g_per_ml": 0.1, "measured_at": "2026-01-01T00:00:00"},
-        {"g_per_ml": True, "sd_g_per_ml": 0.1},
-        {"g_per_ml": "1", "sd_g_per_ml": 0.1},
-    ],
-)
-def test_a_density_that_cannot_be_is_refused(staff, enrol, change):
-    enrol()
-    body = {"food": "apple", "state": "raw", "kind": "solid", "method": "m", "reason": "r"} | change
-    assert staff.post("/v1/studies/pilot/densities", body).status_code == 422
-    assert staff.get("/v1/studies/pilot/densities").json() == {"items": []}
+        {"specimens": specimens_of((1, 1))},
+        {"specimens": specimens_of((10, 100)) * 2},
+        {"specimens": specimens_of((0, 1)) * 2},
+        {"specimens": specimens_of((1e6, 1e-320)) * 2},
+        {"specimens": specimens_of((1e6, 0.01)) * 2},
+        {"specimens": specimens_of((100, 1), (100, 290), (100, 9))},
+        {"specimens": specimens_of((1, 1)) * 2, "volume_step_ml": 100},
+        sound | {"specimens": specimens_of((10, 9)) * 2},
+        sound | {"g_per_ml": 0.1, "sd_g_per_ml": 0.2},
+        sound | {"g_per_ml": 1e-320, "sd_g_per_ml": 0.0},
+        sound | {"g_per_ml": 9.0},
+        sound | {"sd_g_per_ml": -0.1},
+        sound | {"kind": "fluffy"},
+        sound | {"measured_at": "2999-01-01T00:00:00Z"},
+        sound | {"measured_at": "2026-01-01T00:00:00"},
+        sound | {"g_per_ml": True},
+        sound | {"g_per_ml": "1"},
+    ):
+        assert staff.post(path, body | change).status_code == 422, change
+    assert staff.get(path).json() == {"items": []}
+    specimens = specimens_of((200.0, 168.0), (250.0, 204.0))
+    made = staff.post(path, body | {"specimens": specimens, "measured_at": "2026-11-20T12:00:00+08:00"}).json()
+    assert made["specimens"] == specimens
+    assert made["g_per_ml"] == pytest.approx((0.84 + 0.816) / 2)
+    assert made["measured_at"] == "2026-11-20T04:00:00Z"

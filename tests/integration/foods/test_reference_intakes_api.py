@@ -47,9 +47,9 @@ def test_infants_are_asked_for_in_months(phone):
     assert body["energy"]["kcal_per_day"] == 89 * 7.5 - 100 + 56
 
 
-@pytest.mark.parametrize(
-    "params",
-    [
+def test_what_cannot_be_is_a_problem_document(phone):
+    woman = {"age_years": 30, "sex": "female"}
+    for params in (
         {},
         {"age_years": 1, "age_months": 12},
         {"age_years": 30},
@@ -59,20 +59,14 @@ def test_infants_are_asked_for_in_months(phone):
         {"age_years": 30, "sex": "unknown"},
         {"age_years": 30, "sex": "male", "pregnant": True},
         {"age_years": 12, "sex": "female", "pregnant": True},
-        {"age_years": 30, "sex": "female", "pregnant": True, "lactating": True},
-        {"age_years": 30, "sex": "female", "trimester": 2},
-        {"age_years": 30, "sex": "female", "pregnant": True, "trimester": 4},
-        {"age_years": 30, "sex": "female", "weight_kg": 0},
-        {"age_years": 30, "sex": "female", "height_m": 165},
-        {"age_years": 30, "sex": "female", "activity": "lazy"},
-    ],
-)
-def test_what_cannot_be_is_a_problem_document(phone, params):
-    answer = phone.get(PATH, **params)
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
-    assert answer.headers["content-type"].startswith("application/problem+json")
-    assert answer.json()["detail"]
-
-
-def test_it_needs_a_token(client):
-    assert client.get(PATH, params={"age_years": 5}).status_code == 401
+        woman | {"pregnant": True, "lactating": True},
+        woman | {"trimester": 2},
+        woman | {"pregnant": True, "trimester": 4},
+        woman | {"weight_kg": 0},
+        woman | {"height_m": 165},
+        woman | {"activity": "lazy"},
+    ):
+        answer = phone.get(PATH, **params)
+        assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input"), params
+        assert answer.headers["content-type"].startswith("application/problem+json")
+        assert answer.json()["detail"]

@@ -1,7 +1,5 @@
 """GET /v1/foods and /v1/food-groups over the starter table."""
 
-import pytest
-
 
 def found(phone, **params):
     answer = phone.get("/v1/foods", **params)
@@ -17,28 +15,22 @@ def test_a_match_says_what_matched_and_what_the_food_is(phone):
     assert "starter" in apple["release"]
 
 
-@pytest.mark.parametrize("q", ["%", "_", "\U0001f34e", "'; --", "\u202e", "x" * 100, "% " * 50])
-def test_nothing_is_found_for_signs(phone, q):
-    assert [food["key"] for food in found(phone, q=q)] == []
-
-
-@pytest.mark.parametrize("name", ["q", "group"])
-def test_nul_is_refused(phone, name):
-    assert phone.get("/v1/foods", **{name: "apple\x00"}).status_code == 422
+def test_nothing_is_found_for_signs_and_one_letter_is_answered(phone):
+    for q in ("%", "_", "\U0001f34e", "'; --", "\u202e", "x" * 100, "% " * 50):
+        assert found(phone, q=q) == [], q
+    assert all(any(word.lower().startswith("b") for word in match["matched"].split()) for match in found(phone, q="b"))
 
 
 def test_an_empty_query_lists_the_table(phone):
     assert found(phone, q="", limit=5) == found(phone, limit=5)
     assert len(found(phone, limit=5)) == 5
+    assert len(found(phone)) > 50
 
 
-def test_one_letter_is_answered(phone):
-    assert all(any(word.lower().startswith("b") for word in match["matched"].split()) for match in found(phone, q="b"))
-
-
-@pytest.mark.parametrize("params", [{"q": "a" * 101}, {"limit": 0}, {"limit": 1001}, {"group": "a" * 101}])
-def test_what_is_too_long_or_out_of_range_is_refused(phone, params):
-    assert phone.get("/v1/foods", **params).status_code == 422
+def test_what_is_too_long_out_of_range_or_has_a_nul_is_refused(phone):
+    nul = "apple\x00"
+    for params in ({"q": "a" * 101}, {"limit": 0}, {"limit": 1001}, {"group": "a" * 101}, {"q": nul}, {"group": nul}):
+        assert phone.get("/v1/foods", **params).status_code == 422, params
 
 
 def test_groups_lead_to_their_foods(phone):
@@ -48,11 +40,4 @@ def test_groups_lead_to_their_foods(phone):
         foods = found(phone, group=group["name"].upper(), limit=1000)
         assert len(foods) == group["foods"]
         assert {food["group"] for food in foods} == {group["name"]}
-
-
-def test_an_unknown_group_has_no_foods(phone):
     assert found(phone, q="apple", group="no such group") == found(phone, group="%") == []
-
-
-def test_groups_need_a_token(client):
-    assert client.get("/v1/food-groups").status_code == 401

@@ -67,15 +67,9 @@ def test_judged_queries_find_what_a_person_expects(imported):
 
 
 def judge(database):
-    rows = judged()
-    hits = [
-        [
-            bool(re.search(row["first"], found.name, re.IGNORECASE))
-            for found in search_foods(database, row["query"], limit=3)
-        ]
-        for row in rows
-    ]
-    return {
-        "first": sum(any(hit[:1]) for hit in hits) / len(rows),
-        "three": sum(any(hit) for hit in hits) / len(rows),
-    }
+    hits = []
+    for row in judged():
+        found = search_foods(database, row["query"], limit=3)
+        hits.append([bool(re.search(row["first"], food.name, re.IGNORECASE)) for food in found])
+    first, three = sum(any(hit[:1]) for hit in hits), sum(any(hit) for hit in hits)
+    return {"first": first / len(hits), "three": three / len(hits)}
