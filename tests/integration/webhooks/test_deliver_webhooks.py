@@ -126,7 +126,7 @@ def signatures_fit(got, secret):
     return [signature == wanted for signature in headers["webhook-signature"].split(" ")]
 
 
-def test_event_is_delivered_signed_with_its_payload_of_the_time(sending):
+def test_event_is_delivered_once_signed_with_its_payload_of_the_time_and_without_its_secret_in_the_database(sending):
     with receiver() as there:
         hook = sending.hook(there.url)
         sending.announce("day.closed", participant="P001", local_date="2026-11-20")
@@ -146,9 +146,42 @@ def test_event_is_delivered_signed_with_its_payload_of_the_time(sending):
     assert body["type"] == "day.closed"
     assert body["data"] == {"study": "pilot", "participant": "P001", "local_date": "2026-11-20"}
     assert datetime.fromisoformat(body["timestamp"]).tzinfo is not None
+    assert_snippet_of_the_documents_verifies(got, sending.secrets[hook], sending.clock())
+    assert_is_in_no_dump(sending.database, sending.secrets[hook])
 
 
-def test_only_subscribed_webhooks_of_the_study_get_an_event(sending):
+def assert_snippet_of_the_documents_verifies(got, secret, now):
+    text = (pathlib.Path(__file__).parents[3] / "docs" / "webhooks.md").read_text()
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1), names)
+    verify = names["verify"]
+    assert verify(got.body, got.headers, secret)["data"]["participant"] == "P001"
+    with pytest.raises(ValueError, match="signature"):
+        verify(got.body + b" ", got.headers, secret)
+    with pytest.raises(ValueError, match="signature"):
+        verify(got.body, got.headers, new_secret())
+    old = {**got.headers, "Webhook-Timestamp": str(int(now.timestamp()) - 3600)}
+    with pytest.raises(ValueError, match="old"):
+        verify(got.body, old, secret)
+
+
+def assert_is_in_no_dump(database, secret):
+    encoded = secret.split("_")[1]
+    raw = base64.b64decode(encoded)
+    with database.read() as session:
+        tables = (Webhook.__table__, WebhookDelivery.__table__, AuditEvent.__table__)
+        dump = [repr(tuple(row)) for table in tables for row in session.execute(sa.select(table))]
+    assert len(dump) >= 2
+    assert encoded not in "\n".join(dump)
+    assert raw.hex() not in "\n".join(dump)
+    if database.is_sqlite:
+        path = pathlib.Path(sa.make_url(database.url).database)
+        held = b"".join(file.read_bytes() for file in path.parent.glob(path.name + "*"))
+        assert encoded.encode() not in held
+        assert raw not in held
+
+
+def test_only_subscribed_webhooks_of_the_study_get_an_event_and_none_that_of_a_failed_transaction(sending):
     with sending.database.write() as session:
         other = Study(id=uuid.uuid4(), code="other", name="Other", change_seq=0, created_at=sending.clock())
         session.add(other)
@@ -158,18 +191,14 @@ def test_only_subscribed_webhooks_of_the_study_get_an_event(sending):
     disabled = sending.hook("https://e.example.org/")
     with sending.database.write() as session:
         session.get_one(Webhook, disabled).disabled_at = sending.clock()
-    sending.announce("day.closed")
-    assert {row.webhook_id for row in sending.rows()} == wanted
-    assert len({row.payload["id"] for row in sending.rows()}) == 1  # one event
-
-
-def test_event_of_a_failed_transaction_is_not_delivered(sending):
-    sending.hook("https://a.example.org/")
     with contextlib.suppress(RuntimeError), sending.database.write() as session:
         announce(session, sending.study.id, "day.closed", {})
         session.flush()
         raise RuntimeError
     assert sending.rows() == []
+    sending.announce("day.closed")
+    assert {row.webhook_id for row in sending.rows()} == wanted
+    assert len({row.payload["id"] for row in sending.rows()}) == 1  # one event
 
 
 def test_failed_delivery_is_retried_with_the_same_id_and_body_until_accepted(sending):
@@ -268,30 +297,29 @@ def test_two_workers_do_not_send_the_same_delivery_at_once(sending):
 
 
 @pytest.mark.both_stores
-def test_delivery_of_a_worker_that_died_is_sent_again_once_its_claim_has_run_out(sending):
-    with receiver() as there:
-        sending.hook(there.url)
-        sending.announce()
+def test_delivery_of_a_worker_that_died_is_sent_again_once_its_claim_has_run_out_or_given_up_after_the_last(sending):
+    def die_with_a_claim(attempts):
         with sending.database.write() as session:
-            assert sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
+            row, _ = sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
+            row.attempts = attempts
+
+    with receiver() as there:
+        sending.hook(there.url, "day.closed")
+        sending.announce()
+        die_with_a_claim(1)
         assert sending.deliver() == 0
         sending.wait(deliver_webhooks.CLAIM)
         assert sending.deliver() == 1
     assert len(there.received) == 1
     assert sending.rows()[0].state == "delivered"
-
-
-def test_delivery_whose_worker_dies_in_the_last_attempt_is_given_up(sending):
-    sending.hook("https://a.example.org/")
-    sending.announce()
-    with sending.database.write() as session:
-        row, _ = sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
-        row.attempts = MAX_ATTEMPTS
+    last = sending.hook("https://a.example.org/", "meal.failed")
+    sending.announce("meal.failed")
+    die_with_a_claim(MAX_ATTEMPTS)
     sending.chore.give_up_unsendable()
-    assert sending.rows()[0].state == "waiting"  # it may be under way
+    assert sending.rows(last)[0].state == "waiting"  # it may be under way
     sending.wait(deliver_webhooks.CLAIM)
     sending.chore.give_up_unsendable()
-    assert sending.rows()[0].state == "given_up"
+    assert sending.rows(last)[0].state == "given_up"
 
 
 def test_slow_receiver_holds_up_neither_others_nor_the_chore(sending):
@@ -314,24 +342,19 @@ def test_slow_receiver_holds_up_neither_others_nor_the_chore(sending):
     assert {row.state for row in sending.rows()} == {"delivered"}
 
 
-def test_waiting_deliveries_of_a_webhook_are_sent_in_one_turn(sending):
+def test_waiting_deliveries_of_a_webhook_are_sent_in_one_turn_which_ends_in_favour_of_others(sending, monkeypatch):
     with receiver() as there:
         sending.hook(there.url)
         for number in range(20):
             sending.announce("day.closed", number=number)
         assert sending.deliver() == 1
-    assert [json.loads(got.body)["data"]["number"] for got in there.received] == list(range(20))
-    assert {row.state for row in sending.rows()} == {"delivered"}
-
-
-def test_turn_of_a_webhook_ends_in_favour_of_others(sending, monkeypatch):
-    monkeypatch.setattr(deliver_webhooks, "TURN_SECONDS", 0.0)
-    with receiver() as there:
-        sending.hook(there.url)
+        assert [json.loads(got.body)["data"]["number"] for got in there.received] == list(range(20))
+        assert {row.state for row in sending.rows()} == {"delivered"}
+        monkeypatch.setattr(deliver_webhooks, "TURN_SECONDS", 0.0)
         sending.announce()
         sending.announce()
         assert sending.deliver() == 1
-        assert len(there.received) == 1
+    assert len(there.received) == 21
 
 
 def test_failing_webhook_rests_with_all_its_deliveries(sending):
@@ -447,48 +470,3 @@ def test_notice_of_a_withdrawal_names_the_participant_until_it_is_delivered_only
     (row,) = sending.rows()
     assert row.state == "delivered"
     assert "P-SECRET-7" not in json.dumps(row.payload)
-
-
-def test_secret_stands_in_no_dump_of_the_database(sending):
-    with receiver() as there:
-        hook = sending.hook(there.url)
-        sending.announce()
-        sending.deliver()
-    secret = sending.secrets[hook]
-    raw = base64.b64decode(secret.split("_")[1])
-    dump = []
-    with sending.database.read() as session:
-        for table in (Webhook.__table__, WebhookDelivery.__table__, AuditEvent.__table__):
-            dump += [repr(tuple(row)) for row in session.execute(sa.select(table))]
-    text = "\n".join(dump)
-    assert len(dump) >= 2
-    assert secret not in text
-    assert secret.split("_")[1] not in text
-    assert raw.hex() not in text
-    if sending.database.is_sqlite:
-        folder = pathlib.Path(sa.make_url(sending.database.url).database)
-        for path in folder.parent.glob(folder.name + "*"):
-            assert secret.split("_")[1].encode() not in path.read_bytes()
-            assert raw not in path.read_bytes()
-
-
-def test_snippet_of_the_documents_verifies_a_real_delivery(sending):
-    text = (pathlib.Path(__file__).parents[3] / "docs" / "webhooks.md").read_text()
-    code = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
-    names = {}
-    exec(code, names)
-    sending.clock.now = datetime.now(UTC)
-    with receiver() as there:
-        hook = sending.hook(there.url)
-        sending.announce("day.closed", participant="P001")
-        sending.deliver()
-    (got,) = there.received
-    event = names["verify"](got.body, got.headers, sending.secrets[hook])
-    assert event["data"]["participant"] == "P001"
-    with pytest.raises(ValueError, match="signature"):
-        names["verify"](got.body + b" ", got.headers, sending.secrets[hook])
-    with pytest.raises(ValueError, match="signature"):
-        names["verify"](got.body, got.headers, new_secret())
-    old = {**got.headers, "Webhook-Timestamp": str(int(sending.clock().timestamp()) - 3600)}
-    with pytest.raises(ValueError, match="old"):
-        names["verify"](got.body, old, sending.secrets[hook])
