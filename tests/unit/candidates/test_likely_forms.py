@@ -19,15 +19,12 @@ def test_known_food_most_likely_has_its_kinds_usual_form(label, form):
     assert sum(forms.values()) <= 1.0 + 1e-9
 
 
-def test_food_that_is_like_none_of_the_index_says_little_of_its_form():
+def test_food_like_none_of_the_index_says_little_of_its_form_and_an_unreadable_index_nothing(tmp_path):
     index = shipped_index()
     strange = index.vectors.mean(axis=0) + 6.0 * index.metric.sd * np.where(
         np.arange(index.vectors.shape[1]) % 2, 1, -1
     )
     assert sum(likely_forms(strange, None).values()) < 0.5
-
-
-def test_index_that_cannot_be_read_says_nothing(tmp_path):
     damaged = tmp_path / "index.npz"
     damaged.write_bytes(b"no archive")
     assert form_index_version(damaged) is None

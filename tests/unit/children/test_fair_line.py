@@ -92,7 +92,7 @@ def test_caller_has_one_place_at_a_time_though_others_are_free(crowd_of):
     assert crowd.served == ["a1", "b1", "a2"]
 
 
-def test_costly_work_of_one_study_leaves_a_place_for_another(crowd_of):
+def test_costly_work_of_one_study_leaves_a_place_for_another_unless_there_is_only_one(crowd_of):
     crowd = crowd_of(places=2)
     for name in ("a1", "a2", "a3"):
         crowd.come(name, "a", is_costly=True)
@@ -106,9 +106,6 @@ def test_costly_work_of_one_study_leaves_a_place_for_another(crowd_of):
     assert crowd.served == ["a1", "b1", "b2"]
     crowd.let_go("a1")
     assert crowd.served == ["a1", "b1", "b2", "a2"]
-
-
-def test_costly_work_has_the_place_where_there_is_only_one(crowd_of):
     crowd = crowd_of(places=1)
     crowd.come("a1", "a", is_costly=True)
     wait_until(lambda: crowd.served == ["a1"], "a1")

@@ -15,14 +15,11 @@ def linked_from(page):
     return {(page.parent / target).resolve() for target in LINK.findall(page.read_text()) if "://" not in target}
 
 
-def test_readme_is_short_and_leads_each_reader_to_one_page():
+def test_readme_is_short_leads_each_reader_to_one_page_and_reaches_all():
     text = README.read_text()
     assert len(text.splitlines()) < 120
     readers = re.findall(r"^\| [^|]+ \| \[(docs/\w+\.md)\]\(\1\) \|$", text, re.MULTILINE)
     assert readers == ["docs/apps.md", "docs/research.md", "docs/operations.md", "docs/development.md"]
-
-
-def test_every_page_is_reached_from_the_readme():
     seen, ahead = set(), [README.resolve()]
     while ahead:
         page = ahead.pop()

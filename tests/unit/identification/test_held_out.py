@@ -6,7 +6,7 @@ from app.identification.kernel_classifier import fit_classifier
 from tests.unit.identification.clouds import clouds
 
 
-def test_scores_of_unseen_specimens_are_those_of_fitting_again_without_the_fold():
+def test_scores_of_unseen_specimens_are_those_of_fitting_again_and_classes_with_one_are_told():
     examples, labels = clouds((12, 9, 6))
     specimens = [f"{label}-{number // 3}" for number, label in enumerate(labels)]
     scores, _ = scores_of_unseen_specimens(examples, labels, specimens, 3)
@@ -14,6 +14,12 @@ def test_scores_of_unseen_specimens_are_those_of_fitting_again_without_the_fold(
         kept = np.setdiff1d(np.arange(27), held)
         again = fit_classifier(examples[kept], labels[kept], 3).scores(examples[held])
         assert scores[held] == pytest.approx(again, abs=1e-9)
+    examples, labels = clouds((6, 6, 4))
+    specimens = ["a1"] * 3 + ["a2"] * 3 + ["b1"] * 3 + ["b2"] * 3 + ["c1"] * 4
+    scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, 3)
+    assert has_another.tolist() == [True] * 12 + [False] * 4
+    assert (scores[:12].argmax(axis=1) == labels[:12]).all()
+    assert (scores[12:, 2] == 0.0).all()  # nobody was left to know it by
 
 
 def test_specimen_is_never_on_both_sides_and_each_row_is_held_out_once():
@@ -26,15 +32,6 @@ def test_specimen_is_never_on_both_sides_and_each_row_is_held_out_once():
         assert not {specimens[row] for row in held} & {specimens[row] for row in kept}
     assert len(folds) == 10
     assert [held.tolist() for held in specimen_folds(labels, specimens)] == [held.tolist() for held in folds]
-
-
-def test_classes_with_one_specimen_are_told():
-    examples, labels = clouds((6, 6, 4))
-    specimens = ["a1"] * 3 + ["a2"] * 3 + ["b1"] * 3 + ["b2"] * 3 + ["c1"] * 4
-    scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, 3)
-    assert has_another.tolist() == [True] * 12 + [False] * 4
-    assert (scores[:12].argmax(axis=1) == labels[:12]).all()
-    assert (scores[12:, 2] == 0.0).all()  # nobody was left to know it by
 
 
 def test_scores_of_unseen_classes_are_those_of_a_classifier_without_them():

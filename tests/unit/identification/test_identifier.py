@@ -28,13 +28,10 @@ def keys(found) -> list[str]:
     return [candidate.food_key for candidate in found.candidates]
 
 
-def test_shipped_food_is_found_with_its_name_and_label():
+def test_shipped_food_is_found_by_name_and_label_and_probabilities_add_up_to_1_with_none():
     best = Identifier(small_index()).identify(asked("egg")).candidates[0]
     assert (best.name, best.label, best.food_key) == ("Egg", "egg", "egg-raw")
     assert best.probability > 0.6
-
-
-def test_probabilities_come_best_first_and_add_up_to_1_with_none():
     found = Identifier(small_index(), learned(NEW_LOOK, 3)).identify(asked("bun"))
     probabilities = [candidate.probability for candidate in found.candidates]
     assert probabilities == sorted(probabilities, reverse=True)
@@ -188,34 +185,28 @@ def test_few_examples_are_all_kept_in_their_order_and_of_many_the_newest():
     assert newest_of_each(many, 10) == many[-10:]
 
 
-def test_each_food_has_as_many_as_any_other_and_none_leaves_room_unused():
+def test_each_food_has_as_many_as_any_other_and_more_foods_than_room_keep_the_newest():
     examples = [example("a", number) for number in range(100)] + [example("b", number) for number in range(50)]
     examples += [example("c", number) for number in range(3)]
     kept = newest_of_each(examples, 33)
     assert counts(kept) == {"a": 15, "b": 15, "c": 3}
     assert [one.name for one in kept if one.food_key == "a"] == [f"a {number}" for number in range(85, 100)]
-
-
-def test_own_examples_go_before_newer_ones_of_others():
-    own = [example("a", number) for number in range(6)]
-    others = [example("a", number, is_own=False) for number in range(100, 106)]
-    kept = newest_of_each(own + others, 8)
-    assert [one.name for one in kept] == [*(f"a {number}" for number in range(6)), "a 104", "a 105"]
-
-
-def test_one_who_confirms_without_end_leaves_the_others_their_turns():
-    others = [replace(example("a", number), eater=f"P{number % 3}") for number in range(9)]
-    flood = [replace(example("a", number), eater="flood") for number in range(100, 200)]
-    kept = newest_of_each(others + flood, 12)
-    assert Counter(one.eater for one in kept) == {"P0": 3, "P1": 3, "P2": 3, "flood": 3}
-    assert [one.name for one in kept if one.eater == "flood"] == ["a 197", "a 198", "a 199"]
-    assert Counter(one.eater for one in newest_of_each(others + flood, 30))["flood"] == 21  # no room is left unused
-
-
-def test_more_foods_than_room_keep_the_newest_and_the_bound():
     examples = [example(f"food {number}", 0) for number in range(500)]
     examples[3] = replace(examples[3], is_own=False)
     kept = newest_of_each(examples, 50)
     assert kept == examples[-50:]
     twice = [example(f"food {number}", copy) for copy in range(2) for number in range(40)]
     assert set(counts(newest_of_each(twice, 40)).values()) == {1}
+
+
+def test_own_examples_go_before_newer_ones_of_others_and_one_who_confirms_without_end_leaves_turns():
+    own = [example("a", number) for number in range(6)]
+    others = [example("a", number, is_own=False) for number in range(100, 106)]
+    kept = newest_of_each(own + others, 8)
+    assert [one.name for one in kept] == [*(f"a {number}" for number in range(6)), "a 104", "a 105"]
+    others = [replace(example("a", number), eater=f"P{number % 3}") for number in range(9)]
+    flood = [replace(example("a", number), eater="flood") for number in range(100, 200)]
+    kept = newest_of_each(others + flood, 12)
+    assert Counter(one.eater for one in kept) == {"P0": 3, "P1": 3, "P2": 3, "flood": 3}
+    assert [one.name for one in kept if one.eater == "flood"] == ["a 197", "a 198", "a 199"]
+    assert Counter(one.eater for one in newest_of_each(others + flood, 30))["flood"] == 21  # no room is left unused

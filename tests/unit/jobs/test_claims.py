@@ -153,14 +153,11 @@ def test_job_that_needs_its_child_again_takes_its_room_back(start):
     assert runs.begun == [first]
 
 
-def test_jobs_of_a_newer_protocol_are_left_alone(start):
+def test_jobs_of_a_newer_protocol_are_left_alone_and_all_by_a_worker_that_has_lost_its_lease(start):
     old, newer, same = ids(3)
     _, runs = start(FakeDatabase([(1, old), (3, newer), (2, same)]), concurrency=3, protocol=2)
     wait_for(runs.has_begun, 2)
     assert sorted(runs.begun) == [old, same]
-
-
-def test_worker_that_has_lost_its_lease_claims_nothing(start):
     lease, database = FakeLease(), FakeDatabase([(1, ids(1)[0])])
     lease.is_lost = True
     _, runs = start(database, lease=lease)

@@ -26,7 +26,7 @@ def test_every_start_has_its_own_name_that_fits_the_column():
     assert max(map(len, names)) <= 64
 
 
-def test_locked_file_is_life_and_its_release_is_death(database):
+def test_locked_file_is_life_its_release_death_and_a_lease_whose_file_was_removed_is_lost(database):
     first, second = lease(database), lease(database)
     first.acquire()
     second.acquire()
@@ -37,6 +37,14 @@ def test_locked_file_is_life_and_its_release_is_death(database):
     assert second.bury({first.executor_id}) == {first.executor_id}
     second.release()
     assert lock_files(lock_folder(database)) == []
+    mine = lease(database)
+    mine.acquire()
+    mine.guard(None)
+    lock_files(lock_folder(database))[0].unlink()
+    assert not mine.renew()
+    with pytest.raises(JobLeft):
+        mine.guard(None)
+    mine.release()
 
 
 def test_lock_of_a_killed_process_is_dropped_and_its_file_removed(database, tmp_path):
@@ -57,15 +65,4 @@ time.sleep(600)
         other.kill()
     wait_until(lambda: mine.bury({name}) == {name}, "the dead process's lock to go")
     assert [path.stem for path in lock_files(lock_folder(database))] == [mine.executor_id]
-    mine.release()
-
-
-def test_lease_whose_file_was_removed_is_lost(database):
-    mine = lease(database)
-    mine.acquire()
-    mine.guard(None)
-    lock_files(lock_folder(database))[0].unlink()
-    assert not mine.renew()
-    with pytest.raises(JobLeft):
-        mine.guard(None)
     mine.release()

@@ -37,7 +37,7 @@ def test_figures_are_those_of_sr28(key, ndb_number, tagname, content):
     assert food.per_100_g[NUMBER_BY_TAGNAME[tagname]] == content
 
 
-def test_each_food_has_its_macronutrients_and_a_density_of_its_forms_kind_and_fits_the_columns_of_the_database():
+def test_each_food_fits_the_database_with_a_density_of_its_forms_kind_and_energy_that_agrees_with_its_macronutrients():
     needed = {NUMBER_BY_TAGNAME[name] for name in ("ENERC_KCAL", "PROCNT", "FAT", "CHOCDF", "WATER", "NA")}
     for food in load_starter_table().foods:
         assert needed <= set(food.per_100_g), food.key
@@ -51,9 +51,6 @@ def test_each_food_has_its_macronutrients_and_a_density_of_its_forms_kind_and_fi
             assert 0 < len(density.source) <= 300
             assert density.sd_g_per_ml > 0.0
     assert NUMBER_BY_TAGNAME["VITC"] not in load_starter_table().food("apple-green").per_100_g  # not published
-
-
-def test_energy_agrees_with_its_macronutrients():
     # The Atwater factors (4, 4, 9, 7 kcal/g) overrate fibre, polyols and fruit acids and do not count acetic acid: the
     # energy lies between what they give without the fibre and with it, 25 % or 20 kcal off at most. Finds swapped rows.
     for food in load_starter_table().foods:

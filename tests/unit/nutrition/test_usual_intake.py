@@ -161,15 +161,12 @@ def test_draws_have_the_shares_of_their_persons_amounts(scale, power, within, pe
         assert fast.tolist() == pytest.approx(one_by_one(scale, sums, ear, np.random.default_rng(5)), abs=1e-12)
 
 
-def test_draws_without_repeated_days_are_told_by_their_mean_alone():
+def test_sums_of_persons_are_those_of_their_days_and_draws_without_repeated_ones_go_by_their_mean():
     rng = np.random.default_rng(12)
     sums = sums_of([rng.normal(10.0, 3.0, 2 if place == 0 else 1) for place in range(12)])
     shares = drawn_shares("as_is", sums, 10.0, np.random.default_rng(5))
     assert shares.tolist() == one_by_one("as_is", sums, 10.0, np.random.default_rng(5))
     assert {0.0, 1.0} < set(shares.tolist())
-
-
-def test_sums_of_persons_are_those_of_their_days():
     days = [np.random.default_rng(place).normal(1e3, 1.0, 1 + place % 5) for place in range(30)]
     sums = sums_of(days)
     assert sums.means == pytest.approx(np.array([person.mean() for person in days]), rel=1e-14)

@@ -314,8 +314,8 @@ def test_too_many_parts_are_unreadable_and_end_the_reading(inspect):
     assert code(inspect(grid_heic(2, 2, 512) + boxes)) == "image_unreadable"
 
 
-def test_items_that_claim_countless_extents_end_the_reading(inspect):
-    """With fields of no width, extents take no bytes: 65,535 items of 65,535 extents fit into a small file."""
+def test_items_that_claim_countless_extents_or_overlap_beyond_the_files_length_end_the_reading(inspect):
+    # With fields of no width, extents take no bytes: 65,535 items of 65,535 extents fit into a small file.
     items = b"".join(struct.pack(">HHHH", number, 0, 0, 65_535) for number in range(2_000))
     iloc = box(b"iloc", b"\1\0\0\0\0\0" + struct.pack(">H", 2_000) + items)
     data = grid_heic(2, 2, 512)
@@ -324,9 +324,6 @@ def test_items_that_claim_countless_extents_end_the_reading(inspect):
     result = inspect(bomb)
     assert code(result) == "image_unreadable"
     assert str(heif.MAX_STEPS) in result.message
-
-
-def test_metadata_items_that_overlap_beyond_the_files_length_are_unreadable(inspect):
     data = heic(exif=b"Exif\0\0" + exif_block(), xmp=b"<x/>")
     at = data.index(b"iloc")
     patched = bytearray(data)

@@ -183,13 +183,6 @@ def test_exif_that_runs_over_two_segments_is_cleaned_as_one(path):
         assert_only_the_location_went(data, cleaned(path, data))
 
 
-def test_places_in_xmp_go_and_the_rest_stays(path):
-    result = cleaned(path, jpeg(xmp_segment(XMP)))
-    assert not any(word in result for word in PLACE_WORDS)
-    description = opened(result).getxmp()["xmpmeta"]["RDF"]["Description"]
-    assert {key: value for key, value in description.items() if key != "about"} == {"Rating": "3", "Label": "lunch"}
-
-
 @pytest.mark.parametrize("cut", [40, 300, 420, 700])
 def test_extended_xmp_over_two_segments_is_cleaned_as_one(path, cut):
     result = cleaned(path, jpeg(*extended_xmp_segments(XMP, cut)))
@@ -206,7 +199,7 @@ def test_extended_xmp_with_a_part_missing_and_xmp_in_wide_characters_go_whole(pa
         assert not any(word.decode().encode(coding) in result for word in PLACE_WORDS)
 
 
-def test_places_in_iptc_go_and_the_rest_stays(path):
+def test_places_in_iptc_and_xmp_go_and_the_rest_stays(path):
     result = cleaned(path, jpeg(iptc_segment()))
     assert not any(word in result for word in PLACE_WORDS)
     assert b"apple and rice" in result
@@ -215,6 +208,10 @@ def test_places_in_iptc_go_and_the_rest_stays(path):
     told = IptcImagePlugin.getiptcinfo(opened(result))
     assert told[2, 120] == b"apple and rice"
     assert not told[2, 90].strip()
+    result = cleaned(path, jpeg(xmp_segment(XMP)))
+    assert not any(word in result for word in PLACE_WORDS)
+    description = opened(result).getxmp()["xmpmeta"]["RDF"]["Description"]
+    assert {key: value for key, value in description.items() if key != "about"} == {"Rating": "3", "Label": "lunch"}
 
 
 @pytest.mark.parametrize("compressed", [False, True])

@@ -116,12 +116,16 @@ def one():
     return history, history.parts.items[0]
 
 
-def test_item_of_which_nobody_spoke_is_as_the_pipeline_found_it(one):
+def test_item_of_which_nobody_spoke_is_as_the_pipeline_found_it_until_its_meal_is_confirmed(one):
     history, item = one
     state = history.state(item)
     assert (state.decision, state.share, state.amount.volume_ml, state.flags) == (None, 1.0, 100.0, ())
     assert state.is_live
     assert not state.reviewed
+    history, item = one
+    history.say("confirm_meal", items=[str(item.id)])
+    later = history.item(20.0)
+    assert (history.state(item).decision, history.state(later).decision) == ("confirmed", None)
 
 
 @pytest.mark.parametrize(
@@ -164,13 +168,6 @@ def test_word_about_a_part_counts_for_nothing_once_the_split_is_undone(one):
     history.undo(event)
     live = [state.item.id for state in history.states().values() if state.is_live]
     assert live == [item.id]
-
-
-def test_confirmed_meal_confirms_the_items_that_it_had(one):
-    history, item = one
-    history.say("confirm_meal", items=[str(item.id)])
-    later = history.item(20.0)
-    assert (history.state(item).decision, history.state(later).decision) == ("confirmed", None)
 
 
 def test_drawn_region_keeps_the_amount_until_it_is_measured_and_an_older_one_does_not_count_again(one):

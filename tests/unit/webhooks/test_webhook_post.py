@@ -112,7 +112,7 @@ def test_name_that_resolves_to_a_private_address_later_is_not_called():
     assert inner.received == []
 
 
-def test_only_the_checked_addresses_are_connected_to():
+def test_only_the_checked_addresses_are_connected_to_and_a_stored_url_is_read_anew_by_the_same_rules():
     called = []
 
     def refuse(request):
@@ -123,10 +123,7 @@ def test_only_the_checked_addresses_are_connected_to():
     sender = WebhookPost(allow_loopback=False, resolve=lambda *_: addresses, transport=httpx2.MockTransport(refuse))
     assert sender.send("https://hooks.example.org/", {}, BODY).error == "The connection was refused."
     assert called == [(address, 443, "hooks.example.org") for address in addresses]
-
-
-def test_stored_url_is_read_anew_by_the_same_rules():
-    """A row that came in by another way, or before a rule was made, is no way around the rules."""
+    # A row that came in by another way, or before a rule was made, is no way around the rules.
     for url in ("http://127.0.0.1:9/", "file:///etc/passwd", "https://user@hooks.example.org/"):
         assert WebhookPost(allow_loopback=False).send(url, {}, BODY).status is None
 

@@ -16,15 +16,12 @@ def sign(secret, delivery_id, timestamp_s, body):
     return SigningSecrets(secret).signatures(delivery_id, datetime.fromtimestamp(timestamp_s, UTC), body)
 
 
-def test_signature_is_that_of_the_standards_own_libraries():
-    """The example that the standard's libraries are tested with."""
+def test_signature_and_secrets_are_those_of_the_standard_and_each_part_is_signed():
+    # The example that the standard's libraries are tested with.
     found = sign(
         "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw", "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}'
     )
     assert found == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
-
-
-def test_secret_has_the_standards_form_and_is_drawn_anew_and_each_part_is_signed():
     drawn = {new_secret() for _ in range(100)}
     assert len(drawn) == 100
     assert all(24 <= len(base64.b64decode(secret.removeprefix("whsec_"), validate=True)) <= 64 for secret in drawn)
