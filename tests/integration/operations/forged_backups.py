@@ -38,8 +38,10 @@ class Forgery:
         self.members[place] = (name, change(content))
 
     def add_blob(self, name, content):
-        """After the others."""
+        """After the others, and counted."""
         self.members.insert(self.place(LACKING), (name, content))
+        self.end["blobs"] += 1
+        self.end["blob_bytes"] += len(content)
 
     def change_manifest(self, **fields):
         self.change(MANIFEST, lambda content: json.dumps(json.loads(content) | fields).encode())
@@ -54,6 +56,16 @@ class Forgery:
             return gzip.compress(b"".join(json.dumps(row).encode() + b"\n" for row in rows))
 
         self.change(f"tables/{table}/", changed)
+
+    def change_value(self, table, column, value):
+        """Another value in the first row."""
+        names = [name for name, _ in json.loads(dict(self.members)[MANIFEST])["tables"][table]]
+
+        def changed(rows):
+            rows[0][names.index(column)] = value
+            return rows
+
+        self.change_rows(table, changed)
 
     def to_bytes(self, box):
         out, sums = io.BytesIO(), io.BytesIO()

@@ -40,7 +40,7 @@ ROWS = st.tuples(*(st.none() | VALUES[column.name] for column in TABLE.columns))
 
 
 @given(row=ROWS)
-@settings(max_examples=300)
+@settings(max_examples=200, derandomize=True, deadline=None)
 def test_row_comes_back_from_its_line_as_it_was(row):
     line = row_writer(TABLE)(row)
     assert line.endswith(b"\n")
@@ -48,22 +48,22 @@ def test_row_comes_back_from_its_line_as_it_was(row):
     assert tuple(row_reader(TABLE)(line)) == row
 
 
-@pytest.mark.parametrize("value", [math.inf, -math.inf, 5e-324, 1.7976931348623157e308, 0.1 + 0.2, 2**53 + 1.0])
-def test_floats_that_are_easily_rounded_come_back_exactly(value):
-    table = TableLayout("t", (ColumnLayout("x", "float", is_nullable=False),), ("x",))
-    assert row_reader(table)(row_writer(table)([value])) == [value]
+def test_floats_that_are_easily_rounded_come_back_exactly():
+    for value in (math.inf, -math.inf, 5e-324, 1.7976931348623157e308, 0.1 + 0.2, 2**53 + 1.0):
+        assert through_a_line("float", value) == [value]
+    assert math.isnan(through_a_line("float", math.nan)[0])
 
 
-def test_not_a_number_stays_not_a_number():
-    table = TableLayout("t", (ColumnLayout("x", "float", is_nullable=False),), ("x",))
-    assert math.isnan(row_reader(table)(row_writer(table)([math.nan]))[0])
+def test_value_that_is_not_of_its_column_cannot_be_written():
+    for column, value in (("integer", True), ("integer", 1.0), ("float", "1"), ("text", b"x")):
+        with pytest.raises(TypeError):
+            through_a_line(column, value)
 
 
-@pytest.mark.parametrize(("column", "value"), [("integer", True), ("integer", 1.0), ("float", "1"), ("text", b"x")])
-def test_value_that_is_not_of_its_column_cannot_be_written(column, value):
-    table = TableLayout("t", (ColumnLayout("x", column, is_nullable=True),), ("x",))
-    with pytest.raises(TypeError):
-        row_writer(table)([value])
+def through_a_line(column, value):
+    """The row of one value, written and read back."""
+    table = TableLayout("t", (ColumnLayout("x", column, is_nullable=False),), ("x",))
+    return row_reader(table)(row_writer(table)([value]))
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def filled(database_url):
 @pytest.mark.both_stores
 @given(rows=st.lists(ROWS, min_size=1, max_size=20))
 @example(rows=[(None,) * len(TABLE.columns)])
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_rows_come_back_from_the_database_as_they_were(kind, filled, rows):
     place = TABLE.place("json")
     back = filled(rows)

@@ -58,20 +58,15 @@ def value(found, name, **labels):
     return found.get((name, tuple(sorted(labels.items()))))
 
 
-def test_caller_from_elsewhere_does_not_learn_that_there_are_metrics(client):
+def test_caller_from_elsewhere_or_through_a_proxy_does_not_learn_that_there_are_metrics(client, local):
     answer = client.get("/metrics", headers=HERE)
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
-
-
-@pytest.mark.parametrize(
-    "header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "Via", "X-Forwarded-Host", "X-Forwarded-Proto"]
-)
-def test_proxy_on_the_same_machine_is_not_a_local_caller(local, header):
-    assert local.get("/metrics", headers={header: "127.0.0.1"}).status_code == 404
-
-
-def test_page_in_a_local_browser_that_asks_by_another_name_is_refused(local):
-    assert local.get("/metrics", headers={"Host": "tada.example.org"}).status_code == 404
+    forwarded = ("X-Forwarded-For", "Forwarded", "X-Real-IP", "Via", "X-Forwarded-Host", "X-Forwarded-Proto")
+    for header in forwarded:
+        assert local.get("/metrics", headers={header: "127.0.0.1"}).status_code == 404, header
+    by_another_name = {"Host": "tada.example.org"}  # a page in a browser of this machine
+    assert local.get("/metrics", headers=by_another_name).status_code == 404
+    assert local.get("/metrics").status_code == 200
 
 
 @with_token
@@ -84,7 +79,7 @@ def test_token_lets_in_from_anywhere_and_nothing_else_does(client, local):
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthenticated")
 
 
-def test_accepted_meal_is_counted_and_waits_in_the_queue(local, phone):
+def test_uploads_are_counted_by_outcome_and_an_accepted_one_waits_in_the_queue(local, phone):
     before = scrape(local)
     assert value(before, "tada_jobs", state="queued") == 0
     assert value(before, "tada_queue_oldest_seconds") == 0
@@ -92,20 +87,18 @@ def test_accepted_meal_is_counted_and_waits_in_the_queue(local, phone):
     meal_id = str(uuid.uuid4())
     assert phone.post(photos, id=meal_id).status_code == 202
     assert phone.post(photos, id=meal_id).status_code == 200
+    assert phone.post(photos | {"left": b"\xff" * 500_000}).json()["code"] == "image_too_large"
     forget(local)
     after = scrape(local)
-    gained = {
-        outcome: (value(after, "tada_uploads_total", outcome=outcome) or 0)
-        - (value(before, "tada_uploads_total", outcome=outcome) or 0)
-        for outcome in ("kept", "repeated")
-    }
-    assert gained == {"kept": 1, "repeated": 1}
+    for outcome in ("kept", "repeated", "image_too_large"):
+        counts = [value(found, "tada_uploads_total", outcome=outcome) or 0 for found in (before, after)]
+        assert counts[1] == counts[0] + 1
     received = value(after, "tada_http_received_bytes_total") - value(before, "tada_http_received_bytes_total")
     assert received > 2 * sum(len(photo) for photo in photos.values())
     assert value(after, "tada_jobs", state="queued") == 1
     assert value(after, "tada_meals", status="queued") == 1
     assert value(after, "tada_studies_waiting") == 1
-    assert 0 < value(after, "tada_queue_oldest_seconds") < 60
+    assert value(after, "tada_queue_oldest_seconds") > 0
     assert value(after, "tada_workers_alive") == 0
     assert value(after, "tada_database_up") == 1
     assert value(after, "tada_disk_free_bytes") > 0
@@ -129,31 +122,21 @@ def test_exports_and_releases_that_are_not_made_and_days_that_are_not_summed_are
         release.state, release.failure_code = "changing", "release_files_missing"
         release.requested_at = now - timedelta(days=90)  # frozen long ago, to be changed since an hour
         wanted = now - timedelta(hours=1)
-        session.add(
-            ReleaseChange(id=uuid.uuid4(), release_id=release.id, deed="meal", digest="0" * 64, requested_at=wanted)
-        )
+        change = {"deed": "meal", "digest": "0" * 64, "requested_at": wanted}
+        session.add(ReleaseChange(id=uuid.uuid4(), release_id=release.id, **change))
     add_meal(state, "P001", "2026-11-01", eaten_item(100.0))
     forget(local)
     after = scrape(local)
-    waiting = {(kind, state): value(after, "tada_files_waiting", kind=kind, state=state) for kind, state in (
-        ("export", "queued"), ("export", "running"), ("release", "queued"), ("release", "changing"))}  # fmt: skip
-    assert list(waiting.values()) == [1, 0, 1, 1]
+    for kind, of_state in (("export", {"queued": 1, "running": 0}), ("release", {"queued": 1, "changing": 1})):
+        told = {state: value(after, "tada_files_waiting", kind=kind, state=state) for state in of_state}
+        assert told == of_state
     assert value(after, "tada_files_oldest_seconds", kind="export") == pytest.approx(120, abs=60)
     assert value(after, "tada_files_oldest_seconds", kind="release") == pytest.approx(3600, abs=60)
     assert value(after, "tada_releases_stuck") == 1
     assert value(after, "tada_day_marks", whose="participant") > 0
 
 
-def test_refused_upload_is_counted_by_its_code(local, phone):
-    def refused():
-        return value(scrape(local), "tada_uploads_total", outcome="image_too_large") or 0
-
-    before = refused()
-    assert phone.post(pair() | {"left": b"\xff" * 500_000}).json()["code"] == "image_too_large"
-    assert refused() == before + 1
-
-
-def test_series_name_routes_and_never_what_was_sent(local, phone):
+def test_series_name_routes_and_never_what_was_sent_in_either_format(local, phone):
     strange = f"/v1/nothing/{uuid.uuid4()}"
     meal = uuid.uuid4()
     phone.get(strange)
@@ -164,6 +147,10 @@ def test_series_name_routes_and_never_what_was_sent(local, phone):
     assert 'method="other"' in text
     for sent in (strange, str(meal), "BREW"):
         assert sent not in text
+    answer = local.get("/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"})
+    assert answer.headers["content-type"].startswith("application/openmetrics-text")
+    names = {family.name for family in parse_openmetrics(answer.text)}
+    assert {"tada_build", "tada_http_request_seconds", "tada_database_up"} <= names
 
 
 def test_call_that_waits_does_not_count_as_a_slow_one(local, phone):
@@ -211,20 +198,20 @@ def test_database_that_hangs_is_asked_by_one_thread_and_waited_for_a_moment_only
     assert value(scrape(local), "tada_database_up") == 1
 
 
-def test_scrapes_close_together_ask_the_database_once(local, monkeypatch):
+def test_scrapes_ask_the_database_once_until_its_figures_are_too_old(local, monkeypatch):
     asked = []
     real = figures.figures
     monkeypatch.setattr(figures, "figures", lambda session: asked.append(1) or real(session))
+    monkeypatch.setattr(figures, "CACHE_SECONDS", 10 * PATIENCE_SECONDS)  # however slow the machine is
+    monkeypatch.setattr(figures, "PATIENCE_SECONDS", PATIENCE_SECONDS)
     for _ in range(3):
         scrape(local)
     assert asked == [1]
-
-
-def test_openmetrics_is_told_to_who_asks_for_it(local):
-    answer = local.get("/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"})
-    assert answer.headers["content-type"].startswith("application/openmetrics-text")
-    names = {family.name for family in parse_openmetrics(answer.text)}
-    assert {"tada_build", "tada_http_request_seconds", "tada_database_up"} <= names
+    part = local.app.state.api.part(DeploymentFigures)
+    at, told = part._cached
+    part._cached = (at - figures.CACHE_SECONDS, told)
+    scrape(local)
+    assert asked == [1, 1]
 
 
 def forget(local):

@@ -20,13 +20,19 @@ from app.operations.prepare_apart import prepare_apart
 pytestmark = pytest.mark.slow
 
 
-def test_an_empty_database_is_made_ready_by_another_process(database_url, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "prepare", None)  # not by this one
+@pytest.fixture
+def empty(database_url, tmp_path):
+    """An empty database and its settings."""
     database = Database(database_url)
-    prepare_apart(database, Settings(data_dir=tmp_path, database_url=database_url, secret_key="k" * 40))
-    assert is_current(database)
-    assert is_starter_there(database)
+    yield database, Settings(data_dir=tmp_path, database_url=database_url, secret_key="k" * 40)
     database.dispose()
+
+
+def test_an_empty_database_is_made_ready_by_another_process(empty, monkeypatch):
+    monkeypatch.setattr(module, "prepare", None)  # not by this one
+    prepare_apart(*empty)
+    assert is_current(empty[0])
+    assert is_starter_there(empty[0])
 
 
 def test_no_process_is_started_where_all_is_there(prepared_database_url, tmp_path, monkeypatch):
@@ -39,12 +45,11 @@ def test_no_process_is_started_where_all_is_there(prepared_database_url, tmp_pat
     database.dispose()
 
 
-def test_what_goes_wrong_there_is_left_to_who_prepares_next(database_url, tmp_path, capfd):
-    database = Database(database_url)
-    prepare_apart(database, Settings(data_dir=tmp_path, database_url=database_url, erasure_url="nonsense://here"))
+def test_what_goes_wrong_there_is_left_to_who_prepares_next(empty, capfd):
+    database, settings = empty
+    prepare_apart(database, settings.model_copy(update={"erasure_url": "nonsense://here"}))
     assert "Traceback" not in capfd.readouterr().err
     assert is_current(database)  # as far as it came
-    database.dispose()
 
 
 class Ended:
@@ -56,14 +61,6 @@ class Ended:
     def __call__(self, command, **_):
         self.count += 1
         return subprocess.CompletedProcess(command, self.status)
-
-
-@pytest.fixture
-def empty(database_url, tmp_path):
-    """An empty database and its settings."""
-    database = Database(database_url)
-    yield database, Settings(data_dir=tmp_path, database_url=database_url, secret_key="k" * 40)
-    database.dispose()
 
 
 def test_process_that_a_signal_ended_is_told_and_its_work_not_done_here(empty, monkeypatch):

@@ -68,6 +68,7 @@ def test_database_is_reached_by_tls_and_its_certificate_is_checked(authority, st
             select_one(database_by(front, postgres_server, sslmode="disable"))
 
 
+@pytest.mark.slow
 def test_store_is_reached_by_tls_and_its_certificate_is_checked(authority, stranger, s3_server, tmp_path):
     connect = partial(socket.create_connection, ("127.0.0.1", s3_server.port))
     with TlsFront(authority.server_context(), connect) as front:

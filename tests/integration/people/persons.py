@@ -96,49 +96,38 @@ class Person:
             state.blobs.put_bytes(key, content)
             run.result_key = f"{meal.study_id}/{meal.id}/runs/{run.id}/result.json/{'0' * 64}"
             state.blobs.put_bytes(run.result_key, mark.encode())
-            artefact = RunArtefact(
-                run_id=run.id,
-                name="topview.jpg",
-                media_type="image/jpeg",
-                bytes=len(content),
-                sha256=sha256,
-                blob_key=key,
-            )
-            event, confirmed = (
-                MealEvent(
-                    id=uuid.uuid4(),
-                    meal_id=meal.id,
+            shape = {"rings": [], "relative_sd": {}, "flags": []}
+            owned = {"id": uuid.uuid4, "created_at": lambda: now, "meal_id": lambda: meal.id}
+            owned |= {"participant_id": lambda: person.id, "device_id": lambda: meal.device_id}
+
+            def add(model, /, **fields):
+                """A row that is whose it must be, as far as the table has columns for that."""
+                defaults = {name: make() for name, make in owned.items() if name in model.__table__.columns}
+                row = model(**defaults | fields)
+                session.add(row)
+                session.flush()
+                return row
+
+            picture = {"media_type": "image/jpeg", "bytes": len(content), "sha256": sha256, "blob_key": key}
+            add(RunArtefact, run_id=run.id, name="topview.jpg", **picture)
+            said = {"comment": {"text": f"said {mark}"}, "confirm": {"status": "confirmed"}}
+            event, _ = (
+                add(
+                    MealEvent,
                     sequence=sequence,
                     item_id=item.id,
                     kind=kind,
                     layer="participant",
-                    device_id=meal.device_id,
                     old={},
                     new=new,
                     request_sha256=hashlib.sha256(f"{kind} of {mark}".encode()).hexdigest(),
-                    created_at=now,
                 )
-                for sequence, kind, new in (
-                    (10, "comment", {"text": f"said {mark}"}),
-                    (11, "confirm", {"status": "confirmed"}),
-                )
+                for sequence, (kind, new) in enumerate(said.items(), 10)
             )
-            session.add_all([artefact, event, confirmed])
-            session.flush()
-            job = Job(
-                id=uuid.uuid4(),
-                meal_id=meal.id,
-                purpose="remeasure",
-                event_id=event.id,
-                state="done",
-                enqueued_at=now,
-                finished_at=now,
-            )
-            session.add(job)
-            session.flush()
-            remeasured = Run(
+            job = add(Job, purpose="remeasure", event_id=event.id, state="done", enqueued_at=now, finished_at=now)
+            remeasured = add(
+                Run,
                 id=job.id,
-                meal_id=meal.id,
                 purpose="remeasure",
                 method="paper",
                 pipeline_version="test",
@@ -148,170 +137,71 @@ class Person:
                 seconds=1.0,
                 food_releases=[],
                 result_key=f"{meal.study_id}/{meal.id}/runs/{job.id}/result.json/{'1' * 64}",
-                created_at=now,
             )
-            session.add(remeasured)
-            session.flush()
-            shape = {"rings": [], "relative_sd": {}, "flags": []}
-            after = Item(
-                id=uuid.uuid4(),
-                meal_id=meal.id,
-                origin="declared",
-                parent_id=item.id,
-                event_id=event.id,
-                position=9,
-                **shape,
-            )
-            session.add(after)
-            session.flush()
-            again = Remeasurement(
-                id=uuid.uuid4(),
+            after = add(Item, origin="declared", parent_id=item.id, event_id=event.id, position=9, **shape)
+            again = add(
+                Remeasurement,
                 study_id=meal.study_id,
                 author="admin",
                 selection="all meals",
                 state="done",
                 pipeline_version="test",
-                created_at=now,
                 ended_at=now,
             )
-            session.add(again)
-            session.flush()
-            hook = session.scalars(sa.select(Webhook)).first()
-            if hook is None:
-                hook = Webhook(
-                    id=uuid.uuid4(),
-                    study_id=meal.study_id,
-                    url="https://example.org/",
-                    events=["meal.confirmed"],
-                    secret_sealed="x",
-                    author="admin",
-                    created_at=now,
-                )
-                session.add(hook)
-                session.flush()
-            session.add_all(
-                [
-                    ItemCandidate(
-                        item_id=after.id,
-                        position=0,
-                        food_id=apple.id,
-                        probability=0.5,
-                        source="index",
-                        run_id=remeasured.id,
-                    ),
-                    ItemIdentification(
-                        item_id=item.id,
-                        run_id=run.id,
-                        vcm_version=VCM_VERSION,
-                        vector=self.vector,
-                        index_version="test",
-                        none_probability=0.1,
-                        created_at=now,
-                    ),
-                    IndexEntry(
-                        item_id=item.id,
-                        run_id=run.id,
-                        vcm_version=VCM_VERSION,
-                        study_id=meal.study_id,
-                        participant_id=person.id,
-                        food_key="apple",
-                        volume_ml=item.volume_ml,
-                        captured_at=meal.captured_at,
-                        day_minute=12 * 60 + 30,
-                    ),
-                    ItemFood(
-                        item_id=after.id,
-                        version=1,
-                        food_id=apple.id,
-                        edible_share=1.0,
-                        event_id=event.id,
-                        created_at=now,
-                    ),
-                    ItemMeasure(item_id=item.id, event_id=event.id, run_id=remeasured.id, **shape),
-                    RemeasuredPair(
-                        remeasurement_id=again.id,
-                        meal_id=meal.id,
-                        pair="meal",
-                        position=0,
-                        state="kept",
-                        reason="other_items",
-                        ended_at=now,
-                    ),
-                    RemeasuredItem(remeasurement_id=again.id, item_id=item.id, is_changed=False),
-                    Leftover(
-                        after_item_id=after.id,
-                        version=1,
-                        item_id=item.id,
-                        leftover_class="food_left",
-                        event_id=event.id,
-                        flags=[],
-                        created_at=now,
-                    ),
-                    DiaryDay(
-                        participant_id=person.id,
-                        local_date=meal.local_date,
-                        study_id=meal.study_id,
-                        status="closed",
-                        ate_nothing=False,
-                        changed_at=now,
-                        change_seq=0,
-                    ),
-                    DayEvent(
-                        id=uuid.uuid4(),
-                        participant_id=person.id,
-                        local_date=meal.local_date,
-                        kind="closed",
-                        layer="participant",
-                        author=mark,
-                        created_at=now,
-                    ),
-                    CameraCalibration(
-                        id=uuid.uuid4(),
-                        device_id=meal.device_id,
-                        model=mark,
-                        marker="plain:9x7:11",
-                        camera={},
-                        rms_px=0.2,
-                        photographs=9,
-                        author=mark,
-                        created_at=now,
-                    ),
-                    PushSubscription(
-                        device_id=meal.device_id,
-                        endpoint=f"https://push.example.org/{mark}",
-                        public_key=f"key of {mark}",
-                        auth=f"secret of {mark}",
-                        times=["12:30"],
-                        after_meal=True,
-                        time_zone="Europe/Berlin",
-                        quiet_from_minutes=0,
-                        quiet_until_minutes=0,
-                        created_at=now,
-                    ),
-                    Enrolment(
-                        id=uuid.uuid4(),
-                        participant_id=person.id,
-                        code_sha256=sha256_hex(f"code of {mark}"),
-                        expires_at=now + timedelta(days=1),
-                        created_at=now,
-                    ),
-                    *(
-                        WebhookDelivery(
-                            id=uuid.uuid4(),
-                            webhook_id=hook.id,
-                            event="meal.confirmed",
-                            payload={"data": {"participant": mark, **told}},
-                            state="delivered",
-                            created_at=now,
-                            **owner,
-                        )
-                        for owner, told in (
-                            ({"meal_id": meal.id}, {"meal_id": str(meal.client_id)}),
-                            ({"participant_id": person.id}, {}),
-                        )
-                    ),
-                ]
+            hook = session.scalars(sa.select(Webhook)).first() or add(
+                Webhook,
+                study_id=meal.study_id,
+                url="https://example.org/",
+                events=["meal.confirmed"],
+                secret_sealed="x",
+                author="admin",
             )
+            by_index = {"probability": 0.5, "source": "index", "run_id": remeasured.id}
+            add(ItemCandidate, item_id=after.id, position=0, food_id=apple.id, **by_index)
+            looked = {"item_id": item.id, "run_id": run.id, "vcm_version": VCM_VERSION}
+            add(ItemIdentification, **looked, vector=self.vector, index_version="test", none_probability=0.1)
+            add(
+                IndexEntry,
+                **looked,
+                study_id=meal.study_id,
+                food_key="apple",
+                volume_ml=item.volume_ml,
+                captured_at=meal.captured_at,
+                day_minute=12 * 60 + 30,
+            )
+            add(ItemFood, item_id=after.id, version=1, food_id=apple.id, edible_share=1.0, event_id=event.id)
+            add(ItemMeasure, item_id=item.id, event_id=event.id, run_id=remeasured.id, **shape)
+            kept = {"pair": "meal", "position": 0, "state": "kept", "reason": "other_items", "ended_at": now}
+            add(RemeasuredPair, remeasurement_id=again.id, **kept)
+            add(RemeasuredItem, remeasurement_id=again.id, item_id=item.id, is_changed=False)
+            left = {"leftover_class": "food_left", "event_id": event.id, "flags": []}
+            add(Leftover, after_item_id=after.id, version=1, item_id=item.id, **left)
+            self._fill_beside_meals(add, meal, hook)
+
+    def _fill_beside_meals(self, add, meal, hook):
+        """What is not about their meals: days, calibration, reminders, enrolment; and webhooks that told of them."""
+        now, mark = datetime.now(UTC), self.mark
+        day = {"status": "closed", "ate_nothing": False, "changed_at": now, "change_seq": 0}
+        add(DiaryDay, local_date=meal.local_date, study_id=meal.study_id, **day)
+        add(DayEvent, local_date=meal.local_date, kind="closed", layer="participant", author=mark)
+        camera = {"marker": "plain:9x7:11", "camera": {}, "rms_px": 0.2, "photographs": 9}
+        add(CameraCalibration, model=mark, author=mark, **camera)
+        add(
+            PushSubscription,
+            endpoint=f"https://push.example.org/{mark}",
+            public_key=f"key of {mark}",
+            auth=f"secret of {mark}",
+            times=["12:30"],
+            after_meal=True,
+            time_zone="Europe/Berlin",
+            quiet_from_minutes=0,
+            quiet_until_minutes=0,
+        )
+        add(Enrolment, code_sha256=sha256_hex(f"code of {mark}"), expires_at=now + timedelta(days=1))
+        delivery = {"webhook_id": hook.id, "event": "meal.confirmed", "state": "delivered"}
+        of_meal = {"data": {"participant": mark, "meal_id": str(meal.client_id)}}
+        add(WebhookDelivery, **delivery, participant_id=None, payload=of_meal)
+        add(WebhookDelivery, **delivery, meal_id=None, payload={"data": {"participant": mark}})
 
     def _ask_for_files(self, state):
         """An export that names them, and a release of the whole study."""
