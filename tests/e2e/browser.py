@@ -26,6 +26,7 @@ ARGUMENTS = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",  # what leaves is seen, and fails
 )
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # WebGL where there is no graphics card
+COOKIES: dict[tuple[str, str], Any] = {}  # of who has signed in, by server and name
 WAIT_MS = 60_000  # of a machine that is busy with other work
 # what sticks out of the window: not what stands in a region that scrolls
 WIDER = """() => {
@@ -62,14 +63,17 @@ class WatchedPage:
         return self.page.goto(self.address + path)
 
     def sign_in(self, name: str, password: str, path: str = "/dashboard") -> None:
-        """By the form, then to the page of this path."""
-        self.goto("/dashboard/sign-in")
-        self.page.fill("#name", name)
-        self.page.fill("#password", password)
-        self.page.click("button.main")
-        self.page.wait_for_url(re.compile(r".*/dashboard$"))
-        if path != "/dashboard":
-            self.goto(path)
+        """By the form, the first time, and later by the cookie that it gave; then go to the page of this path."""
+        if cookies := COOKIES.get((self.address, name)):
+            self.page.context.add_cookies(cookies)
+        else:
+            self.goto("/dashboard/sign-in")
+            self.page.fill("#name", name)
+            self.page.fill("#password", password)
+            self.page.click("button.main")
+            self.page.wait_for_url(re.compile(r".*/dashboard$"))
+            COOKIES[self.address, name] = self.page.context.cookies()
+        self.goto(path)
 
     def expect(self, pattern: str) -> None:
         """Chromium logs every answer from 400 on as an error: such a line is expected by this test."""

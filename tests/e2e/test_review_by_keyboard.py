@@ -86,7 +86,7 @@ def round_item(probabilities, number=0, none=0.02, **changes):
 
 
 def test_items_take_one_key_each_and_the_next_is_there_with_its_picture(queue_of):
-    items = [round_item(LIKELY if number % 2 else UNSURE, number) for number in range(12)]
+    items = [round_item(LIKELY if number % 2 else UNSURE, number) for number in range(14)]
     ann, meals = queue_of("keys", *items)
     page_behind = ann.page.get_attribute("[data-review]", "data-more")
     # the page behind has the number left as of its reading: it waits until all that was decided is saved
@@ -105,8 +105,8 @@ def test_items_take_one_key_each_and_the_next_is_there_with_its_picture(queue_of
         assert by_item[one]["status"] in ("confirmed", "corrected")
     assert sum(item["reviewed"] for item in by_item.values()) == 10
     let_go()
-    ann.expect("[data-position]", "about 2 left")
-    for _ in range(2):  # those of the page behind
+    ann.expect("[data-position]", "about 4 left")
+    for _ in range(4):  # those of the page behind
         ann.decide("y")
     ann.expect("[data-end]", "The end of the queue")
     ann.saved()
