@@ -87,14 +87,13 @@ BREAKS = {
 
 
 @pytest.mark.both_stores
-@pytest.mark.parametrize("change", BREAKS)
-def test_change_that_breaks_old_code_is_found(database, change):
-    if database.is_sqlite and "NOT NULL" in change:
-        change += " DEFAULT NULL"  # which it asks for
+def test_change_that_breaks_old_code_is_found(database):
     before = facts(database)
     with database.write_engine.begin() as connection:
-        connection.execute(sa.text(change))
-    assert what_old_code_would_miss(before, facts(database)) == [BREAKS[change.removesuffix(" DEFAULT NULL")]]
+        for change in BREAKS:
+            default = " DEFAULT NULL" if database.is_sqlite and "NOT NULL" in change else ""  # which it asks for
+            connection.execute(sa.text(change + default))
+    assert sorted(what_old_code_would_miss(before, facts(database))) == sorted(BREAKS.values())
 
 
 def facts(database):

@@ -83,9 +83,8 @@ def test_migrator_killed_in_the_middle_leaves_the_old_schema_and_no_lock(empty):
     assert is_current(empty)
 
 
+@pytest.mark.parametrize("kind", ["postgres"])  # SQLite's statements end with their process
 def test_lock_of_a_migrator_killed_during_a_long_statement_is_free_within_seconds(empty):
-    if empty.is_sqlite:
-        return  # its statements end with their process
     killed = start("-c", MIGRATOR, empty.url, "during")
     killed.communicate()
     assert killed.returncode == -signal.SIGKILL
@@ -94,12 +93,10 @@ def test_lock_of_a_migrator_killed_during_a_long_statement_is_free_within_second
     assert is_current(empty)
 
 
-@pytest.mark.both_stores
+@pytest.mark.parametrize("kind", ["postgres"])
 @pytest.mark.parametrize("is_able", [True, False])
 def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(database, is_able, next_migration):
     """On Windows, and before 15 on macOS, it refuses the setting: as it refuses here a time that cannot be."""
-    if database.is_sqlite:
-        return
     next_migration()
     seen, name = [], "client_connection_check_interval"
 
@@ -135,24 +132,16 @@ def test_migrator_gives_up_when_another_one_does_not_end(database, next_migratio
     assert is_current(database)
 
 
-def test_table_in_use_without_pause_ends_the_migration_and_blocks_nobody_else(database):
-    if database.is_sqlite:
-        return  # a reader there has its snapshot and holds nobody up
+@pytest.mark.parametrize("kind", ["postgres"])  # on SQLite a reader has its snapshot and holds nobody up
+def test_table_in_use_without_pause_ends_the_migration_and_blocks_nobody_and_once_free_it_is_migrated(database):
     with database.write_engine.connect() as reader:
         reader.execute(sa.text("SELECT count(*) FROM effective_record, job, meal"))  # and stays open
         with pytest.raises(MigrationBlockedError, match="2 attempts"):
             downgrade(database, "base", patience=HASTY)
         with database.read() as session:  # the table's queue is empty again
             session.execute(sa.text("SELECT count(*) FROM job"))
-    assert is_current(database)
-
-
-def test_table_that_becomes_free_between_two_tries_is_migrated(database):
-    if database.is_sqlite:
-        return
-    with database.write_engine.connect() as reader:
-        reader.execute(sa.text("SELECT count(*) FROM effective_record, job, meal"))
-        leave = threading.Timer(0.4, reader.rollback)
+        assert is_current(database)
+        leave = threading.Timer(0.4, reader.rollback)  # between two tries
         leave.start()
         downgrade(database, "base", patience=Patience(lock_seconds=0.2, tries=30, pause_seconds=0.05))
         leave.join()
@@ -160,34 +149,30 @@ def test_table_that_becomes_free_between_two_tries_is_migrated(database):
 
 
 @pytest.mark.both_stores
-def test_code_beside_a_newer_schema_is_ready_and_migrates_nothing(database, tmp_path):
-    with database.write_engine.begin() as connection:
-        connection.execute(sa.text("UPDATE alembic_version SET version_num = '20991231_of_the_future'"))
+def test_code_is_ready_beside_a_newer_schema_and_not_on_an_older_one_and_refuses_one_it_does_not_know(
+    database, tmp_path, next_migration
+):
+    settings = Settings(data_dir=tmp_path / "data", min_free_bytes=0)
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
+
+    def set_revision(name):
+        with database.write_engine.begin() as connection:
+            connection.execute(sa.text("UPDATE alembic_version SET version_num = :name"), {"name": name})
+
+    set_revision("20991231_of_the_future")
     assert schema_state(database) is SchemaState.NEWER
     upgrade(database)
     assert current_revision(database) == "20991231_of_the_future"
-    settings = Settings(data_dir=tmp_path / "data", min_free_bytes=0)
-    blobs = open_blob_store(settings.resolved_blob_url, settings)
     assert check_readiness(database, blobs, settings).checks["database"] == "ok"
     with pytest.raises(SchemaUnknownError, match="newer program"):
         downgrade(database, BASELINE)
-
-
-@pytest.mark.both_stores
-def test_schema_of_before_the_first_migration_is_refused_in_words(database):
-    with database.write_engine.begin() as connection:
-        connection.execute(sa.text("UPDATE alembic_version SET version_num = '20261123_spent_codes'"))
+    set_revision("20261123_spent_codes")
     assert schema_state(database) is SchemaState.OLDER
     with pytest.raises(SchemaUnknownError, match=r"before 0\.4"):
         upgrade(database)
-
-
-@pytest.mark.both_stores
-def test_code_on_an_older_schema_is_not_ready(database, tmp_path, next_migration):
+    set_revision(BASELINE)
     next_migration()
     assert schema_state(database) is SchemaState.OLDER
-    settings = Settings(data_dir=tmp_path / "data", min_free_bytes=0)
-    blobs = open_blob_store(settings.resolved_blob_url, settings)
     assert "tada db upgrade" in check_readiness(database, blobs, settings).checks["database"]
 
 

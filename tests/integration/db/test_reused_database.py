@@ -52,25 +52,20 @@ def test_what_a_test_wrote_is_gone_in_the_next(used):
         assert count(database, Study) == count(database, Staff) == 0
 
 
-def test_foods_that_a_test_changed_are_not_used_again(used):
-    def change(database):
-        with database.write() as session:
-            session.execute(sa.update(Food).where(Food.key == "apple").values(name="Changed"))
-
-    with used(change) as (is_same, database), database.read() as session:
-        assert not is_same
-        assert session.scalars(sa.select(Food.name).where(Food.key == "apple")).one() != "Changed"
-
-
-def test_tables_that_a_test_made_or_altered_are_not_used_again(used):
-    for statement in ("CREATE TABLE left_over (a integer)", "ALTER TABLE study ADD COLUMN left_over integer"):
+def test_foods_that_a_test_changed_and_tables_that_it_made_or_altered_are_not_used_again(used):
+    for statement in (
+        "UPDATE food SET name = 'Changed' WHERE key = 'apple'",
+        "CREATE TABLE left_over (a integer)",
+        "ALTER TABLE study ADD COLUMN left_over integer",
+    ):
 
         def change(database, statement=statement):
             with database.write() as session:
                 session.execute(sa.text(statement))
 
-        with used(change) as (is_same, _):
+        with used(change) as (is_same, database), database.read() as session:
             assert not is_same
+            assert session.scalars(sa.select(Food.name).where(Food.key == "apple")).one() != "Changed"
 
 
 def test_database_that_somebody_still_uses_is_not_used_again(used):
