@@ -57,14 +57,15 @@ def subject(state, enrol, bystander):
     return Person(state, enrol, "nobodys-words-4Xz", seed=1, with_files=True)
 
 
-def finish(state):
+def settle(state):
     state.part(LastUse).settle()
-    assert make_files(state) == ["done", "done"]  # both releases without what was erased
     BlobDeleter(state.database, state.blobs).delete_scheduled()
     assert state.database.empty_log()
 
 
-def assert_nothing_is_left(state, needles):
+def assert_nothing_is_left_once_files_are_made(state, needles):
+    assert make_files(state) == ["done", "done"]  # both releases without what was erased
+    settle(state)
     assert_nothing_is_in("database", database_bytes(state.database), needles)
     assert_nothing_is_in("store", store_bytes(state.blobs), needles)
 
@@ -107,44 +108,18 @@ def test_every_reference_to_rows_that_are_erased_has_an_index():
     assert missing == set()
 
 
-def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, client):
+@pytest.mark.parametrize("what", ["participant", "meal"])
+def test_erased_person_or_meal_leaves_nothing_and_goes_again_from_a_restored_backup_before_anything_is_served(
+    request, what, state, settings, subject, bystander, client, tmp_path
+):
     """A table that a later version adds must be filled in tests/integration/people/persons.py, and then be erased."""
     assert {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]} == set()
-    needles = subject.needles()
+    needles, of_the_person = subject.needles(), keys_of_person_alone(state, subject)
     assert sum(needle in database_bytes(state.database) for needle in needles) > 20
     assert sum(needle in store_bytes(state.blobs) for needle in needles) > 5
     for folder in ("/exports/", "/releases/"):
         assert subject.mark.lower().encode() in files_below(state, folder)
-    answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
-    assert answer.status_code == 200, answer.text
-    state.part(LastUse).settle()
-    BlobDeleter(state.database, state.blobs).delete_scheduled()
-    assert state.database.empty_log()
-    assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
-    finish(state)
-    assert_nothing_is_left(state, needles)
-    assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
-    assert_bystander_is_untouched(state, bystander)
-
-
-def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, client):
-    needles = subject.needles()
-    of_the_person = keys_of_person_alone(state, subject)
-    assert client.delete(subject.path, headers=subject.phone.headers).status_code == 200
-    finish(state)
-    assert_nothing_is_left(state, [needle for needle in needles if needle not in of_the_person])
-    left = all_keys(state.database)
-    assert {table for table in personal_tables() if set(subject.rows[table]) & left[table]} == STAYS_WITHOUT_MEAL
-    assert_bystander_is_untouched(state, bystander)
-
-
-@pytest.mark.parametrize("what", ["participant", "meal"])
-def test_restored_backup_is_erased_again_before_anything_is_served(
-    request, what, state, settings, subject, bystander, client, tmp_path
-):
-    needles = subject.needles()
     if what == "meal":
-        of_the_person = keys_of_person_alone(state, subject)
         needles = [needle for needle in needles if needle not in of_the_person]
     with backup(request, state.database, tmp_path) as url:
         blob_url = copy_of_store(state.blobs, settings, tmp_path / "restored" / "blobs")
@@ -152,6 +127,16 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
             answer = client.delete(subject.path, headers=subject.phone.headers)
         else:
             answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+        assert answer.status_code == 200, answer.text
+        settle(state)
+        assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
+        assert_nothing_is_left_once_files_are_made(state, needles)
+        left = all_keys(state.database)
+        stays = {table for table in personal_tables() if set(subject.rows[table]) & left[table]}
+        assert stays == (STAYS_WITHOUT_MEAL if what == "meal" else set())
+        if what == "participant":
+            assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
+        assert_bystander_is_untouched(state, bystander)
         restored = other_settings(
             settings,
             {
@@ -168,8 +153,7 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
         with TestClient(create_app(restored)) as again:
             state = again.app.state.api
             assert state.database.url != client.app.state.api.database.url
-            finish(state)
-            assert_nothing_is_left(state, needles)
+            assert_nothing_is_left_once_files_are_made(state, needles)
             assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
             call = again.get(subject.path, headers=subject.phone.headers)
             assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")

@@ -25,7 +25,7 @@ from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.last_use import LastUse
 from app.people.devices import read_phone, sign_out_phone
-from app.people.models import Device, Participant, Study
+from app.people.models import Device, Participant, PushSubscription, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import public_digest
@@ -102,6 +102,7 @@ def test_person_who_left_is_counted_their_calls_are_410_their_code_is_spent_and_
     with state.database.read() as session:  # what their food looked like
         assert list(session.scalars(sa.select(ItemIdentification.vector))) == [person.vector] * (policy != "erase")
         assert list(session.scalars(sa.select(IndexEntry.food_key))) == ["apple"] * (policy != "erase")
+        assert session.scalars(sa.select(PushSubscription)).all() == []
     if policy == "keep":
         with state.database.read() as session:
             assert session.scalars(sa.select(Participant)).one().withdrawn_at is not None
