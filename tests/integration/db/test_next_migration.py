@@ -89,6 +89,7 @@ def test_way_back_is_refused_while_the_older_schema_has_no_place_for_a_row(full,
     assert is_current(full)
 
 
+@pytest.mark.slow
 def test_each_migration_takes_back_what_it_brought_and_brings_it_again(full):
     execute(full, "UPDATE meal_event SET kind = 'reshape'")
     before = rows_of(full)

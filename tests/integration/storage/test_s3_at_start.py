@@ -50,7 +50,7 @@ def test_command_tells_a_wrong_key_in_a_sentence(settings, command):
     wrong = settings_environment(other(settings, s3_secret_access_key=SecretStr("w" * 40)))
     tada = Path(sys.executable).with_name("tada")
     environment = os.environ | wrong
-    done = subprocess.run([tada, command], check=False, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([tada, command], check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 2
     assert done.stderr.startswith("tada: TADA_BLOB_URL, s3://")
     assert "Traceback" not in done.stderr
