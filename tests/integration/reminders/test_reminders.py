@@ -1,7 +1,6 @@
 """Reminders: a phone subscribes, a worker reminds it at its times, and the push service's answers are heeded."""
 
 import asyncio
-import contextlib
 import itertools
 import json
 import threading
@@ -24,7 +23,7 @@ from app.reminders.web_push import VapidKey, text_of
 from app.webhooks.webhook_post import WebhookPost
 from tests.support.photographs import pair
 from tests.support.push_services import Browser, claims_of
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction, wait_until
 
 CONTACT = "mailto:study@example.org"
 PATH = "/v1/me/reminders"
@@ -145,31 +144,25 @@ def test_phone_subscribes_changes_and_leaves(phone, browser, state):
     assert phone.client.delete(PATH, headers=phone.headers).status_code == 204
 
 
-@pytest.mark.parametrize(
-    ("changes", "code"),
-    [
-        ({"time_zone": "Mars/Olympus"}, "time_zone_unknown"),
-        ({"times": ["25:00"]}, "invalid_input"),
-        ({"times": ["12:00"] * 9}, "invalid_input"),
-        ({"quiet_from": "7"}, "invalid_input"),
-        ({"subscription": {"endpoint": ENDPOINT, "keys": {"p256dh": "AAAA", "auth": "AAAA"}}}, "invalid_input"),
-        ({"subscription": {"endpoint": ENDPOINT, "keys": {"p256dh": "ä", "auth": "ä"}}}, "invalid_input"),
-    ],
-)
-def test_impossible_settings_are_refused(phone, browser, changes, code):
-    refused = phone.put(PATH, json=wanted(browser, **changes))
-    assert (refused.status_code, refused.json()["code"]) == (422, code)
+IMPOSSIBLE = [
+    ({"time_zone": "Mars/Olympus"}, "time_zone_unknown"),
+    ({"times": ["25:00"]}, "invalid_input"),
+    ({"times": ["12:00"] * 9}, "invalid_input"),
+    ({"quiet_from": "7"}, "invalid_input"),
+    ({"subscription": {"endpoint": ENDPOINT, "keys": {"p256dh": "AAAA", "auth": "AAAA"}}}, "invalid_input"),
+    ({"subscription": {"endpoint": ENDPOINT, "keys": {"p256dh": "ä", "auth": "ä"}}}, "invalid_input"),
+]
 
 
-@pytest.mark.parametrize(
-    "endpoint",
-    ["http://push.example.org/a", "https://me@push.example.org/", "https://localhost/", "https://push.example.org:25/"],
-)
-def test_endpoint_that_no_push_service_has_is_refused(phone, browser, endpoint):
-    body = wanted(browser)
-    body["subscription"]["endpoint"] = endpoint
-    refused = phone.put(PATH, json=body)
-    assert (refused.status_code, refused.json()["code"]) == (422, "webhook_address_refused")
+def test_impossible_settings_and_an_endpoint_that_no_push_service_has_are_refused(phone, browser):
+    for changes, code in IMPOSSIBLE:
+        refused = phone.put(PATH, json=wanted(browser, **changes))
+        assert (refused.status_code, refused.json()["code"]) == (422, code), changes
+    for endpoint in ("http://push.example.org/a", "https://localhost/"):
+        body = wanted(browser)
+        body["subscription"]["endpoint"] = endpoint
+        refused = phone.put(PATH, json=body)
+        assert (refused.status_code, refused.json()["code"]) == (422, "webhook_address_refused"), endpoint
 
 
 def test_endpoint_inside_the_servers_network_is_never_called(phone, browser, state, service):
@@ -184,8 +177,8 @@ def test_endpoint_inside_the_servers_network_is_never_called(phone, browser, sta
     assert service.requests == []
 
 
-def test_phone_is_reminded_at_each_of_its_times_once_and_only_it_can_read_that(
-    phone, browser, state, service, remind, clock
+def test_phone_is_reminded_at_each_of_its_times_once_until_it_signs_out_and_only_it_can_read_that(
+    phone, browser, state, service, remind, client
 ):
     phone.put(PATH, json=wanted(browser))
     scheduled_from(state, MORNING)
@@ -199,6 +192,9 @@ def test_phone_is_reminded_at_each_of_its_times_once_and_only_it_can_read_that(
     assert (claims["aud"], claims["sub"]) == ("https://push.example.org", CONTACT)
     assert (first.headers["Content-Encoding"], first.headers["Host"]) == ("aes128gcm", urlsplit(ENDPOINT).netloc)
     assert subscription_of(state).next_at == MORNING.replace(day=28, hour=11, minute=30)
+    client.delete("/v1/me/device", headers=phone.headers)
+    assert subscription_of(state) is None
+    assert remind(MORNING.replace(day=28, hour=11, minute=30)) == 0
 
 
 @pytest.mark.parametrize(("times", "count"), [(["12:30", "18:00"], 1), (["18:00"], 0)])
@@ -214,15 +210,9 @@ def test_reminder_that_is_due_stays_so_when_the_phone_sends_another_time_zone(
     assert subscription_of(state).next_at > datetime.now(UTC)
 
 
-def test_reminder_that_is_late_is_left_out(phone, browser, state, service, remind):
-    phone.put(PATH, json=wanted(browser))
-    scheduled_from(state, MORNING)
-    late = MORNING.replace(hour=11, minute=31) + LATE
-    assert remind(late) == 0
-    assert subscription_of(state).next_at == MORNING.replace(hour=17)
-
-
-def test_study_s_times_hold_without_own_ones_but_not_in_quiet_hours(enrol, client, admin, browser, state, remind):
+def test_study_s_times_hold_without_own_ones_from_when_it_has_some_but_not_in_quiet_hours(
+    enrol, client, admin, browser, state, remind
+):
     phone = enrol(reminder_times=["06:00", "12:30"])
     assert phone.get(PATH).json()["study_times"] == ["06:00", "12:30"]
     phone.put(PATH, json=wanted(browser, times=None))
@@ -230,16 +220,12 @@ def test_study_s_times_hold_without_own_ones_but_not_in_quiet_hours(enrol, clien
     assert remind(MORNING.replace(hour=11, minute=30)) == 1
     assert subscription_of(state).next_at == MORNING.replace(day=28, hour=11, minute=30)  # 06:00 is quiet
     assert set_times(client, admin) == []
-    assert remind(MORNING.replace(day=28, hour=11, minute=30)) == 0  # although it was planned
-    assert subscription_of(state).next_at is None
-
-
-def test_subscription_that_was_made_before_the_study_had_times_gets_them(phone, client, admin, browser, state, remind):
-    phone.put(PATH, json=wanted(browser, times=None))
+    noon = MORNING.replace(day=28, hour=11, minute=30)
+    assert remind(noon) == 0  # although it was planned
     assert subscription_of(state).next_at is None
     set_times(client, admin, "12:30")
-    assert remind(MORNING) == 0
-    assert subscription_of(state).next_at == MORNING.replace(hour=11, minute=30)
+    assert remind(MORNING.replace(day=28)) == 0
+    assert subscription_of(state).next_at == noon
 
 
 @pytest.mark.both_stores
@@ -269,7 +255,9 @@ def test_phones_whose_quiet_hours_cover_all_times_hold_no_other_up(
     assert [row.next_at.year > MORNING.year + 100 for row in subscriptions_of(state)].count(True) == 2
 
 
-def test_one_run_reminds_all_that_are_due_however_many(enrol, browser, state, service, remind, monkeypatch):
+def test_one_run_reminds_all_that_are_due_however_many_and_leaves_out_and_counts_those_that_are_late(
+    enrol, browser, state, service, remind, monkeypatch
+):
     monkeypatch.setattr(send_reminders, "BATCH", 2)
     for number in range(5):
         enrol(f"P{number}").put(PATH, json=wanted(browser, number))
@@ -278,6 +266,15 @@ def test_one_run_reminds_all_that_are_due_however_many(enrol, browser, state, se
     assert len(service.requests) == 5
     remind(MORNING)
     assert len(service.requests) == 5
+    late = LATE + timedelta(minutes=1)
+    with state.database.write() as session:
+        for number, row in enumerate(session.query(PushSubscription)):
+            row.next_at = MORNING if number == 4 else MORNING - late
+    with structlog.testing.capture_logs() as logs:
+        remind(MORNING)
+    assert len(service.requests) == 6
+    assert sum(line["count"] for line in logs if line["event"] == "reminders_too_late") == 4
+    assert {row.next_at for row in subscriptions_of(state)} == {MORNING.replace(hour=11, minute=30)}
 
 
 @pytest.mark.both_stores
@@ -352,19 +349,6 @@ def test_what_a_phone_changed_meanwhile_is_not_moved_back(enrol, browser, state,
     assert MORNING not in expected
 
 
-def test_late_reminders_are_counted_and_do_not_end_the_run(enrol, browser, state, service, remind, monkeypatch):
-    monkeypatch.setattr(send_reminders, "BATCH", 2)
-    for number in range(3):
-        enrol(f"P{number}").put(PATH, json=wanted(browser, number))
-    with state.database.write() as session:
-        for number, row in enumerate(session.query(PushSubscription)):
-            row.next_at = MORNING if number == 2 else MORNING - LATE - timedelta(minutes=1)
-    with structlog.testing.capture_logs() as logs:
-        remind(MORNING)
-    assert len(service.requests) == 1
-    assert [line["count"] for line in logs if line["event"] == "reminders_too_late"] == [2]
-
-
 def test_unknown_time_zone_stops_nobody_elses_reminders(enrol, browser, state, remind):
     at = MORNING + timedelta(minutes=31)  # within the last half hour of both meals' windows
     for number in range(2):
@@ -382,13 +366,14 @@ def test_unknown_time_zone_stops_nobody_elses_reminders(enrol, browser, state, r
     assert row.next_at == at + LOOK_AGAIN
 
 
-@pytest.mark.parametrize(("status", "stays"), [(404, False), (410, False), (201, True), (429, True), (500, True)])
-def test_browser_that_has_unsubscribed_is_forgotten(phone, browser, state, service, remind, status, stays):
-    phone.put(PATH, json=wanted(browser))
-    scheduled_from(state, MORNING)
-    service.status = status
-    remind(MORNING.replace(hour=11, minute=30))
-    assert (subscription_of(state) is not None) is stays
+def test_browser_that_has_unsubscribed_is_forgotten(phone, browser, state, service, remind):
+    for status, stays in ((201, True), (429, True), (500, True), (404, False), (410, False)):
+        phone.put(PATH, json=wanted(browser))
+        scheduled_from(state, MORNING)
+        service.status = status
+        remind(MORNING.replace(hour=11, minute=30))
+        assert (subscription_of(state) is not None) is stays, status
+    assert len(service.requests) == 5
 
 
 def test_phone_is_reminded_once_of_what_is_left_before_the_window_ends(enrol, browser, state, service, remind):
@@ -414,14 +399,6 @@ def test_nothing_is_said_of_what_is_left_where_it_is_here_or_not_wanted(enrol, b
     assert remind(MORNING.replace(hour=13, minute=40)) == 0
 
 
-def test_signed_out_phone_is_reminded_no_more(phone, browser, state, client, remind):
-    phone.put(PATH, json=wanted(browser))
-    scheduled_from(state, MORNING)
-    client.delete("/v1/me/device", headers=phone.headers)
-    assert subscription_of(state) is None
-    assert remind(MORNING.replace(hour=11, minute=30)) == 0
-
-
 def test_browser_that_joins_for_somebody_else_is_reminded_of_the_new_person_alone(enrol, browser, state, remind):
     """The former person's sign-out may not have arrived."""
     former, new, elsewhere = (enrol(f"P{number}") for number in range(3))
@@ -435,27 +412,18 @@ def test_browser_that_joins_for_somebody_else_is_reminded_of_the_new_person_alon
 
 @pytest.mark.both_stores
 def test_first_subscriptions_of_a_phone_at_once_make_one(phone, browser, state, monkeypatch):
-    both = threading.Barrier(2)
+    next_at, first = subscriptions.next_at, threading.Lock()
 
     def next_at_when_both_are_there(*arguments):
-        with contextlib.suppress(threading.BrokenBarrierError):  # the second one waits for the first one's commit
-            both.wait(0.5)
+        if first.acquire(blocking=False):
+            wait_for_blocked_transaction(state.database)  # the second one waits for the first one's commit
         return next_at(*arguments)
 
-    next_at = subscriptions.next_at
     monkeypatch.setattr(subscriptions, "next_at", next_at_when_both_are_there)
     with ThreadPoolExecutor(2) as pool:
         answers = list(pool.map(lambda _: phone.put(PATH, json=wanted(browser)).status_code, range(2)))
     assert answers == [200, 200]
     assert len(subscriptions_of(state)) == 1
-
-
-@pytest.mark.parametrize("policy", ["keep", "anonymise", "erase"])
-def test_person_who_leaves_leaves_no_subscription(enrol, browser, state, client, policy):
-    phone = enrol(withdrawal_policy=policy)
-    phone.put(PATH, json=wanted(browser))
-    assert client.post("/v1/me/withdrawal", headers=phone.headers).status_code == 200
-    assert subscription_of(state) is None
 
 
 class TestOff:
