@@ -50,51 +50,37 @@ def library_file(tmp_path):
     return write
 
 
-def test_library_goes_in_and_comes_out_as_it_was(tada, library_file):
-    assert tada("import", "pilot", library_file(MUG, GLASS, BOWL)).stdout == "3 added, 0 changed, 0 unchanged\n"
-    mug, bowl, glass = json.loads(tada("export", "pilot").stdout)
-    assert mug == MUG | {"inside_profile_mm": []}
+def test_library_goes_in_and_comes_out_as_it_was_import_again_changes_what_differs_and_what_is_removed_is_retired(
+    tada, library_file
+):
+    assert tada("import", "pilot", library_file(MUG, GLASS)).stdout == "2 added, 0 changed, 0 unchanged\n"
+    again = tada("import", "pilot", library_file(MUG | {"capacity_ml": 410.0}, GLASS, BOWL))
+    assert again.stdout == "1 added, 1 changed, 1 unchanged\n"
+    exported = mug, bowl, glass = json.loads(tada("export", "pilot").stdout)
+    assert mug == MUG | {"capacity_ml": 410.0, "inside_profile_mm": []}
     assert bowl == BOWL
     assert {name: glass[name] for name in GLASS} == GLASS
     assert 280.0 < glass["capacity_ml"] < 300.0  # 200 ml and 25 mm of 34 mm radius; the pipeline needs it
-    assert [row["author"][:12] for row in json.loads(tada("list", "pilot", "--json").stdout)] == ["command line"] * 3
-
-
-def test_import_again_changes_what_differs(tada, library_file):
-    tada("import", "pilot", library_file(MUG, GLASS))
-    again = tada("import", "pilot", library_file(MUG | {"capacity_ml": 410.0}, GLASS, BOWL))
-    assert again.stdout == "1 added, 1 changed, 1 unchanged\n"
-    versions = {row["name"]: row["version"] for row in json.loads(tada("list", "pilot", "--json").stdout)}
-    assert versions == {"Blue mug": 2, "Bowl": 1, "Glass": 1}
-
-
-def test_what_was_exported_imports_as_unchanged(tada, library_file):
-    tada("import", "pilot", library_file(MUG, GLASS, BOWL))
-    exported = json.loads(tada("export", "pilot").stdout)
     assert tada("import", "pilot", library_file(*exported)).stdout == "0 added, 0 changed, 3 unchanged\n"
-
-
-def test_removed_vessel_is_retired_and_not_exported(tada, library_file):
-    tada("import", "pilot", library_file(MUG, BOWL))
     assert tada("remove", "pilot", "blue MUG").stdout == "Blue mug is retired.\n"
-    assert [vessel["name"] for vessel in json.loads(tada("export", "pilot").stdout)] == ["Bowl"]
-    listed = tada("list", "pilot").stdout.splitlines()
-    assert [line.endswith("retired") for line in listed] == [True, False]
+    assert [vessel["name"] for vessel in json.loads(tada("export", "pilot").stdout)] == ["Bowl", "Glass"]
+    listed = json.loads(tada("list", "pilot", "--json").stdout)
+    assert {row["name"]: row["version"] for row in listed} == {"Blue mug": 3, "Bowl": 1, "Glass": 1}
+    assert {row["author"][:12] for row in listed} == {"command line"}
+    lines = tada("list", "pilot").stdout.splitlines()
+    assert [line.endswith("retired") for line in lines] == [True, False, False]
 
 
-@pytest.mark.parametrize(
-    "vessels",
-    [
-        (MUG, BOWL | {"height_mm": "tall"}),
-        (MUG, MUG | {"name": "blue  MUG"}),
-        (MUG, "a mug"),
-        (MUG, GLASS | {"fill_line_ml": float("inf")}),
-    ],
-)
-def test_one_wrong_vessel_and_nothing_is_imported(tada, library_file, vessels):
-    done = tada("import", "pilot", library_file(*vessels))
-    assert done.returncode == 2
-    assert "vessel" in done.stderr.lower()
+def test_one_wrong_vessel_and_nothing_is_imported(tada, library_file):
+    for wrong in (
+        BOWL | {"height_mm": "tall"},
+        MUG | {"name": "blue  MUG"},
+        "a mug",
+        GLASS | {"fill_line_ml": float("inf")},
+    ):
+        done = tada("import", "pilot", library_file(MUG, wrong))
+        assert done.returncode == 2, wrong
+        assert "vessel" in done.stderr.lower(), wrong
     assert json.loads(tada("export", "pilot").stdout) == []
 
 
