@@ -67,8 +67,6 @@ class FakeUseCases:
             self._pool.run(ChildRequest("describe", {}), lambda _: None, name=str(job_id))
             (self._folder / f"sealing-{job_id}-{os.getpid()}").touch()
             self._wait_for(f"go-{job_id}")
-        elif what == "store_away_once":
-            self._fail_to_seal_once(job_id)
         return f"results/{job_id}"
 
     def load(self, result_key):
@@ -107,16 +105,6 @@ class FakeUseCases:
 
     def settle(self, session, meal):
         meal.details = meal.details | {"settled": True}
-
-    def _fail_to_seal_once(self, job_id):
-        """Computed again in a child, it holds there."""
-        failed, again = self._folder / f"failed-{job_id}", self._folder / f"again-{job_id}"
-        if not failed.exists():
-            self._pool.run(ChildRequest("describe", {}), lambda _: None, name=str(job_id))
-            failed.touch()
-            raise OSError(errno.EHOSTUNREACH, "No route to host")
-        request = ChildRequest("hold", {"until": str(self._folder / f"go-{job_id}")})
-        self._pool.run(request, lambda _: again.touch(), name=str(job_id))
 
     def _wait_for(self, name):
         wait_until((self._folder / name).exists, name)

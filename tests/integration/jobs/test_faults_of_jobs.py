@@ -15,10 +15,13 @@ CODES = {
 }
 
 
-def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on(jobs):
+def test_fault_is_tried_again_until_it_passes_or_fails_the_meal_with_its_code_and_the_worker_goes_on(jobs):
+    passing, killed_twice = jobs.add("full_disk"), jobs.add("child:killed_twice")
     bad = {fake: jobs.add(fake) for fake in CODES}
     good = jobs.add("child:describe")
     worker = jobs.start_worker(estimate_memory_bytes=512 * 1024 * 1024)
+    wait_until(lambda: jobs.job(passing).attempts > 3, "more tries than a bug gets")
+    jobs.go(passing)
     jobs.wait_for_state(good, "done")
     for fake, job_id in bad.items():
         jobs.wait_for_state(job_id, "failed")
@@ -27,36 +30,13 @@ def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on
         assert meal.failure_message
         assert meal.failure_advice
         assert jobs.saves(job_id) == []
+    assert jobs.job(bad["child:killed"]).attempts == 3
+    assert "tried 3 times" in jobs.meal(bad["child:killed"]).failure_message
+    for job_id in (passing, killed_twice):
+        assert jobs.saves(job_id) == [worker.pid]
+    assert jobs.job(killed_twice).attempts == 3  # one kill for want of memory failed a meal for good
+    assert len(list(jobs.folder.glob(f"waits-{killed_twice}-*"))) == 2
     assert worker.poll() is None
-
-
-def test_estimate_that_the_kernel_killed_is_tried_again_and_done(jobs):
-    """One kill for want of memory failed a meal for good."""
-    job_id = jobs.add("child:killed_twice")
-    worker = jobs.start_worker()
-    jobs.wait_for_state(job_id, "done")
-    assert jobs.saves(job_id) == [worker.pid]
-    assert len(list(jobs.folder.glob(f"waits-{job_id}-*"))) == 2
-    assert jobs.job(job_id).attempts == 3
-
-
-def test_estimate_that_is_killed_each_time_fails_with_the_number_of_tries(jobs):
-    job_id = jobs.add("child:killed")
-    jobs.start_worker()
-    jobs.wait_for_state(job_id, "failed")
-    meal = jobs.meal(job_id)
-    assert meal.failure_code == "estimate_killed"
-    assert "tried 3 times" in meal.failure_message
-    assert jobs.job(job_id).attempts == 3
-
-
-def test_passing_fault_of_computing_is_tried_again_until_it_passes(jobs):
-    job_id = jobs.add("full_disk")
-    worker = jobs.start_worker()
-    wait_until(lambda: jobs.job(job_id).attempts > 3, "more tries than a bug gets")
-    jobs.go(job_id)
-    jobs.wait_for_state(job_id, "done")
-    assert jobs.saves(job_id) == [worker.pid]
 
 
 @pytest.mark.both_stores
@@ -75,15 +55,15 @@ def test_passing_fault_of_saving_is_tried_again_and_survives_a_takeover(jobs):
     assert (jobs.job(job_id).takeovers, jobs.job(job_id).result_key) == (1, None)
 
 
+@pytest.mark.parametrize("kind", ["postgres"])  # SQLite has none to lose
 def test_job_survives_the_loss_of_every_connection(jobs):
     running, waiting = jobs.add("hold"), jobs.add()
     worker = jobs.start_worker()
     jobs.wait_for_file(f"computing-{running}-{worker.pid}")
-    if not jobs.database.is_sqlite:  # which has none to lose
-        jobs.run_sql(
-            "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
-            "WHERE datname = current_database() AND pid <> pg_backend_pid()"
-        )
+    jobs.run_sql(
+        "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
+        "WHERE datname = current_database() AND pid <> pg_backend_pid()"
+    )
     jobs.go(running)
     for job_id in (running, waiting):
         jobs.wait_for_state(job_id, "done")

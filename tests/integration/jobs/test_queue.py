@@ -5,18 +5,7 @@ from tests.integration.jobs.fakes import new_job
 from tests.support.waiting import wait_until
 
 
-def test_queued_job_is_done_and_saved_once(jobs):
-    job_id = jobs.add()
-    worker = jobs.start_worker()
-    jobs.wait_for_state(job_id, "done")
-    job = jobs.job(job_id)
-    assert jobs.saves(job_id) == [worker.pid]
-    assert jobs.meal(job_id).status == "estimated"
-    assert (job.attempts, job.executor_id) == (1, wait_until(jobs.living, "its heartbeat")[0].executor_id)
-    assert job.enqueued_at <= job.started_at <= job.finished_at
-
-
-def test_job_queued_twice_runs_once_and_job_of_a_rolled_back_transaction_never(jobs):
+def test_queued_job_is_saved_once_though_it_was_queued_twice_and_that_of_a_rolled_back_transaction_never(jobs):
     class Stop(Exception):  # noqa: N818
         pass
 
@@ -26,8 +15,12 @@ def test_job_queued_twice_runs_once_and_job_of_a_rolled_back_transaction_never(j
     twice, last = jobs.add(), jobs.add()
     with jobs.database.write() as session:
         jobs.queue.enqueue(session, session.get_one(Job, twice))
-    jobs.start_worker()
+    worker = jobs.start_worker()
     jobs.wait_for_state(last, "done")
-    assert len(jobs.saves(twice)) == 1
+    job = jobs.job(twice)
+    assert jobs.saves(twice) == [worker.pid]
+    assert jobs.meal(twice).status == "estimated"
+    assert (job.attempts, job.executor_id) == (1, wait_until(jobs.living, "its heartbeat")[0].executor_id)
+    assert job.enqueued_at <= job.started_at <= job.finished_at
     assert jobs.job(dropped) is None
     assert jobs.saves(dropped) == []

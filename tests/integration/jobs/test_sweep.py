@@ -12,19 +12,14 @@ def settle(session, meal):
     meal.details = meal.details | {"settled": True}
 
 
-def test_waiting_meal_without_job_gets_one(jobs):
+def test_waiting_meal_without_job_gets_one_and_is_failed_once_that_has_ended(jobs):
     with jobs.database.write() as session:
         meal = new_meal(session)
     assert sweep(jobs.database, jobs.queue, settle) == 1
     assert sweep(jobs.database, jobs.queue, settle) == 0
-    with jobs.database.read() as session:
-        job = session.query(Job).filter_by(meal_id=meal.id).one()
-    assert (job.state, job.turn, job.executor_id) == ("queued", 1, None)
-
-
-def test_waiting_meal_whose_job_ended_is_failed(jobs):
     with jobs.database.write() as session:
-        job, _ = new_unqueued_job(session)
+        job = session.query(Job).filter_by(meal_id=meal.id).one()
+        assert (job.state, job.turn, job.executor_id) == ("queued", 1, None)
         job.state, job.finished_at = "done", job.enqueued_at
     assert sweep(jobs.database, jobs.queue, settle) == 1
     assert jobs.meal(job.id).failure_code == "internal_error"

@@ -50,20 +50,19 @@ class Line:
         return taken
 
 
-def test_first_meal_of_a_study_is_next_whatever_another_study_has_waiting(line, jobs):
-    backlog = line.send(jobs.new_study(), 60)
-    other = jobs.new_study()
+def test_first_meal_of_a_study_is_next_whatever_waits_and_two_backlogs_take_turns_without_any_saved_up(line, jobs):
+    early, late = jobs.new_study(), jobs.new_study()
+    backlog = line.send(early, 60)
     for _ in range(20):
         assert line.take() in backlog
-    assert line.take_up_to(line.send(other)[0]) == 0
-
-
-def test_two_studies_with_backlogs_take_turns(line, jobs):
-    early, late = jobs.new_study(), jobs.new_study()
-    first, second = line.send(early, 24), line.send(late, 24)
+    assert line.take_up_to(line.send(late)[0]) == 0
+    for _ in range(6):  # while the other one is quiet
+        assert line.take() in backlog
+    second = line.send(late, 24)
     order = [line.take() for _ in range(24)]
     assert sum(job_id in second for job_id in order) == pytest.approx(12, abs=1)
-    assert [job_id for job_id in order if job_id in first] == first[: sum(job_id in first for job_id in order)]
+    of_first = [job_id for job_id in order if job_id in backlog]
+    assert of_first == backlog[26 : 26 + len(of_first)]  # first come, first served within the study
 
 
 def test_study_beside_one_that_sends_without_end_does_not_starve_and_neither_does_the_other(line, jobs):
@@ -88,20 +87,8 @@ def test_study_beside_one_that_sends_without_end_does_not_starve_and_neither_doe
     assert line.take_up_to(newcomer) <= 2
 
 
-def test_study_that_is_quiet_saves_up_no_turns(line, jobs):
-    quiet, busy = jobs.new_study(), jobs.new_study()
-    line.send(quiet)
-    line.take()
-    line.send(busy, 50)
-    for _ in range(20):
-        line.take()
-    late = line.send(quiet, 12)
-    order = [line.take() for _ in range(12)]
-    assert sum(job_id in late for job_id in order) == pytest.approx(6, abs=1)
-
-
 @pytest.mark.both_stores
-def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(jobs):
+def test_uploads_that_do_not_see_each_other_get_turns_of_their_own_and_another_process_goes_on_from_them(jobs):
     """As when a process writes many at once: none sees what the others have not committed."""
     phone, given = jobs.new_study(), []
     for _ in range(5):
@@ -111,17 +98,11 @@ def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(
             given.append(job.turn)
             raise RuntimeError
     assert given == [1, 2, 3, 4, 5]
-
-
-@pytest.mark.both_stores
-def test_another_process_goes_on_where_the_first_is(jobs):
-    phone = jobs.new_study()
     first = jobs.add(device_id=phone)
-    other = JobQueue()
     with jobs.database.write() as session:
         job, _ = new_unqueued_job(session, device_id=phone)
-        other.enqueue(session, job)
-        assert job.turn == jobs.job(first).turn + 1 == 2
+        JobQueue().enqueue(session, job)
+        assert job.turn == jobs.job(first).turn + 1 == 7
 
 
 def test_job_that_is_queued_again_keeps_its_turn(line, jobs):
