@@ -32,7 +32,6 @@ def second(served, meal):
     return served.meal(meal)["items"][1]
 
 
-@pytest.mark.slow
 def test_outline_and_card_light_up_together_and_a_rejection_is_taken_back(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     page.hover(f"#item-{item} h3")

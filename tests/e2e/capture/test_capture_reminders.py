@@ -12,8 +12,6 @@ from tests.e2e.dashboard_server import require
 from tests.support.push_services import Browser
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
-pytestmark = pytest.mark.slow
-
 PATH = "/v1/me/reminders"
 ENDPOINT = "https://push.example.org/send/a"
 # Chromium has no push service of its own: subscriptions of the page and of its service worker, as Chromium's are.
@@ -120,6 +118,7 @@ def wait_for_subscription(served, **values):
     wait_until(has_values, f"a subscription with {values}")
 
 
+@pytest.mark.slow
 def test_reminders_are_turned_on_set_shown_and_turned_off(served, open_phone):
     page = reminded_phone(served, open_phone)
     page.get_by_label("Time 1").fill("12:15")
@@ -160,6 +159,7 @@ def _no_subscription_of_another_test(served):
     forget_subscriptions(served)
 
 
+@pytest.mark.slow
 def test_time_zone_of_a_journey_is_sent_when_the_page_is_opened(served, open_phone):
     page = reminded_phone(served, open_phone)
     page.get_by_label("Time 1").fill("12:15")
@@ -179,6 +179,7 @@ def test_service_worker_sends_the_browser_s_new_subscription(served, open_phone)
     assert only_subscription(served).endpoint == f"{ENDPOINT}-new"
 
 
+@pytest.mark.slow
 def test_subscription_that_the_server_gave_up_is_replaced_by_another_one_with_the_same_wishes(served, open_phone):
     page = reminded_phone(served, open_phone)
     page.get_by_label("Time 1").fill("12:15")
@@ -191,6 +192,7 @@ def test_subscription_that_the_server_gave_up_is_replaced_by_another_one_with_th
     wait_for_subscription(served, endpoint=f"{ENDPOINT}-again", times=["12:15"], quiet_from_minutes=21 * 60 + 30)
 
 
+@pytest.mark.slow
 def test_subscription_for_a_former_key_of_the_server_is_replaced(served, open_phone):
     page = reminded_phone(served, open_phone)
     page.evaluate('pushKey = "of the former secret key"')
@@ -199,6 +201,7 @@ def test_subscription_for_a_former_key_of_the_server_is_replaced(served, open_ph
     assert page.evaluate("pushKey") == reminders_of(served, page)["public_key"]
 
 
+@pytest.mark.slow
 def test_nothing_is_sent_again_while_nothing_has_changed(served, open_phone):
     page = reminded_phone(served, open_phone)
     calls = []
@@ -210,6 +213,7 @@ def test_nothing_is_sent_again_while_nothing_has_changed(served, open_phone):
     assert set(calls) == {"GET"}
 
 
+@pytest.mark.slow
 def test_two_renewals_at_once_change_the_subscription_once(served, open_phone):
     page = reminded_phone(served, open_phone)
     forget_subscriptions(served)
@@ -220,6 +224,7 @@ def test_two_renewals_at_once_change_the_subscription_once(served, open_phone):
     assert only_subscription(served).endpoint == f"{ENDPOINT}-again"
 
 
+@pytest.mark.slow
 def test_person_who_left_is_not_subscribed_again_though_the_page_ended_before_the_answer(served, open_phone):
     page = reminded_phone(served, open_phone)
     page.evaluate(DELETE_UNANSWERED)
@@ -233,6 +238,7 @@ def test_person_who_left_is_not_subscribed_again_though_the_page_ended_before_th
     assert only_subscription(served) is None
 
 
+@pytest.mark.slow
 def test_subscription_ends_when_somebody_else_joins_and_when_the_person_signs_out(served, open_phone):
     require(served.admin.post("/v1/studies/capture/participants", json={"code": "P050"}))
     page = reminded_phone(served, open_phone)
