@@ -130,14 +130,6 @@ def test_food_that_was_confirmed_five_times_is_among_the_first_three_of_the_sixt
     assert sixth["index_version"].startswith("without litchis + 5 confirmed ")
 
 
-def test_food_that_nobody_has_confirmed_is_no_candidate_and_probably_none_of_these(kitchen, phone, looks):
-    for vector in looks(NEW_FOOD)[0][:5]:
-        (item,) = kitchen.serve(phone, vector).items()
-        assert NEW_FOOD not in keys(item)
-    assert item["none_of_these"] > 0.5
-    assert item["index_version"] == "without litchis"
-
-
 def test_known_food_is_found_at_once_and_candidates_and_the_rest_add_up(kitchen, phone, looks):
     meal = kitchen.serve(phone, looks("banana")[0][0], volume_ml=150.0)
     (item,) = meal.items()

@@ -1,6 +1,5 @@
 """`tada index rebuild`: new vectors from the sealed photographs, entries in line, and what cannot be described told."""
 
-import uuid
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -13,11 +12,9 @@ from app.cli.main import cli
 from app.core.errors import NotFoundError, UnavailableError
 from app.estimates.estimate_json import colour_to_json
 from app.jobs.supervisor import settings_environment
-from app.meals.event_models import MealEvent
 from app.meals.identification_models import IndexEntry, ItemIdentification
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import Item, ItemMeasure, Run
+from app.meals.models import MealImage
+from app.meals.record_models import Item, ItemMeasure
 from app.operations.doctor.doctor import examine
 from app.people.models import Study
 from app.privacy.retention import erase_old_pictures
@@ -35,6 +32,7 @@ from tests.support.photographs import pair
 pytestmark = pytest.mark.slow
 
 RING = [[100.0, 80.0], [300.0, 90.0], [280.0, 300.0], [110.0, 280.0]]
+DRAWN = [[50.0, 50.0], [150.0, 50.0], [150.0, 200.0]]
 OLD = vcm(0.5, 1.0, version="old")
 REDDER = ColourCorrection(np.diag([1.2, 1.0, 0.9]), "white")
 COLOUR = {"left": colour_to_json(REDDER), "right": colour_to_json(ColourCorrection(np.eye(3), "none"))}
@@ -124,16 +122,18 @@ def test_candidates_of_the_run_stay_when_its_region_is_described_again(state, me
 
 
 def test_region_that_was_drawn_and_measured_again_is_described_under_its_own_run(state, meal_of, rebuild):
-    _, photo = meal_of()
-    drawn = [[50.0, 50.0], [150.0, 50.0], [150.0, 200.0]]
-    run_id = add_measure(state, drawn)
+    speaker, photo = meal_of()
+    run_id = measured_again(state, speaker, found_item(polygon=DRAWN, hint=0))
     assert rebuild() == Described(described=2)
-    assert {row.run_id: row.vector for row in new_vectors(state)}[run_id] == expected(photo, [drawn], None)
+    assert {row.run_id: row.vector for row in new_vectors(state)}[run_id] == expected(photo, [DRAWN], None)
 
 
 def test_region_that_could_not_be_measured_and_leftovers_are_not_asked_for(state, meal_of):
-    meal_of()
-    add_measure(state, None)
+    speaker, _ = meal_of()
+    run_id = measured_again(state, speaker)
+    with state.database.write() as session:
+        session.execute(sa.update(ItemMeasure).where(ItemMeasure.run_id == run_id).values(rings=[]))
+    assert check_index(state.database, study_code=None) == Described(described=1)
     with state.database.write() as session:
         session.execute(sa.update(Item).values(origin="after"))
     assert check_index(state.database, study_code=None) == Described()
@@ -237,32 +237,11 @@ def doctors_word(state, settings):
     return finding.message
 
 
-def add_measure(state, ring):
-    """The only item, measured again with this outline by a run of its own. Returns the run's id."""
-    with state.database.write() as session:
-        meal, item = session.scalars(sa.select(Meal)).one(), session.scalars(sa.select(Item)).one()
-        event_id = session.scalars(sa.select(MealEvent.id)).one()
-        first = session.scalars(sa.select(Run)).one()
-        job = Job(
-            id=uuid.uuid4(),
-            meal_id=meal.id,
-            purpose="remeasure",
-            event_id=event_id,
-            state="done",
-            enqueued_at=meal.received_at,
-            finished_at=meal.received_at,
-        )
-        session.add(job)
-        session.flush()
-        plain = {column.key: getattr(first, column.key) for column in first.__mapper__.column_attrs}
-        own = {"id": job.id, "purpose": "remeasure", "result_key": f"result/{job.id}", "colour": None}
-        session.add(Run(**plain | own))
-        session.flush()
-        rings = [ring] if ring is not None else []
-        session.add(
-            ItemMeasure(item_id=item.id, event_id=event_id, run_id=job.id, rings=rings, relative_sd={}, flags=[])
-        )
-        return job.id
+def measured_again(state, speaker, *found, **answer):
+    """The meal's item, drawn anew and measured again. Returns the run's id."""
+    regions = [speaker.items()[0]["id"]]
+    speaker.say("redraw", item=regions[0], polygon=DRAWN)
+    return estimates.save(state, speaker.meal_id, *found, purpose="remeasure", regions=regions, **answer)
 
 
 class Children:

@@ -71,6 +71,7 @@ def test_index_holds_numbers_and_short_words_only():
             assert array.dtype.kind != "U" or array.dtype.itemsize <= 4 * 40
 
 
+@pytest.mark.slow
 def test_photographs_give_what_is_shipped(index, shared_data):
     foods = list(labelled_foods(shared_data / "photos" / "ecustfd"))
     assert [food.specimen for food in foods] == list(index.specimens)
@@ -81,6 +82,7 @@ def test_photographs_give_what_is_shipped(index, shared_data):
         assert to_itself < SAME * np.median(to_others), foods[place].specimen
 
 
+@pytest.mark.slow
 def test_index_is_built_from_a_folder_of_labelled_photographs(shared_data, tmp_path):
     source = shared_data / "photos" / "ecustfd"
     for folder in ("images", "boxes"):
