@@ -1,11 +1,17 @@
 """The dashboard as a browser without scripts uses it: cookies, forms, the origin of requests."""
 
 import re
+import uuid
 from html.parser import HTMLParser
 
 import pytest
 
+from app.people.access.secret_box import SecretBox
+from app.releases.file_runner import FileRunner
+from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import PASSWORD, make_staff
+from tests.support import estimates
+from tests.support.photographs import pair
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml", "Sec-Fetch-Site": "same-origin"}
 
@@ -77,3 +83,43 @@ def sign_in_browser(client, admin):
         return Browser(client, name)
 
     return sign_in
+
+
+@pytest.fixture
+def owner(enrol, sign_in_browser):
+    """The browser of an owner of the study, which P001 is in."""
+    enrol()
+    return sign_in_browser("olga", pilot="owner")
+
+
+@pytest.fixture
+def viewer(enrol, sign_in_browser):
+    enrol()
+    return sign_in_browser("vera", pilot="viewer")
+
+
+@pytest.fixture
+def run(state):
+    """Make the next export or release, as a worker's side process does."""
+
+    def run():
+        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
+
+    return run
+
+
+@pytest.fixture
+def meal_of(state, enrol):
+    """A meal of P001 (or another), estimated if items or changes of the estimate are given; its id."""
+    phones = {}
+
+    def meal_of(*items, participant="P001", hint="apple", captured_at="2026-11-20T12:30:00+08:00", **changes):
+        phone = phones.get(participant) or phones.setdefault(participant, enrol(participant))
+        hints = [{"point": [30, 20], "food": hint}] if hint else None
+        body = meal_metadata(hints=hints, captured_at=captured_at)
+        assert phone.post(pair(len(phones)), body).status_code == 202
+        if items or changes:
+            estimates.save(state, body["id"], *items, **changes)
+        return body["id"]
+
+    return meal_of

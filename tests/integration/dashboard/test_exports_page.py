@@ -2,18 +2,16 @@
 
 import html
 import re
-import uuid
 
 import pytest
 
 from app.exports.background_exports import MOST_OF_PERSON
-from app.people.access.secret_box import SecretBox
-from app.releases.file_runner import FileRunner
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 PATH = "/dashboard/studies/pilot/exports"
 API = "/v1/studies/pilot/exports"
+pytestmark = pytest.mark.usefixtures("eaten")
 
 
 @pytest.fixture
@@ -22,19 +20,6 @@ def eaten(enrol, state):
         enrol(code)
     add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
     add_meal(state, "P002", "2026-11-02", eaten_item(50.0, "banana"), eaten_item(None, status="needs_review"))
-
-
-@pytest.fixture
-def viewer(eaten, sign_in_browser):
-    return sign_in_browser("vera", pilot="viewer")
-
-
-@pytest.fixture
-def run(state):
-    def run():
-        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
-
-    return run
 
 
 def listed(page):

@@ -20,6 +20,7 @@ from tests.support.photographs import pair
 NO_COLOUR = {"kind": "none", "matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "delta_e_mean": None, "flags": []}
 NO_COLOUR |= {"delta_e_worst": None}
 CAMERA = {"width": 1200, "height": 900, "fx": 900.0, "fy": 900.0, "cx": 600.0, "cy": 450.0, "distortion": [0.0] * 5}
+JSON = {"Accept": "application/json"}
 DOCS = Path(app.dashboard.__file__).parents[2] / "docs"
 
 
@@ -43,20 +44,20 @@ class Shown:
             form["item"] = meal["items"][0]["id"]
         return self.browser.post(f"{self.path}/events", headers=headers, **(form | fields))
 
+    def history(self):
+        return self.phone.get(f"/v1/meals/{self.id}/events").json()["items"]
+
 
 @pytest.fixture
-def show(state, phone, sign_in_browser):
+def show(phone, meal_of, sign_in_browser):
     """A meal of P001, estimated as said, as somebody sees it: show("reviewer", found_item())."""
     browsers = {}
 
     def make(role, *items, **changes):
-        metadata = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], app_version="1.4.0")
-        assert phone.post(pair(1), metadata).status_code == 202
-        if items or changes:
-            estimates.save(state, metadata["id"], *items, **changes)
+        meal_id = meal_of(*items, **changes)
         if role not in browsers:
             browsers[role] = sign_in_browser(f"ann-{role}", pilot=role)
-        return Shown(phone, browsers[role], metadata["id"])
+        return Shown(phone, browsers[role], meal_id)
 
     return make
 
@@ -116,7 +117,7 @@ def test_history_shows_runs_and_events_with_old_and_new_values(show):
     seen = show("reviewer", found_item(volume_ml=185.0))
     seen.say("set_volume", volume_ml="120")
     seen.say("question", text="Was it yours?")
-    event = seen.phone.get(f"/v1/meals/{seen.id}/events").json()["items"][0]
+    event = seen.history()[0]
     seen.say("undo", event=event["id"], item="")
     text = text_of(seen.html())
     assert "Estimate of the meal" in text
@@ -154,6 +155,70 @@ def test_event_is_answered_with_the_current_section(show):
     assert "status-confirmed" in answer.text
     refused = seen.say("set_mass", mass_g="heavy", headers=headers)
     assert (refused.status_code, refused.headers["hx-retarget"]) == (422, "#problem")
+
+
+def test_form_makes_the_same_event_as_the_api(show):
+    reviewed = show("reviewer", found_item(hint=0))
+    corners = [[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]]
+    for said, fields, new in (
+        ("confirm", {}, {"status": "confirmed"}),
+        ("set_food", {"food": "pear"}, {"food": "pear", "lies_as": None}),
+        ("set_mass", {"mass_g": "150.5", "of": "edible", "relative_sd": "0.02"}, {"mass_g": 150.5, "of": "edible"}),
+        ("set_volume", {"volume_ml": "120", "mass_g": "", "of": "as_seen"}, {"volume_ml": 120.0}),
+        ("set_share", {"share": "0.5"}, {"share": 0.5}),
+        ("question", {"text": "Was it <b>yours</b>?"}, {"text": "Was it <b>yours</b>?"}),
+        ("redraw", {"polygon": "10, 10\n60 10\n60,60"}, {"polygon": corners}),
+    ):
+        answer = reviewed.say(said, headers=JSON, **fields)
+        assert answer.status_code == 201, answer.text
+        assert answer.json()["version"] == reviewed.meal()["version"]
+        assert answer.headers["etag"] == f'"{reviewed.meal()["version"]}"'
+        event = reviewed.history()[-1]
+        assert (event["kind"], event["layer"]) == (said, "reviewer")
+        assert event["new"].items() >= new.items()
+
+
+def test_impossible_value_is_refused_with_a_sentence_and_changes_nothing(show):
+    reviewed = show("reviewer", found_item(hint=0))
+    before = reviewed.meal()
+    for said, fields, words in (
+        ("set_mass", {"mass_g": "12,5"}, "Grams: "),
+        ("set_mass", {"mass_g": "-5"}, "Grams: This must be 0.001 or more."),
+        ("set_mass", {}, "give one of"),
+        ("set_volume", {"volume_ml": "nan"}, "Millilitres: "),
+        ("redraw", {"polygon": "[" * 5000}, "Outline: "),
+        ("redraw", {"polygon": "1,1\n2,2"}, "Outline: "),
+        ("comment", {"text": "   "}, "text"),
+        ("answer", {"item": "", "text": "yes"}, "This event is not possible"),
+        ("hack", {}, "This event is not possible"),
+        ("confirm", {"item": "x"}, "This event is not possible"),
+        ("confirm", {"mass_g": "1"}, "Grams: This field is not allowed here."),
+    ):
+        answer = reviewed.say(said, headers=JSON, **fields)
+        assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input"), answer.text
+        assert words.lower() in answer.json()["detail"].lower()
+    assert reviewed.meal() == before
+
+
+def test_form_sent_twice_makes_one_event_and_one_of_a_changed_meal_none(show):
+    reviewed = show("reviewer", found_item(hint=0))
+    seen, once = reviewed.meal()["version"], str(uuid.uuid4())
+    assert reviewed.say("confirm", headers=JSON, id=once).status_code == 201
+    assert reviewed.say("confirm", headers=JSON, id=once, version=seen).status_code == 200
+    answer = reviewed.say("comment", headers=JSON, text="late", version=seen)
+    assert (answer.status_code, answer.json()["code"]) == (412, "precondition_failed")
+    assert answer.json()["version"] == reviewed.meal()["version"]
+    assert [event["kind"] for event in reviewed.history()] == ["confirm"]
+
+
+def test_foods_are_offered_as_options_with_escaped_names(client, admin, sign_in_browser):
+    tart = {"key": "odd", "name": "<script>alert(1)</script> tart", "group": "x", "form": "slab", "reason": "test"}
+    assert client.post("/v1/foods", headers=admin, json=tart).status_code == 201
+    client.post("/v1/studies", headers=admin, json={"code": "pilot", "name": "pilot", "marker": "plain:9x7:11"})
+    html = sign_in_browser("ann", pilot="viewer").page("/dashboard/studies/pilot/foods", q="tart", list="foods-1")
+    assert 'role="option" id="foods-1-1"' in html
+    assert 'data-key="odd"' in html
+    assert "<script>" not in html
 
 
 def test_meal_is_found_only_below_its_study_and_its_participant(enrol, sign_in_browser):

@@ -27,12 +27,6 @@ def eaten(phone, state):
     return phone
 
 
-@pytest.fixture
-def viewer(sign_in_browser, enrol):
-    enrol()
-    return sign_in_browser("vera", pilot="viewer")
-
-
 def codes_of(client, admin):
     return [row["code"] for row in client.get("/v1/studies/pilot/participants", headers=admin).json()["items"]]
 

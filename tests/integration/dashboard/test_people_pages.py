@@ -14,12 +14,6 @@ from tests.support.qr_codes import read_qr
 SETTINGS = "/dashboard/studies/pilot/settings"
 
 
-@pytest.fixture
-def owner(enrol, sign_in_browser):
-    enrol()
-    return sign_in_browser("olga", pilot="owner")
-
-
 def version_of(page):
     return re.search(r'name="version" value="(\d+)"', page)[1]
 

@@ -1,21 +1,19 @@
 """The releases' pages: figures, files and checksums are the API's; owners freeze."""
 
 import re
-import uuid
 
 import pytest
 import sqlalchemy as sa
 
 from app.exports.release_models import ReleaseFile
-from app.people.access.secret_box import SecretBox
 from app.people.models import Study
-from app.releases.file_runner import FileRunner
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 PATH = "/dashboard/studies/pilot/releases"
 API = "/v1/studies/pilot/releases"
 NOTE = 'For "the paper" <script>alert(1)</script>'
+pytestmark = pytest.mark.usefixtures("meals")
 
 
 @pytest.fixture
@@ -25,19 +23,6 @@ def meals(phone, enrol, state):
     first = add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
     add_meal(state, "P002", "2026-11-02", eaten_item(50.0, "banana"), eaten_item(None))
     return first
-
-
-@pytest.fixture
-def owner(meals, sign_in_browser):
-    return sign_in_browser("olga", pilot="owner")
-
-
-@pytest.fixture
-def run(state):
-    def run():
-        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
-
-    return run
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from tests.integration.remeasurements.measuring_again import PATH as API
 from tests.integration.remeasurements.measuring_again import Again
 from tests.support import estimates
 from tests.support.estimates import found_item
-from tests.support.photographs import pair
 
 PATH = "/dashboard/studies/pilot/remeasurements"
 PLAN = "/dashboard/studies/pilot/remeasurement-plan"
@@ -20,23 +19,11 @@ def again(client, admin, state):
 
 
 @pytest.fixture
-def meals(phone, client, state):
+def meals(phone, client, meal_of):
     """Two measured meals, and one that was never photographed."""
-    measured = []
-    for hour in (8, 12):
-        hints = [{"point": [30, 20], "food": "apple"}]
-        body = meal_metadata(hints=hints, captured_at=f"2026-11-20T{hour:02}:30:00+08:00")
-        assert phone.post(pair(hour), body).status_code == 202
-        estimates.save(state, body["id"], found_item())
-        measured.append(body["id"])
     told = meal_metadata(items=[{"food": "apple"}], captured_at="2026-11-20T18:00:00+08:00")
     assert client.post("/v1/declared-meals", headers=phone.headers, json=told).status_code == 201
-    return measured
-
-
-@pytest.fixture
-def owner(meals, sign_in_browser):
-    return sign_in_browser("olga", pilot="owner")
+    return [meal_of(found_item(), captured_at=f"2026-11-20T{hour}:30:00+08:00") for hour in ("08", "12")]
 
 
 def test_owner_counts_starts_stops_and_continues(owner, again, meals):

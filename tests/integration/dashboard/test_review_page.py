@@ -6,30 +6,14 @@ import uuid
 
 import pytest
 
-from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.records.reviewing import Speaker
-from tests.support import estimates
 from tests.support.estimates import found_item, identified_item, unmeasured_item
-from tests.support.photographs import pair
 
 PAGE = "/dashboard/studies/pilot/review"
 QUEUE = "/v1/studies/pilot/review-queue"
 CARD = re.compile(r"<article class=\"card review-card\".*?</article>", re.DOTALL)
 FIGURES = re.compile(r"<dl class=\"figures review-figures\">.*?</dl>", re.DOTALL)
-
-
-@pytest.fixture
-def meal_of(state, enrol):
-    """An estimated meal of P001, of these items."""
-
-    def meal_of(*items, participant="P001", hint="apple", **changes):
-        body = meal_metadata(**({"hints": [{"point": [30, 20], "food": hint}]} if hint else {}), **changes)
-        assert enrol(participant).post(pair(), body).status_code == 202
-        estimates.save(state, body["id"], *items)
-        return body["id"]
-
-    return meal_of
 
 
 def cards_of(page):

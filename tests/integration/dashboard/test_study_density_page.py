@@ -15,12 +15,6 @@ FORM |= {"reason": "<b>ours</b>"}
 
 
 @pytest.fixture
-def owner(enrol, sign_in_browser):
-    enrol()
-    return sign_in_browser("olga", pilot="owner")
-
-
-@pytest.fixture
 def measured(client, admin):
     """The study's densities by the API."""
 

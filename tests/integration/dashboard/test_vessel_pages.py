@@ -13,12 +13,6 @@ FORM = {"name": "<b>Blue</b> mug", "kind": "mug", "rim_diameter_mm": "82", "heig
 
 
 @pytest.fixture
-def owner(enrol, sign_in_browser):
-    enrol()
-    return sign_in_browser("olga", pilot="owner")
-
-
-@pytest.fixture
 def library(client, admin):
     """The study's vessels by the API."""
 

@@ -1,16 +1,8 @@
 """Unknown addresses, and refused pages with a link back."""
 
-import pytest
-
 from tests.integration.dashboard.conftest import text_of
 
 PILOT = "/dashboard/studies/pilot"
-
-
-@pytest.fixture
-def viewer(enrol, sign_in_browser):
-    enrol()
-    return sign_in_browser("vera", pilot="viewer")
 
 
 def test_refused_or_unknown_page_of_a_study_has_a_link_back(viewer, client):

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.integration.foods.editing import QUARK
+from tests.support.commands import run_tada
 
 
 @pytest.fixture
@@ -27,3 +28,14 @@ def staff(client, admin):
             return {row["number"]: row["per_100_g"] for row in self.get(f"/v1/foods/{key}").json()["nutrients"]}
 
     return Staff()
+
+
+@pytest.fixture
+def tada(prepared_database_url, tmp_path):
+    """`tada foods ...` on the test's own database."""
+
+    def run(*arguments, stdin=""):
+        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
+        return run_tada("foods", *arguments, stdin=stdin, **places)
+
+    return run

@@ -1,7 +1,6 @@
 """Corrections in the database: what they leave as it is, what the constraints hold; `tada foods create, edit, ...`."""
 
 import json
-import uuid
 
 import pytest
 import sqlalchemy as sa
@@ -18,10 +17,7 @@ from app.foods.food_releases import list_releases
 from app.foods.foods import read_food
 from app.foods.models import Food, FoodChange, FoodDensity, FoodNutrient, FoodRelease
 from app.foods.search.search_foods import search_foods
-from app.foods.study_densities import Measurement, add_study_density
 from app.nutrition.foods import Density
-from app.people.studies import create_study
-from tests.support.commands import run_tada
 
 EDITOR = Editor("a test", "to see")
 
@@ -137,25 +133,6 @@ def test_a_row_of_a_table_of_densities_is_not_corrected_but_the_food_that_it_wei
     with pytest.raises(InvalidInputError) as caught:
         correct(database, "apple", name="x")
     assert caught.value.code == "food_has_densities_only"
-
-
-def test_a_study_s_density_goes_by_the_key_in_force(database):
-    study = create_study(database, code="pilot", name="pilot")
-    density = Density(0.6, 0.05, "raw", "solid", "study", "scale")
-    row = add_study_density(database, "pilot", Measurement("09003", density), EDITOR)
-    assert row.food_key == "apple"
-    correct(database, "apple", name="ours")
-    assert read_food(database, "apple", study.id).density.chosen.g_per_ml == 0.6
-    assert read_food(database, "apple", uuid.uuid4()).density.chosen.g_per_ml != 0.6
-
-
-@pytest.fixture
-def tada(prepared_database_url, tmp_path):
-    def run(*arguments, stdin=""):
-        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
-        return run_tada("foods", *arguments, stdin=stdin, **places)
-
-    return run
 
 
 def test_foods_are_made_and_corrected_from_the_command_line(tada, tmp_path):

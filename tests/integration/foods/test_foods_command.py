@@ -27,15 +27,6 @@ APPLE = {
 
 
 @pytest.fixture
-def tada(prepared_database_url, tmp_path):
-    def run(*arguments):
-        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
-        return run_tada(*arguments, **places)
-
-    return run
-
-
-@pytest.fixture
 def counts(prepared_database_url):
     def count():
         database = Database(prepared_database_url)
@@ -60,22 +51,22 @@ def release(path, **changed):
 
 
 def test_release_is_imported_shown_and_found(tada, tmp_path, counts):
-    done = tada("foods", "import", "sr28", release(tmp_path / "sr28.zip"))
+    done = tada("import", "sr28", release(tmp_path / "sr28.zip"))
     assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "  1 of 1 foods written")
     assert "sr28 28: 1 foods, 2 nutrient values, imported and in force" in done.stdout
-    shown = json.loads(tada("foods", "show", "sr28:09003", "--json").stdout)
+    shown = json.loads(tada("show", "sr28:09003", "--json").stdout)
     assert {one["tagname"]: one["per_100_g"] for one in shown["nutrients"]} == {"ENERC_KCAL": 52.0, "PROCNT": 0.26}
     assert shown["density"]["chosen"]["basis"] == "measured"
-    assert "ECUSTFD" in tada("foods", "show", "sr28:09003").stdout
-    found = json.loads(tada("foods", "search", "apple", "--json").stdout)
+    assert "ECUSTFD" in tada("show", "sr28:09003").stdout
+    found = json.loads(tada("search", "apple", "--json").stdout)
     assert found[0]["key"] == "apple"
     before = counts()
-    again = tada("foods", "import", "sr28", tmp_path / "sr28.zip")
+    again = tada("import", "sr28", tmp_path / "sr28.zip")
     assert (again.returncode, "was there already: nothing changed" in again.stdout) == (0, True)
     assert counts() == before
-    assert "sr28" in tada("foods", "releases").stdout
-    assert tada("foods", "use", "sr28").returncode == 0
-    assert tada("foods", "show", "sr28:09003").returncode == 2
+    assert "sr28" in tada("releases").stdout
+    assert tada("use", "sr28").returncode == 0
+    assert tada("show", "sr28:09003").returncode == 2
 
 
 def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, counts):
@@ -94,7 +85,7 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
     for name, (changed, place) in wrong.items():
         if changed is not None:
             release(tmp_path / name, **changed)
-        done = tada("foods", "import", "sr28", tmp_path / name)
+        done = tada("import", "sr28", tmp_path / name)
         assert done.returncode == 2, name
         assert place in done.stderr
         assert "Traceback" not in done.stderr
@@ -102,9 +93,9 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
 
 
 def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
-    assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
-    assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr
-    assert "leave the options out" in tada("foods", "import", "sr28", tmp_path, "--name", "x").stderr
+    assert "give one of sr28, fdc, fao-density, csv" in tada("import", "usda", tmp_path).stderr
+    assert "--name, --version and --released-on" in tada("import", "csv", tmp_path).stderr
+    assert "leave the options out" in tada("import", "sr28", tmp_path, "--name", "x").stderr
 
 
 @pytest.mark.slow

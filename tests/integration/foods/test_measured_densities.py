@@ -26,6 +26,7 @@ def test_a_study_s_own_density_goes_first_there_and_nowhere_else(staff, enrol):
     made = staff.post("/v1/studies/pilot/densities", body)
     assert made.status_code == 201, made.json()
     assert made.json()["food"] == "apple"
+    staff.patch("apple", name="ours")  # its key stays
     chosen = phone.get("/v1/foods/apple").json()["density"]["chosen"]
     assert (chosen["g_per_ml"], chosen["basis"]) == (0.7, "study")
     assert other.get("/v1/foods/apple").json()["density"]["chosen"]["basis"] == "measured"

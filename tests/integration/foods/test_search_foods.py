@@ -18,7 +18,6 @@ from app.foods.search import search_foods as search
 from app.foods.search.search_foods import food_groups, search_foods
 from app.nutrition.foods import Food, FoodTable
 from tests.conftest import postgres_database
-from tests.support.commands import run_tada
 from tests.support.food_queries import judged
 
 FRUIT, DISHES = "Fruits and Fruit Juices", "Meals, Entrees, and Side Dishes"
@@ -107,7 +106,19 @@ def test_what_is_meant_is_found_first(grown):
 
 
 def test_what_no_food_has_finds_nothing(grown):
-    for words in ("%", "_", "\x00", "\U0001f34e", ",;!", "xyzzy", "apple xyzzyx qqq", "'; --", "\udcff", "a" * 100):
+    for words in (
+        "%",
+        "_",
+        "\x00",
+        "\U0001f34e",
+        ",;!",
+        "xyzzy",
+        "apple xyzzyx qqq",
+        "'; --",
+        "\udcff",
+        "\u202e",
+        "a" * 100,
+    ):
         assert names(grown, words) == [], words
 
 
@@ -180,15 +191,12 @@ def test_a_dish_defaults_to_fndds_once_that_is_imported(database):
     assert names(database, "lasagna") == [fndds.name, ours.name]
 
 
-def test_command_finds_and_says_no(prepared_database_url, tmp_path):
-    def tada(*arguments):
-        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path}
-        return run_tada("foods", "search", *arguments, **places)
-
-    answer = tada("red", "aple", "--limit", "1", "--json")
+def test_command_finds_and_says_no(tada):
+    answer = tada("search", "red", "aple", "--limit", "1", "--json")
     assert (answer.returncode, [food["key"] for food in json.loads(answer.stdout)]) == (0, ["apple"])
-    assert tada("apple", "--group", "Fruits and Fruit Juices").stdout.startswith("apple ")
-    assert (tada("xyzzy").returncode, tada("xyzzy").stdout) == (1, "No food of that name.\n")
+    assert tada("search", "apple", "--group", "Fruits and Fruit Juices").stdout.startswith("apple ")
+    nothing = tada("search", "xyzzy")
+    assert (nothing.returncode, nothing.stdout) == (1, "No food of that name.\n")
 
 
 def test_scan_limit_does_not_change_search_results(sqlite_template, monkeypatch):
