@@ -38,10 +38,18 @@ def stubborn_store(folder, database, stubborn):
 
 
 @pytest.mark.both_stores
-def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tmp_path):
-    monkeypatch.setattr(delete_blobs, "BATCH", 4)
-    blobs = stubborn_store(tmp_path / "blobs", database, {KEYS[0]})
+def test_store_that_deletes_nothing_is_left_alone_for_a_while_and_one_stubborn_blob_holds_up_no_other(
+    database, monkeypatch, tmp_path
+):
+    blobs = stubborn_store(tmp_path / "blobs", database, set(KEYS))
     deleter = BlobDeleter(database, blobs)
+    with pytest.raises(OSError, match="input/output"):
+        deleter.delete_scheduled()
+    assert len(blobs.asked) == MAX_CONSECUTIVE_FAULTS
+    with database.read() as session:
+        assert privacy.scheduled_deletions(session, 10) == KEYS
+    blobs.stubborn = {KEYS[0]}
+    monkeypatch.setattr(delete_blobs, "BATCH", 4)
     for _ in range(3):
         with pytest.raises(OSError, match="input/output"):
             deleter.delete_scheduled()
@@ -51,13 +59,3 @@ def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tm
     blobs.stubborn.clear()
     assert deleter.delete_scheduled() == 1
     assert list(blobs.keys()) == []
-
-
-@pytest.mark.both_stores
-def test_store_that_deletes_nothing_is_left_alone_for_a_while(database, tmp_path):
-    blobs = stubborn_store(tmp_path / "blobs", database, set(KEYS))
-    with pytest.raises(OSError, match="input/output"):
-        BlobDeleter(database, blobs).delete_scheduled()
-    assert len(blobs.asked) == MAX_CONSECUTIVE_FAULTS
-    with database.read() as session:
-        assert privacy.scheduled_deletions(session, 10) == KEYS
