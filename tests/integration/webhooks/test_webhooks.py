@@ -207,6 +207,20 @@ def test_ping_is_delivered_by_a_worker_s_chore_logged_and_replayed_unchanged(own
     assert row["id"] != again.json()["id"]
 
 
+def test_worker_that_may_not_call_the_loopback_does_not(owner, state):
+    """The setting was taken back, or the URL came in by another way: each delivery is checked anew."""
+    with receiver() as there:
+        path = f"/{owner.made(there.url)}"
+        owner.call("POST", f"{path}/test")
+        chore = DeliverWebhooks(state.database, state.part(SecretBox), WebhookPost(allow_loopback=False))
+        assert chore.run() == 1
+        assert chore.wait_until_idle(PATIENCE_SECONDS)
+        (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+    assert (row["state"], row["last_status"], row["attempts"]) == ("waiting", None, 1)
+    assert row["last_error"] == "The URL must begin with https://."
+    assert there.received == []
+
+
 def test_rotated_secret_is_shown_once_and_the_old_one_signs_along_unless_the_key_does_not_open_it(owner, state):
     answer = owner.make().json()
     path = f"/{answer['webhook']['id']}"
