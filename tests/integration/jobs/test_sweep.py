@@ -5,7 +5,6 @@ from app.jobs.sweep import sweep
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from tests.integration.jobs.fakes import new_meal, new_unqueued_job
-from tests.support.waiting import wait_until
 
 
 def settle(session, meal):
@@ -73,13 +72,3 @@ def test_job_that_a_worker_has_or_will_have_is_left_alone(jobs):
         jobs.change(job_id, takeovers=MAX_TAKEOVERS, **values)
     assert sweep(jobs.database, jobs.queue, settle) == 0
     assert jobs.job(job_id).state == "processing"
-
-
-@pytest.mark.slow
-def test_job_whose_workers_died_too_often_is_not_begun_again(jobs):
-    job_id = jobs.add("hold")
-    jobs.change(job_id, takeovers=MAX_TAKEOVERS, executor_id="a-dead-worker")
-    jobs.start_worker()
-    wait_until(lambda: jobs.meal(job_id).status == "failed", "the meal to be failed")
-    assert jobs.meal(job_id).failure_code == "job_gave_up"
-    assert list(jobs.folder.glob(f"computing-{job_id}-*")) == []
