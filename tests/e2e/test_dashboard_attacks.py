@@ -95,7 +95,6 @@ def test_file_names_are_made_by_code_whatever_a_code_says(world):
         assert world.admin.post("/v1/studies/pilot/participants", json={"code": code}).status_code == 422
     answer = world.admin.get("/v1/records", params={"study": "pilot", "format": "csv"})
     assert re.fullmatch(r'attachment; filename="[\w.-]+"', answer.headers["content-disposition"])
-    assert "'" + FORMULA[:10] not in answer.text or "\n" + FORMULA[:1] not in answer.text
 
 
 EVIL = """<!doctype html><title>evil</title>

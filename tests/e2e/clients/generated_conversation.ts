@@ -66,8 +66,6 @@ const [day] = good(await phone.GET("/v1/me/days", { params: { query: { from: mea
 const closing = { path: { day: day!.date }, header: { "if-match": `"${day!.version}"` } };
 assert.equal(good(await phone.PUT("/v1/me/days/{day}", { params: closing, body: { status: "closed" } })).status, "closed");
 assert.equal((await phone.GET("/v1/me/summary")).error?.code, "feedback_off");
-assert.deepEqual(good(await phone.GET("/v1/me/questions")).items, []);
-assert.equal(good(await phone.GET("/v1/me/reminders")).subscribed, false);
 
 assert.equal(good(await phone.DELETE("/v1/meals/{meal_id}", at)).what, "meal");
 assert.equal((await phone.GET("/v1/meals/{meal_id}", at)).error?.code, "meal_deleted");

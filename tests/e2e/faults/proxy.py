@@ -37,14 +37,13 @@ class Network:
 class Link:
     """One proxy. Its faults are set from other threads; they hold for open connections too.
 
-    delay_seconds: of each piece. is_stalled: nothing goes on, nothing is lost. loses_answers: what is asked arrives,
+    is_stalled: nothing goes on, nothing is lost. loses_answers: what is asked arrives,
     what is answered does not. is_refusing: new connections are ended at once.
     """
 
     def __init__(self, name, target_port, loop):
         self.name = name
         self.port = None
-        self.delay_seconds = 0.0
         self.is_stalled = False
         self.loses_answers = False
         self.is_refusing = False
@@ -73,7 +72,6 @@ class Link:
         self._loop.call_soon_threadsafe(end)
 
     def heal(self):
-        self.delay_seconds = 0.0
         self.is_stalled = self.loses_answers = self.is_refusing = False
 
     async def close(self):
@@ -112,8 +110,6 @@ class Link:
 
     async def _pump(self, reader, writer):
         while piece := await reader.read(PIECE):
-            if self.delay_seconds:
-                await asyncio.sleep(self.delay_seconds)
             while self.is_stalled:  # noqa: ASYNC110  # set from other threads
                 await asyncio.sleep(0.05)
             if writer.is_towards_caller and self.loses_answers:
