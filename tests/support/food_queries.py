@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-JUDGED = Path(__file__).parent / "data" / "food_search" / "judged.csv"
+JUDGED = Path(__file__).parents[1] / "data" / "food_search" / "judged.csv"
 
 
 def judged():
