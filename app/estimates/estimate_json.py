@@ -91,11 +91,6 @@ def hint_from_json(value: Mapping[str, Any]) -> Hint:
     return HINT.validate_python({**value, "polygon": rings_of(polygon) if polygon is not None else None})
 
 
-def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> Json:
-    """A MealEstimate as JSON, without its artefacts. Keys: see docs/cli.md, `tada estimate --json`."""
-    return answer_of(estimate, options).as_json()
-
-
 def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
     """A MealEstimate without its artefacts."""
     views, colours = estimate.views, estimate.colours

@@ -31,7 +31,6 @@ HEIGHT_RATIOS: Mapping[str, tuple[float, float]] = {
     "block": (float(np.log(2 * 0.38)), 0.5),
     "wedge": (float(np.log(2 * 0.38)), 0.5),
 }
-ROUND_ACROSS = ("lying", "bent")
 HEIGHT_OF_WIDTH: Mapping[str, float] = {
     "heap": 0.21,
     "slab": 0.38,

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli.main import cli
-from app.estimates.estimate_json import colour_from_json, colour_to_json, estimate_to_json
+from app.estimates.estimate_json import answer_of, colour_from_json, colour_to_json
 from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, EstimateOptions, MealEstimate
 from tests.unit.vision.boards import COLOUR, PLAIN, board_photo
@@ -30,10 +30,10 @@ def test_correction_comes_back_from_json(correction):
 def test_answer_tells_both_sides_or_null():
     options = EstimateOptions(parse_marker("plain:9x7:11"))
     estimate = MealEstimate("shape", "5", {}, colours=(CORRECTION, PLAIN_ONE))
-    colour = estimate_to_json(estimate, options)["colour"]
+    colour = answer_of(estimate, options).as_json()["colour"]
     assert (colour["left"]["kind"], colour["right"]["kind"]) == ("colour", "white")
     assert colour["left"]["delta_e_worst"] == 2.31
-    assert estimate_to_json(MealEstimate("shape", "5", {}), options)["colour"] is None
+    assert answer_of(MealEstimate("shape", "5", {}), options).as_json()["colour"] is None
 
 
 def found_marker(tmp_path, spec, *arguments):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import print_estimate
-from app.estimates.estimate_json import estimate_to_json
+from app.estimates.estimate_json import answer_of
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import load_starter_table
 from app.vision import pipeline
@@ -37,7 +37,7 @@ def test_opaque_bowl_has_its_outline_hint_and_flag_but_no_volume_amount_or_pictu
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(liquids, "segment_foods", in_a_bowl)
         estimate = pipeline.estimate_meal(PhotoPair(left.photo, right.photo), OPTIONS, want_artefacts=True)
-    answer = json.loads(json.dumps(estimate_to_json(estimate, OPTIONS)))
+    answer = json.loads(json.dumps(answer_of(estimate, OPTIONS).as_json()))
     assert answer["failure"] is None
     (item,) = answer["items"]
     assert len(item["polygon"]) > 10
@@ -47,7 +47,7 @@ def test_opaque_bowl_has_its_outline_hint_and_flag_but_no_volume_amount_or_pictu
     assert {"overlay.jpg", "disparity.jpg", "points.ply"} <= names
     assert names.isdisjoint({"slices.jpg", "points.jpg"})
     amounts = amounts_of(item, load_starter_table().food("apple"))
-    print_estimate(estimate_to_json(estimate, OPTIONS) | {"items": [item | amounts]}, None)
+    print_estimate(answer_of(estimate, OPTIONS).as_json() | {"items": [item | amounts]}, None)
     assert "item 1: not measured, Apple, raw, with skin  [not_measurable]" in capsys.readouterr().out
 
 
