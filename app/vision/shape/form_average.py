@@ -55,8 +55,8 @@ def average_forms(
     support_mm = float(vertices[:, 2].min())
     rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit in fits])
     if is_single:
-        sds = (SINGLE_TUNING.heap_rest_sd if fit.form.name == "heap" else SINGLE_TUNING.rest_sd for fit in fits)
-        rest = np.fromiter(sds, np.float64)
+        tuning = SINGLE_TUNING
+        rest = np.array([tuning.heap_rest_sd if fit.form.name == "heap" else tuning.rest_sd for fit in fits])
     variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
     item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
