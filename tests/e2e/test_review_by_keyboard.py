@@ -49,6 +49,7 @@ class Reviewer:
 
     def expect(self, selector, text):
         """Expect that the page shows this text there, soon."""
+        expect(self.page.locator(selector)).to_be_visible()
         expect(self.page.locator(selector)).to_contain_text(text, use_inner_text=True)
 
     def expect_status(self, text):
@@ -63,7 +64,7 @@ class Reviewer:
 
     def decide(self, *keys):
         """Keys after which another item is shown, or the end."""
-        before = self.shown()
+        before = self.page.wait_for_selector(CARD).get_attribute("data-item")
         self.press(*keys)
         self.page.wait_for_function(
             "([card, before]) => (document.querySelector(card)?.dataset.item ?? null) !== before", arg=[CARD, before]
