@@ -43,7 +43,7 @@ def average_forms(
         weights *= [likely.factor(fit.form.name) for fit in fits]
     if prior is not None:
         names = [fit.form.name for fit in fits]
-        weights *= [prior.factor(name) if not is_single else prior.share(name) for name in names]
+        weights *= [prior.share(name) if is_single else prior.factor(name) for name in names]
         best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
         flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
     weights /= weights.sum()
