@@ -181,7 +181,10 @@ class FormFit:
 
     @property
     def is_determined(self) -> bool:
-        """Whether what is seen determines the volume: a ring thin as a wire follows an outline and fits no surface."""
+        """Whether the 90 % interval of the volume lies within a third and three times of it.
+
+        It does not for a ring as thin as a wire, which follows an outline and touches no surface.
+        """
         return self.volume_sd_ml < MOST_SD * self.volume_ml
 
     @cached_property

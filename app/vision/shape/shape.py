@@ -336,7 +336,9 @@ def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
 
 
 def _refit(food: _Food, seen: Seen | None, before: FormFit) -> tuple[float, FormFit] | None:
-    """The evidence of the form fitted finely from where it was before, and that fit; None if it determines no volume.
+    """Return the evidence of the form fitted finely from where it was before, and that fit.
+
+    None if the fit does not determine the volume.
 
     It is fitted to what is seen along the form there or along another one.
     """
