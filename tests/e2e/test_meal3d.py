@@ -106,41 +106,6 @@ def test_food_and_board_are_drawn_and_told_in_a_table(open_page, address):
 
 
 @pytest.mark.slow
-def test_food_of_a_scene_without_a_board_is_drawn_with_its_ruler(open_page, address):
-    page = opened(open_page, address, "/bare.html")
-    assert orange(page) > 3000
-    assert "board" not in page.get_attribute("canvas", "aria-label")
-    before = picture(page)
-    page.uncheck("input[value=scale]")
-    assert np.count_nonzero(np.abs(picture(page) - before).max(axis=2) > 30) > 300
-
-
-@pytest.mark.slow
-def test_ground_is_the_theme_s_also_of_one_chosen_in_the_page_and_the_food_keeps_its_colours(open_page, address):
-    page = opened(open_page, address, color_scheme="dark")
-    assert picture(page)[12, 12].mean() < 80
-    assert orange(page) > 3000
-    page.evaluate("document.documentElement.dataset.theme = 'light'")
-    assert picture(page)[12, 12].mean() > 200
-    assert orange(page) > 3000
-
-
-@pytest.mark.slow
-def test_layers_are_switched_by_the_keyboard(open_page, address):
-    page = opened(open_page, address)
-    assert orange(page) > 3000
-    for name in ("points", "shapes", "scale", "grid"):
-        page.focus(f"input[value={name}]")
-        page.keyboard.press("Space")
-    assert orange(page) < 50
-    page.focus("input[value=slices]")
-    page.keyboard.press("Space")
-    seen = picture(page)
-    red = (seen[..., 2] - seen[..., 1] > 60) & (seen[..., 2] - seen[..., 0] > 60)
-    assert np.count_nonzero(red) > 200  # the first food's lines
-
-
-@pytest.mark.slow
 def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     page = opened(open_page, address)
     first, size = picture(page), orange(page)
@@ -156,16 +121,6 @@ def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     assert np.count_nonzero(np.abs(picture(page) - focused).max(axis=2) > 30) > 0.02 * first[..., 0].size
     page.keyboard.press("0")
     assert np.count_nonzero(np.abs(picture(page) - focused).max(axis=2) > 30) < 0.01 * first[..., 0].size
-
-
-@pytest.mark.slow
-def test_nothing_is_drawn_while_nothing_changes(open_page, address):
-    page = opened(open_page, address)
-    drawn = page.evaluate(DRAWN)
-    page.evaluate(REST)
-    assert page.evaluate(DRAWN) == drawn
-    page.click("button[value=above]")
-    wait_until(page, f"{DRAWN} > {drawn}")
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from tests.e2e.browser import violations
 from tests.e2e.dashboard_server import PASSWORD
 from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
@@ -170,19 +169,6 @@ def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_p
 
 
 @pytest.mark.slow
-def test_exact_name_or_key_is_taken_without_a_choice(served, phone, open_page):
-    name = served.admin.get("/v1/foods/banana").json()["name"]
-    tab = open_page(served.address)
-    tab.sign_in("vic", PASSWORD)
-    for typed in (name.upper(), "banana"):
-        tab.goto(MEALS)
-        tab.page.fill("#meals-food", typed)
-        tab.page.press("#meals-food", "Enter")
-        tab.page.wait_for_url(f"**{MEALS}?food=banana")
-        expect(tab.page.locator("input[name=food][value=banana]")).to_be_checked()
-
-
-@pytest.mark.slow
 def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, open_page):
     tab = open_page(served.address, java_script_enabled=False)
     tab.sign_in("vic", PASSWORD, MEALS)
@@ -191,11 +177,3 @@ def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, 
     tab.page.press("#food", "Enter")
     tab.page.wait_for_url("**food=apples*")
     expect(tab.page.locator("main")).to_contain_text("No food of the tables has the key “apples”", use_inner_text=True)
-
-
-@pytest.mark.slow
-def test_table_with_filters_is_accessible_on_a_phone_in_the_dark(served, phone, open_page):
-    tab = open_page(served.address, color_scheme="dark", viewport={"width": 390, "height": 800})
-    tab.sign_in("vic", PASSWORD, f"{MEALS}?view=table&participant=P001&flag=low_texture&flag=not_measurable")
-    expect(tab.page.locator("[id^=meal-P001]")).to_have_count(2)
-    assert violations(tab.page) == []

@@ -96,25 +96,6 @@ def test_chart_is_drawn_and_read_out_by_keys(opened):
     expect(page.locator("figure[data-chart=nutrient] output")).to_contain_text(": days 1")
 
 
-@pytest.mark.slow
-def test_charts_and_map_follow_light_and_dark(opened):
-    tab = opened()
-    tab.expect("willReadFrequently")  # this test reads the canvas
-    page = tab.page
-
-    def dark_bars():
-        return colours(page, "figure[data-chart=meals]").get("127 209 182", 0)
-
-    def light_sea():
-        return colours(page, "figure[data-map]").get("236 238 234", 0)
-
-    wait_until(lambda: light_sea() > 1000, "the sea in the light token's colour")
-    assert dark_bars() == 0
-    page.click("[data-theme-toggle]")
-    wait_until(lambda: dark_bars() > 0, "bars in the dark token's colour")
-    wait_until(lambda: light_sea() < 1000, "the sea in the dark token's colour")
-
-
 def test_map_shows_neighbours_across_the_180th_meridian_and_moves_by_keys(opened):
     page = opened().page
     told = page.locator("figure[data-map] output")

@@ -1,6 +1,5 @@
 """Items reviewed by keyboard alone, in a real browser: at most two keys each, undo, others' words, no network."""
 
-import json
 import math
 import re
 
@@ -191,21 +190,6 @@ def test_food_is_said_and_not_confirmed_while_the_card_is_not_as_it_was_shown(qu
     assert items[pear]["food"]["key"] == "pear"
 
 
-@pytest.mark.slow
-def test_candidate_that_was_marked_stays_marked_when_the_card_is_read_anew(queue_of):
-    ann, meals = queue_of("kept", round_item(UNSURE), round_item(UNSURE, 1))
-    apple = ann.decide("x")
-    let_go = hold(ann.page, "**/review/P001/**")
-    ann.press("u", "ArrowDown")
-    let_go()
-    ann.page.wait_for_selector(f"{CARD}:not([data-decided])")
-    expect(ann.page.locator(f"{CARD} .choice.marked")).to_have_attribute("value", "apple")
-    assert ann.decide("Enter") == apple
-    ann.saved()
-    items = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
-    assert items[apple]["food"]["key"] == "apple"
-
-
 def test_candidate_mass_rejection_and_search_are_said_as_pressed_and_undone(queue_of):
     ann, meals = queue_of("words", *[round_item(UNSURE, number) for number in range(5)])
     said = {}
@@ -282,27 +266,6 @@ def test_decision_without_a_network_comes_back_and_is_not_lost(queue_of):
     ann.press("Enter")  # a new round
     ann.page.wait_for_selector(CARD)
     assert ann.shown() != first
-
-
-@pytest.mark.slow
-def test_outline_is_drawn_by_keys_and_sent_as_it_was_drawn(queue_of):
-    ann, (meal,) = queue_of("draw", round_item(LIKELY))
-    ann.press("d")
-    ann.page.wait_for_selector(".drawing")
-    ann.press("Shift+ArrowRight", "Tab", "+", "Delete", "Tab", "x")  # letters decide nothing meanwhile
-    drawn = json.loads(
-        ann.page.evaluate(
-            "JSON.stringify([...document.querySelectorAll('.drawing .corner')].map((one) => "
-            "[+one.getAttribute('cx'), +one.getAttribute('cy')]))"
-        )
-    )
-    ann.decide("Enter")
-    ann.saved()
-    item = ann.item(meal)
-    assert "remeasuring" in item["flags"]
-    (event,) = ann.served.admin.get(f"/v1/meals/{meal}/events").json()["items"]
-    assert (event["kind"], event["author"]) == ("redraw", "ann-draw")
-    assert event["new"]["polygon"] == [[pytest.approx(x, abs=0.06), pytest.approx(y, abs=0.06)] for x, y in drawn]
 
 
 def test_item_without_an_amount_asks_for_it_once_its_food_is_chosen(queue_of):

@@ -33,13 +33,10 @@ def talk(address, token, photographs):
             enrolment = models.EnrolmentIn(code=code, device_name="generated")
             token = part("api.enrolments.post_enrolment").sync(client=anybody, body=enrolment).token
         with part("client").AuthenticatedClient(token=token, **strict) as phone:
-            check_a_pair(phone, photographs)
-            meal = send_and_confirm_a_meal(phone, photographs)
+            send_and_confirm_a_meal(phone, photographs)
             (record,) = part("api.records.get_records").sync(client=admin, study=STUDY).items
             assert (record.food.key, record.status) == ("apple", "confirmed"), record
-            correct_the_meal(phone, meal)
-            with part("client").Client(**strict) as anybody:
-                close_the_day_and_leave(phone, anybody, meal)
+            assert part("api.privacy.post_my_withdrawal").sync(client=phone).what == "participant"
 
 
 def set_up_study(admin):
@@ -81,43 +78,6 @@ def send_and_confirm_a_meal(phone, photographs):
     etag = f'"{meal.version}"'
     unchanged = part("api.meals.get_meal").sync_detailed(meal_id, client=phone, if_none_match=etag)
     assert (unchanged.status_code, unchanged.headers["ETag"]) == (304, etag)
-    return meal
-
-
-def check_a_pair(phone, photographs):
-    models, types = part("models"), part("types")
-    with (photographs / "left.jpg").open("rb") as left, (photographs / "right.jpg").open("rb") as right:
-        sides = {"left": types.File(left, "left.jpg"), "right": types.File(right, "right.jpg")}
-        body = models.PostCheckBody(**sides, metadata=models.CheckMetadataIn(locale="en"))
-        assert part("api.checks.post_check").sync(client=phone, body=body).ok
-
-
-def correct_the_meal(phone, meal):
-    models = part("models")
-    (food,) = part("api.foods.get_foods").sync(client=phone, q="banana", limit=1).items
-    kinds = (models.SetFoodIn(id=uuid.uuid4(), item=meal.items[0].id, kind="set_food", food=food.key),)
-    kinds += (models.SetMassIn(id=uuid.uuid4(), item=meal.items[0].id, kind="set_mass", mass_g=120.0),)
-    for event in kinds:
-        version = f'"{meal.version}"'
-        meal = part("api.review.post_event").sync(meal.id, client=phone, body=event, if_match=version)
-    assert (meal.items[0].food.key, meal.items[0].mass_g) == (food.key, 120.0), meal
-    after = models.AfterMetadataIn(captured_at=dt.datetime(2026, 11, 20, 12, 50, tzinfo=dt.UTC))
-    meal = part("api.meals.put_after").sync(meal.id, client=phone, body=after)
-    assert meal.after.missing == ["after_left", "after_right"], meal.after
-
-
-def close_the_day_and_leave(phone, anybody, meal):
-    models = part("models")
-    (day,) = part("api.days.get_my_days").sync(client=phone, from_=meal.local_date, to=meal.local_date).items
-    entry, version = models.DayIn(status=models.DayInStatus.CLOSED), f'"{day.version}"'
-    assert part("api.days.put_my_day").sync(day.date, client=phone, body=entry, if_match=version).status == "closed"
-    assert part("api.feedback.get_my_summary").sync(client=phone).code == "feedback_off"
-    assert part("api.me.get_me").sync(client=phone).participant == "P001"
-    assert part("api.privacy.delete_meal").sync(meal.id, client=phone).what == "meal"
-    assert part("api.meals.get_meal").sync(meal.id, client=phone).code == "meal_deleted"
-    receipt = part("api.privacy.post_my_withdrawal").sync(client=phone)
-    assert part("api.privacy.get_receipt").sync(receipt.id, client=anybody).what == "participant"
-    assert part("api.me.get_me").sync(client=phone).code == "withdrawn"
 
 
 if __name__ == "__main__":
