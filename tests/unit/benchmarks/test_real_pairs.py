@@ -25,13 +25,6 @@ def folder_of(tmp_path, *cases):
     return tmp_path
 
 
-def test_absent_folder_has_no_pairs_and_a_rigs_camera_is_its_left_one(tmp_path):
-    assert real.real_pairs(tmp_path / "nowhere") == []
-    [pair] = real.real_pairs(folder_of(tmp_path, case("orange", "a", "b", rig="rig.json")))
-    assert pair.camera == {"width": 1280, "height": 720} | LENS
-    assert pair.right.name == "b_card.jpg"
-
-
 def test_photographs_of_a_sheet_are_combined_once_where_the_angle_suits(tmp_path, monkeypatch):
     angles = {"a.jpg": 0.0, "b.jpg": 10.0, "c.jpg": 20.0, "d.jpg": 55.0}
 
@@ -44,15 +37,6 @@ def test_photographs_of_a_sheet_are_combined_once_where_the_angle_suits(tmp_path
     pairs = real.real_pairs(folder_of(tmp_path, case("ab", "a", "b", **on_sheet), case("cd", "c", "d", **on_sheet)))
     # The two cases, and of the other four combinations those of 10 and 20 degrees whose left view has a hint.
     assert [pair.name for pair in pairs if not pair.name.endswith("sheet")] == ["ab", "cd", "a c", "c b"]
-
-
-def test_case_on_a_sheet_is_measured_by_the_sheet_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(real, "_centre_mm", lambda *_: np.array([0.0, 0.0, -400.0]))
-    pairs = real.real_pairs(folder_of(tmp_path, case("ab", "a", "b", camera="camera.json", aruco=SHEET)))
-    assert [(pair.name, pair.marker, pair.left.name) for pair in pairs] == [
-        ("ab", "plain:9x7:9", "a_card.jpg"),
-        ("ab sheet", "aruco:5x7:35:5:DICT_6X6_250", "a.jpg"),
-    ]
 
 
 def test_refused_pairs_are_counted_and_do_not_enter_the_error_and_nothing_measured_has_none():

@@ -109,19 +109,6 @@ def test_nothing_in_view_gives_none(ring):
     assert classify_region(load_network(colour_classifier(RED_GREEN_BLUE)), INPUT, photo(), [ring]) is None
 
 
-@pytest.mark.parametrize(
-    "ring",
-    [
-        [[-50.0, -50.0], [10.0, -50.0], [10.0, 10.0], [-50.0, 10.0]],
-        [[0.0, 30.0], [99.0, 30.0], [99.0, 33.0], [0.0, 33.0]],
-        [[95.0, 75.0], [150.0, 75.0], [150.0, 150.0]],
-    ],
-)
-def test_outlines_at_the_border_are_classified(ring):
-    found = classify_region(load_network(colour_segmenter(RED_GREEN_BLUE)), INPUT, photo(), [np.array(ring)])
-    assert np.isclose(found.sum(), 1.0)
-
-
 @pytest.mark.parametrize("content", [b"", b"no network", colour_classifier(RED_GREEN_BLUE)[:60]])
 def test_bytes_that_are_no_network_are_a_failure(content):
     failure = load_network(content)

@@ -91,11 +91,6 @@ def test_what_is_no_box_is_told(text):
     assert raised.value.code == "box_invalid"
 
 
-def test_box_partly_outside_is_looked_into_as_far_as_it_is_there(photo):
-    height, width = photo.pixels_bgr.shape[:2]
-    assert identify_photo(photo, (-100.0, -100.0, width + 200.0, height + 200.0)).identification.candidates
-
-
 def test_command_prints_the_agreed_keys_and_speaks_to_people_without_json(path):
     done = run(path, "--box", ",".join(map(str, APPLE_BOX)), "--json")
     answer = json.loads(done.stdout)
@@ -106,23 +101,6 @@ def test_command_prints_the_agreed_keys_and_speaks_to_people_without_json(path):
     done = run(path)
     assert "Apple, raw, with skin" in done.stdout
     assert "none that the index knows" in done.stdout
-
-
-def test_foods_of_hardly_any_probability_are_not_listed_for_people(tmp_path):
-    path = tmp_path / "grey.png"
-    cv2.imwrite(str(path), np.full((400, 600, 3), 128, np.uint8))
-    lines = run(str(path)).stdout.splitlines()
-    assert "none that the index knows" in lines[-1]
-    assert not [line for line in lines if line.strip().startswith("0.0%")]
-
-
-def test_small_photograph_is_enough_for_a_food(tmp_path, photo):
-    height, width = 240, 320  # the shorter side of a pair has 480 at least
-    path = tmp_path / "small.jpg"
-    cv2.imwrite(str(path), cv2.resize(photo.pixels_bgr, (width, height), interpolation=cv2.INTER_AREA))
-    scale = width / photo.pixels_bgr.shape[1]
-    done = run(str(path), "--box", ",".join(str(each * scale) for each in APPLE_BOX), "--json")
-    assert json.loads(done.stdout)["candidates"][0]["label"] == "apple"
 
 
 def test_file_that_is_no_photograph_is_told(tmp_path):

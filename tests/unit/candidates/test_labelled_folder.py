@@ -87,11 +87,6 @@ def flat(tmp_path):
     return tmp_path
 
 
-def test_photographs_directly_under_a_label_are_specimens_of_their_own(flat):
-    index = build_from_folder(flat, "flat", max_pixels=10**7)
-    assert index.specimens == ("dosa/0.png", "dosa/1.png", "idli/0.png", "idli/1.png")
-
-
 @pytest.mark.parametrize(
     ("name", "text", "told"),
     [

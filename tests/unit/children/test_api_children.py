@@ -109,38 +109,6 @@ def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_pa
         children.close()
 
 
-def test_closing_ends_whoever_waits(tmp_path):
-    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS)
-    told, begun = [], tmp_path / "begun"
-
-    def ask():
-        try:
-            arguments = {"until": str(tmp_path / "never"), "begun": str(begun)}
-            children.run("hold", arguments, seconds=PATIENCE_SECONDS, whose=somebody())
-        except UnavailableError as error:
-            told.append(error.code)
-
-    asking = threading.Thread(target=ask)
-    asking.start()
-    wait_until(begun.exists, "the child to begin")
-    children.close()
-    asking.join(PATIENCE_SECONDS)
-    assert told == ["server_busy"]
-    with pytest.raises(UnavailableError):
-        describe(children, "after the end")
-    children.close()  # again is nothing
-
-
-def test_several_children_work_at_once(tmp_path):
-    children = ApiChildren(Settings(data_dir=tmp_path, api_children=2), tasks=TASKS, wait_seconds=0.3)
-    try:
-        busy = Holder(children, tmp_path)
-        assert describe(children, "beside it") == "beside it"
-        busy.let_go()
-    finally:
-        children.close()
-
-
 def test_photograph_that_broke_a_child_is_refused_without_another(children):
     whose = somebody()
     for _ in range(2):

@@ -112,11 +112,6 @@ def test_child_that_computes_too_long_is_ended_by_its_processor_time(pool):
     assert run(pool, "describe").outcome == "ok"
 
 
-def test_limit_of_processor_time_counts_for_each_request_anew(pool):
-    pids = [run(pool, "spin_for", seconds=2.0, cpu_seconds=1.2).result["pid"] for _ in range(2)]
-    assert pids[0] == pids[1]
-
-
 def test_request_that_runs_alone_has_no_child_beside_it(pool_of, tmp_path):
     pool = pool_of(children=2)
     end, holding, order = tmp_path / "end", threading.Event(), []
@@ -195,23 +190,6 @@ def test_cancelled_request_raises_its_child_is_ended_and_the_next_request_runs(p
     assert isinstance(hanging.error, ChildCancelledError)
     assert run(pool, "describe").outcome == "ok"
     assert pool.cancel("a job") is False
-
-
-def test_requests_that_come_while_the_pool_warms_up_start_no_child_more_than_there_may_be(pool_of):
-    """Held up in its thread, the starter has the request's wish behind that of the warming up."""
-    pool, go_on = pool_of(), threading.Event()
-    pool._starter.submit(go_on.wait)
-    threads = [threading.Thread(target=pool.warm_up), threading.Thread(target=run, args=(pool, "describe"))]
-    try:
-        for waiting, thread in enumerate(threads, start=1):
-            thread.start()
-            wait_until(lambda count=waiting: pool._starter._work_queue.qsize() == count, "its wish for a child")
-        go_on.set()
-        for thread in threads:
-            thread.join(PATIENCE_SECONDS)
-        assert len(pool._alive) == 1
-    finally:
-        go_on.set()
 
 
 def test_warm_children_are_as_many_as_there_may_be_and_are_the_ones_that_work(pool_of):

@@ -107,19 +107,3 @@ def test_every_flag_stands_in_the_documents_and_no_other():
     of_foods = {value for name, value in vars(item_state).items() if name.startswith("FOOD_")}
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
     assert flags_in_the_source() | of_foods | {CLOCK_DOUBTFUL} == listed
-
-
-def test_every_folder_of_the_program_stands_in_the_layout_once_and_every_decision_has_its_number():
-    table = (DOCS / "development.md").read_text().partition("## Code layout")[2].partition("In a domain's folder")[0]
-    listed = [
-        name
-        for cell in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE)
-        for name in re.findall(r"`([a-z_.]+)`", cell)
-    ]
-    folders = {path.parent.name for path in (DOCS.parent / "app").glob("*/__init__.py")}
-    assert sorted(name for name in listed if not name.endswith(".py")) == sorted(folders - {"demo_data"})
-    files = sorted((DOCS / "decisions").glob("[0-9]*.md"))
-    numbers = [path.name[:4] for path in files]
-    assert len(set(numbers)) == len(numbers)
-    for number, path in zip(numbers, files, strict=True):
-        assert path.read_text(encoding="utf-8").startswith(f"# {number}: "), path.name

@@ -3,54 +3,21 @@
 import re
 
 import pytest
-from fastapi.routing import APIRoute
 from jsonschema import Draft202012Validator
 from openapi_spec_validator import OpenAPIV31SpecValidator
 
 from app.exports.models import EXPORT_STATES
 from app.exports.release_models import RELEASE_STATES
-from app.http.text_schemas import stored_word
 from app.meals.day_models import DAY_STATUSES
 from app.meals.event_models import EVENT_KINDS, LAYERS
 from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES
 from app.meals.record_models import ITEM_ORIGINS, RECORD_STATUSES
-from app.nutrition.foods import FOOD_STATES
 from app.openapi import COMPARE_CLOCKS, COUNTED_AT_401, LOCATED, LOCATED_AGAIN, TAGGED
 from app.outbox.models import DELIVERY_STATES
-from app.people.access.access_rules import OF_API, RULES, list_parameters
+from app.people.access.access_rules import RULES
 from app.people.models import ROLES
 from app.people.schemas import ParticipantIn, StudyIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
-
-
-def test_query_parameters_of_routes_are_those_of_the_document(app, document):
-    routers = [included.original_router for included in app.routes if hasattr(included, "original_router")]
-    routes = [route for router in routers for route in router.routes if isinstance(route, APIRoute)]
-    routes = [route for route in routes if route.path.startswith(OF_API)]
-    assert len(routes) > 80
-    for route in routes:
-        for method in route.methods:
-            parameters = document["paths"][route.path][method.lower()].get("parameters", ())
-            schemas = {each["name"]: each["schema"] for each in parameters if each["in"] == "query"}
-            assert list_parameters(route) == {
-                name: any(part.get("type") == "array" for part in (schema, *schema.get("anyOf", ())))
-                for name, schema in schemas.items()
-            }, route.path
-
-
-def test_every_reference_leads_somewhere(document):
-    def references(value):
-        if isinstance(value, dict):
-            if isinstance(value.get("$ref"), str):
-                yield value["$ref"]
-            for part in value.values():
-                yield from references(part)
-        elif isinstance(value, list):
-            for part in value:
-                yield from references(part)
-
-    parts = {f"#/components/{kind}/{name}" for kind, named in document["components"].items() for name in named}
-    assert set(references(document)) <= parts
 
 
 @pytest.mark.parametrize("model", [MealMetadataIn, NewMealMetadataIn, StudyIn, ParticipantIn])
@@ -215,89 +182,6 @@ def test_examples_are_valid_and_limits_of_numbers_in_the_document(document, sche
         assert [f"{error.json_path}: {error.message}" for error in validator.iter_errors(example)] == [], place
 
 
-def test_every_json_body_of_a_request_and_every_answer_of_a_phones_conversation_has_an_example(document, operations):
-    named = document["components"]["schemas"]
-
-    def has_example(schema):
-        if "$ref" in schema:
-            schema = named[schema["$ref"].rpartition("/")[2]]
-        return "example" in schema or any(has_example(choice) for choice in schema.get("oneOf", ()))
-
-    bodies = {
-        operation["operationId"]: operation["requestBody"]["content"]["application/json"]["schema"]
-        for operation in operations.values()
-        if "application/json" in operation.get("requestBody", {}).get("content", {})
-    }
-    assert len(bodies) > 25
-    assert [call for call, schema in bodies.items() if not has_example(schema)] == []
-    answers = ["EnrolmentOut", "MeOut", "CheckOut", "MealOut", "FoodList", "DayOut", "SummaryOut", "ReceiptOut"]
-    assert [name for name in [*answers, "Problem"] if "example" not in named[name]] == []
-
-
-WORDS = (
-    "status", "state", "kind", "origin", "layer", "role", "scope", "stage", "policy", "locale", "verdict", "event",
-    "events", "basis", "form", "severity", "source", "found", "action", "class", "weighs", "unit", "method", "type",
-    "life_stage", "per", "rows", "layout", "components", "needs", "slot", "what", "scale", "lies_as", "why_not",
-    "decided_by", "plausibility", "answer",
-)  # fmt: skip
-ENDINGS = ("_status", "_state", "_kind", "_basis", "_policy")
-OPEN = {  # (schema, field) -> why it is any text; a schema of "*": wherever the field stands
-    ("*", "source"): "a publication or a person",
-    ("*", "unit"): "the food table's, which grows with imports",
-    ("*", "stage"): "a step of the pipeline, which a newer worker may name otherwise",
-    ("*", "method"): "free text, or a run's, which older pipelines may have named otherwise",
-    ("DensityIn", "state"): "free text, such as boiled, mashed",
-    ("DensityOut", "state"): "free text, such as boiled, mashed",
-    ("RejectedDensityOut", "state"): "free text, such as boiled, mashed",
-    ("MeasuredDensityIn", "state"): "free text, such as boiled, mashed",
-    ("StudyDensityIn", "state"): "free text, such as boiled, mashed",
-    ("StudyDensityOut", "state"): "free text, such as boiled, mashed",
-    ("AuditEventOut", "action"): "each kind of change has its own, and the log keeps those that are gone",
-    ("Problem", "type"): "RFC 9457: a URI",
-    ("Problem", "status"): "a number",
-}
-
-
-def is_any_text(schema):
-    if schema.keys() & {"enum", "const", "$ref", "pattern", "format"}:
-        return False
-    if "anyOf" in schema:
-        return any(map(is_any_text, schema["anyOf"]))
-    if schema.get("type") == "array":
-        return is_any_text(schema.get("items", {}))
-    return schema.get("type") == "string"
-
-
-def is_named_as_a_closed_set(name):
-    return name in WORDS or name.endswith(ENDINGS)
-
-
-def test_no_closed_set_is_any_text(document):
-    fields = {
-        (schema, name): field
-        for schema, content in document["components"]["schemas"].items()
-        for name, field in content.get("properties", {}).items()
-        if is_named_as_a_closed_set(name)
-    }
-    assert len(fields) > 120
-    any_text = {place for place, field in fields.items() if is_any_text(field)}
-    assert {place for place in any_text if place not in OPEN and ("*", place[1]) not in OPEN} == set()
-
-
-def test_no_parameter_of_a_closed_set_is_any_text(operations):
-    any_text = {
-        (path, parameter["name"])
-        for (_, path), operation in operations.items()
-        for parameter in operation.get("parameters", ())
-        if is_named_as_a_closed_set(parameter["name"]) and is_any_text(parameter["schema"])
-    }
-    assert any_text == {
-        ("/v1/audit", "action"),
-        ("/v1/studies/{study}/audit", "action"),
-        ("/fhir/NutritionIntake", "status"),  # FHIR's token: several codes, parted by commas
-    }
-
-
 @pytest.mark.parametrize(
     ("schema", "field", "words"),
     [
@@ -316,9 +200,3 @@ def test_no_parameter_of_a_closed_set_is_any_text(operations):
 )
 def test_an_answer_has_all_words_that_the_database_lets_in(document, schema, field, words):
     assert document["components"]["schemas"][schema]["properties"][field]["enum"] == list(words)
-
-
-def test_a_stored_word_that_this_version_does_not_know_is_null():
-    assert stored_word("cooked", FOOD_STATES) == "cooked"
-    assert stored_word("fermented", FOOD_STATES) is None
-    assert stored_word(None, FOOD_STATES) is None

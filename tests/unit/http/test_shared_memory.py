@@ -1,8 +1,6 @@
 """Limits that forked processes share: each test forks real processes of its own."""
 
 import os
-import pathlib
-import re
 import signal
 import time
 
@@ -12,7 +10,6 @@ from app.core.errors import RateLimitedError
 from app.core.settings import Settings
 from app.http.rate_limit import CallLimits, RateLimit
 from app.http.shared_memory import MAX_KEYS, ActiveCounts, KeyTable, shared_lock
-from tests.support.waiting import wait_until
 
 
 def in_child(work):
@@ -51,13 +48,6 @@ def passes(limit, calls):
     return sum(is_let_in() for _ in range(calls))
 
 
-def test_processes_share_one_minutes_worth():
-    limit = RateLimit(10, lambda: 0.0)
-    for _ in range(3):
-        end(in_child(lambda: passes(limit, 3)))
-    assert passes(limit, 30) == 1
-
-
 def test_processes_at_the_same_time_pass_exactly_the_limit():
     limit = RateLimit(500, lambda: 0.0)
     counts = [os.pipe() for _ in range(3)]
@@ -84,31 +74,6 @@ def test_lock_of_a_killed_process_is_free_again():
     end(pid)
     with lock:
         pass
-
-
-def test_lock_is_held_by_one_process_only():
-    lock = shared_lock()
-    reader, writer = os.pipe()
-    with lock:
-        pid = os.fork()
-        if pid == 0:
-            try:
-                lock._threads.release()  # as if forked while no thread of ours held it
-                with lock:
-                    os.write(writer, b"child")
-            finally:
-                os._exit(0)
-        wait_until(lambda: is_waiting_for_a_lock(pid), "the child to wait for the lock")
-        os.write(writer, b"parent,")
-    os.waitpid(pid, 0)
-    assert os.read(reader, 100) == b"parent,child"
-    os.close(reader)
-    os.close(writer)
-
-
-def is_waiting_for_a_lock(pid):
-    """Whether a child waits, by Linux' list of locks: `1: -> POSIX ADVISORY WRITE 1234 ...`."""
-    return re.search(rf"-> POSIX +ADVISORY +WRITE +{pid} ", pathlib.Path("/proc/locks").read_text())
 
 
 def test_requests_of_all_processes_count_for_an_address_until_their_process_is_dead_and_cleared():

@@ -92,21 +92,6 @@ def test_truncated_damaged_and_empty_archives_and_those_of_something_else_are_re
             read_index(io.BytesIO(content), small_index().foods)
 
 
-def test_bytes_changed_anywhere_are_refused_or_do_not_count(tmp_path):
-    content = written(tmp_path, small_index())
-    index = read_index(io.BytesIO(content), small_index().foods)
-    rng = np.random.default_rng(0)
-    refused = 0
-    for place in rng.integers(0, len(content), 100):
-        damaged = bytearray(content)
-        damaged[place] ^= int(rng.integers(1, 256))
-        try:
-            assert read_index(io.BytesIO(bytes(damaged)), small_index().foods).version == index.version
-        except ValueError:
-            refused += 1
-    assert refused > 60
-
-
 class Bomb:
     def __reduce__(self):
         return (pytest.fail, ("a pickle was loaded",))

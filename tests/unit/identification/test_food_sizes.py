@@ -22,17 +22,6 @@ def normal_density(value: float, mean: float, sd: float) -> float:
     return math.exp(-0.5 * ((value - mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))
 
 
-@pytest.mark.parametrize(("size", "relative_sd"), [(APPLE, 0.25), (FoodSize(ANY_LOG_ML, 2.0), 0.0)])
-def test_ratio_times_the_density_of_any_food_is_a_density(size, relative_sd):
-    log_ml = np.linspace(ANY_LOG_ML - 15.0, ANY_LOG_ML + 15.0, 6001)
-    of_any_sd = math.hypot(ANY_LOG_SD, relative_sd)
-    joint = [
-        math.exp(size_log_likelihood(size, math.exp(value), relative_sd)) * normal_density(value, ANY_LOG_ML, of_any_sd)
-        for value in log_ml
-    ]
-    assert np.trapezoid(joint, log_ml) == pytest.approx(1.0, abs=1e-6)
-
-
 @pytest.mark.parametrize(("volume_ml", "relative_sd"), [(180.0, 0.0), (90.0, 0.1), (600.0, 0.3)])
 def test_ratio_is_that_of_the_mixture_by_hand(volume_ml, relative_sd):
     value = math.log(volume_ml)
@@ -40,15 +29,6 @@ def test_ratio_is_that_of_the_mixture_by_hand(volume_ml, relative_sd):
     of_any = normal_density(value, ANY_LOG_ML, math.sqrt(ANY_LOG_SD**2 + relative_sd**2))
     by_hand = math.log((AS_EXPECTED * of_food + (1.0 - AS_EXPECTED) * of_any) / of_any)
     assert size_log_likelihood(APPLE, volume_ml, relative_sd) == pytest.approx(by_hand)
-
-
-def test_usual_volume_speaks_for_a_food_a_doubtful_one_less_and_one_that_is_none_tells_nothing():
-    assert size_log_likelihood(APPLE, 180.0) > 0.5
-    assert size_log_likelihood(APPLE, 5.0) == pytest.approx(math.log(1.0 - AS_EXPECTED), abs=1e-3)
-    assert size_log_likelihood(APPLE, 180.0, 0.05) > size_log_likelihood(APPLE, 180.0, 0.8) > 0.0
-    told = [size_log_likelihood(APPLE, volume_ml) for volume_ml in (None, 0.0, -3.0, math.nan, math.inf)]
-    told += [size_log_likelihood(APPLE, 180.0, relative_sd) for relative_sd in (math.nan, math.inf)]
-    assert [*told, size_log_likelihood(None, 180.0)] == [0.0] * 8
 
 
 @given(

@@ -40,13 +40,6 @@ def test_shipped_food_is_found_by_name_and_label_and_probabilities_add_up_to_1_w
     assert len(Identifier(small_index()).identify(asked("bun"), most=2).candidates) == 2
 
 
-def test_what_the_index_does_not_know_is_likely_none_of_it():
-    identifier = Identifier(small_index())
-    unknown = np.mean([identifier.identify(asked("yam", seed)).none_probability for seed in range(8)])
-    known = np.mean([identifier.identify(asked("egg", seed)).none_probability for seed in range(8)])
-    assert unknown > 0.5 > 3 * known
-
-
 def test_sixth_of_a_new_food_is_found_after_five_confirmed_and_known_ones_still_are():
     identifier = Identifier(small_index(), learned(NEW_LOOK, 5) + learned("yam", 40))
     for seed in range(7, 17):
@@ -85,19 +78,6 @@ def test_volume_that_is_none_changes_nothing(volume_ml):
     assert told == identifier.identify(asked("egg"))
 
 
-def test_own_habits_and_the_time_of_day_move_the_answer():
-    identifier = Identifier(small_index())
-    before = {each.food_key: each.probability for each in identifier.identify(asked("plum")).candidates}
-    own = [Eaten("bun-raw", 8 * 60)] * 30
-    at_eight = identifier.identify(asked("plum"), Circumstances(day_minute=8 * 60, own=own))
-    at_eight_in_the_evening = identifier.identify(asked("plum"), Circumstances(day_minute=20 * 60, own=own))
-    of_bun = [
-        {each.food_key: each.probability for each in found.candidates}["bun-raw"]
-        for found in (at_eight, at_eight_in_the_evening)
-    ]
-    assert of_bun[0] > of_bun[1] > before["bun-raw"]
-
-
 def test_what_somebody_has_confirmed_counts_once_for_them_and_as_much_for_another():
     identifier = Identifier(small_index(), learned("egg", 40, eater="me"))
 
@@ -129,17 +109,6 @@ def test_study_that_confirms_known_foods_or_those_of_another_study_meets_new_one
     assert settled.identify(asked("yam")).none_probability < fresh.identify(asked("yam")).none_probability
 
 
-def test_habits_are_of_all_that_was_confirmed_not_of_the_examples_kept(monkeypatch):
-    monkeypatch.setattr("app.identification.identifier.newest_of_each", lambda every: newest_of_each(every, 10))
-    many = learned("egg", 40) + learned("bun", 5)
-    identifier = Identifier(small_index(), many)
-    plain = asked("yam")
-    found = {each.food_key: each.probability for each in identifier.identify(plain).candidates}
-    other = Identifier(small_index(), learned("egg", 5) + learned("bun", 5)).identify(plain)
-    without = {each.food_key: each.probability for each in other.candidates}
-    assert found["egg-raw"] / found["bun-raw"] > without["egg-raw"] / without["bun-raw"]
-
-
 def test_version_changes_with_each_confirmed_item_and_with_what_it_says():
     index, examples = small_index(), learned("tofu", 3)
     versions = [Identifier(index, examples[:count]).version for count in range(4)]
@@ -158,12 +127,6 @@ def test_vector_of_another_length_or_of_no_numbers_raises(bad):
         Identifier(small_index()).identify(bad)
     with pytest.raises(ValueError, match=r"numbers|finite|dimension"):
         Identifier(small_index(), [Example("bad", "bad", bad)])
-
-
-def test_certainty_about_unknown_foods_raises():
-    for none_prior in (0.0, 1.0, math.nan):
-        with pytest.raises(ValueError, match="between 0 and 1"):
-            Identifier(small_index(), none_prior=none_prior)
 
 
 # ---- which examples are kept

@@ -52,31 +52,3 @@ def test_likeness_and_score_are_near_1_amid_a_class_and_near_0_far_from_all():
     classifier = fit_classifier(examples, labels, 3)
     assert classifier.scores(MIDDLES) == pytest.approx(np.eye(3), abs=0.2)
     assert classifier.scores(np.full((1, 3), 30.0)) == pytest.approx(0.0)
-
-
-def test_class_of_five_stands_beside_one_of_seventy():
-    asked, truth = clouds((100, 100), spread=0.25, seed=99)
-    right = []
-    for seed in range(10):
-        examples, labels = clouds((70, 5), spread=0.25, seed=seed)
-        best = fit_classifier(examples, labels, 2).scores(asked).argmax(axis=1)
-        right.append([(best[truth == label] == label).mean() for label in (0, 1)])
-    of_seventy, of_five = np.mean(right, axis=0)
-    assert of_seventy > 0.97
-    assert of_five > 0.85  # five examples do not tell the whole cloud
-
-
-def test_same_example_twice_and_under_two_names_can_be_solved():
-    examples = np.zeros((4, 3))
-    scores = fit_classifier(examples, np.array([0, 0, 1, 1]), 2).scores(examples[:1])
-    assert scores == pytest.approx(0.5 * min((2 + MISSING) / 2, MOST_RAISED), abs=0.02)
-
-
-def test_score_is_about_the_same_however_few_examples_a_class_has():
-    """Of a class whose examples are all around: what is missing of a small one is made up for."""
-    asked = clouds((60, 1), seed=50)[0][:60]
-    told = []
-    for count in (3, 5, 10, 40):
-        examples, labels = clouds((count, 40), seed=3)
-        told.append(fit_classifier(examples, labels, 2).scores(asked)[:, 0].mean())
-    assert max(told) < 1.25 * min(told)

@@ -49,23 +49,6 @@ def test_blocks_weigh_the_same_and_typical_regions_are_1_apart():
     assert np.median(squares) == pytest.approx(1.0, rel=0.1)
 
 
-def test_unit_and_origin_of_a_measure_do_not_count():
-    vectors = examples()
-    other = vectors.copy()
-    other[:, :43] = other[:, :43] * 7.5 - 3.0
-    assert fit_metric(other, LAYOUT).embed(other) == pytest.approx(fit_metric(vectors, LAYOUT).embed(vectors), abs=1e-9)
-
-
-def test_one_odd_measure_moves_a_vector_no_further_than_the_clip():
-    vectors = examples()
-    metric = fit_metric(vectors, LAYOUT)
-    odd = vectors[:1].copy()
-    odd[0, 0] = 1e30
-    assert (
-        squared_distances(metric.embed(odd), metric.embed(vectors[:1]))[0, 0] <= (2 * CLIP_SD * metric.weight[0]) ** 2
-    )
-
-
 def test_what_never_varied_weighs_nothing():
     vectors = examples()
     vectors[:, 1] = 4.2  # a measure

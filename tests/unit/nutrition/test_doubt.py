@@ -82,29 +82,6 @@ def test_interval_of_a_sum_or_difference_agrees_with_monte_carlo(terms):
     assert found.value == pytest.approx(sum(term.sign * term.value for term in terms))
 
 
-def test_shared_density_cancels_in_a_difference_and_shared_parts_widen_a_sum():
-    before = Term(100.0, Doubt(density=0.2), "before", "rice")
-    after = Term(100.0, Doubt(density=0.2), "after", "rice", -1)
-    left = combine([before, after])
-    assert left.value == 0.0
-    assert left.high - left.low == pytest.approx(0.0, abs=1e-6)
-
-    def relative_width(doubt):
-        found = combine([Term(100.0, doubt, "a", "apple")] * 4)
-        return (found.high - found.low) / found.value
-
-    single = estimate(100.0, Doubt(item=0.1))
-    assert relative_width(Doubt(pair=0.1)) == pytest.approx((single.high - single.low) / 100.0, rel=1e-6)
-    assert relative_width(Doubt(item=0.1)) == pytest.approx((single.high - single.low) / 200.0, rel=0.01)
-
-
-def test_intervals_scale_with_the_values():
-    small = combine(ONE_PAIR)
-    terms = [Term(term.value * 10.0, term.doubt, term.pair, term.food) for term in ONE_PAIR]
-    large = combine(terms)
-    assert (large.value, large.low, large.high) == pytest.approx((small.value * 10, small.low * 10, small.high * 10))
-
-
 @pytest.mark.parametrize("bad", [-0.1, float("nan"), float("inf")])
 def test_impossible_spreads_and_amounts_are_refused(bad):
     with pytest.raises(ValueError, match="finite"):

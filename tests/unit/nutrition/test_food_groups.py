@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from app.foods.importers.sr28 import Sr28Release
 from app.nutrition.foods import load_starter_table
 from app.nutrition.intakes.food_groups import (
     FOOD_GROUPS,
@@ -64,18 +63,6 @@ LEGUMES, DAIRY = "Legumes and Legume Products", "Dairy and Egg Products"
 )
 def test_a_food_is_in_the_group_that_a_dietitian_would_name(source_group, name, group):
     assert classify(source_group, name) == group
-
-
-def test_every_group_of_sr28_is_either_placed_or_known_as_mixed(shared_data):
-    release = Sr28Release(shared_data / "food_tables" / "sr28asc.zip")
-    groups = release.groups
-    found = {}
-    for food in release.foods.values():
-        found.setdefault(groups[food.group_code], set()).add(classify(groups[food.group_code], food.name))
-    assert {name for name, placed in found.items() if placed == {None}} == {
-        "American Indian/Alaska Native Foods", "Baby Foods", "Fast Foods", "Meals, Entrees, and Side Dishes",
-        "Restaurant Foods", "Snacks", "Soups, Sauces, and Gravies", "Spices and Herbs",
-    }  # fmt: skip
 
 
 def test_starter_foods_are_placed_by_the_name_that_sr28_gives_them_and_a_mixed_dish_in_no_group():

@@ -75,13 +75,6 @@ def test_coverage_is_of_what_was_eaten_and_of_what_was_left_untouched_says_wheth
     assert (totals[VITC].coverage, totals[ENERGY].coverage) == (0.0, 1.0)
 
 
-def test_total_of_one_pair_is_less_sure_than_of_two():
-    foods = [make_food(key, per_100_g={"ENERC_KCAL": 50.0}) for key in ("apple", "pear")]
-    together = total_nutrients([portion(food, 100.0) for food in foods])[ENERGY].amount
-    apart = total_nutrients([portion(food, 100.0, pair=food.key) for food in foods])[ENERGY].amount
-    assert together.high - together.low > 1.05 * (apart.high - apart.low)
-
-
 def test_what_was_left_is_taken_away():
     rice = make_food("rice", per_100_g={"ENERC_KCAL": 130.0})
     eaten = [portion(rice, 200.0, "before"), portion(rice, 60.0, "after", -1)]
@@ -96,15 +89,3 @@ def test_total_of_nothing_is_empty_and_of_unknown_masses_alone_unknown_and_not_z
     portions = [Portion("soup", {ENERGY: 40.0}, None, "a")]
     assert dict(total_nutrients(portions)) == {}
     assert total_mass(portions) == MassTotal(None, 1)
-
-
-def test_portion_of_unknown_mass_is_left_out_and_the_total_says_so():
-    apple = make_food("apple", per_100_g={"ENERC_KCAL": 52.0})
-    soup = make_food("soup", per_100_g={"ENERC_KCAL": 40.0, "FAT": 1.0})
-    portions = [portion(apple, 100.0), Portion(soup.key, soup.per_100_g, None, "a")]
-    totals = total_nutrients(portions)
-    assert totals[ENERGY].amount.value == pytest.approx(52.0)
-    assert totals[ENERGY].coverage is None
-    assert FAT not in totals
-    assert total_mass(portions).edible_g.value == pytest.approx(100.0)
-    assert total_mass(portions).unmeasured == 1

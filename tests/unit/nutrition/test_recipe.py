@@ -110,30 +110,6 @@ def test_a_component_that_one_ingredient_lacks_is_unknown_for_the_dish_and_its_c
     assert dish(part(MINCE), part(WINE))["CHOCDF"] == pytest.approx(1.3)
 
 
-def test_masses_count_only_by_their_ratio_however_they_are_divided_and_nested():
-    once = prepare_dish([part(POTATO, 100.0, VITC=0.8), part(WINE, 30.0)], 0.9).per_100_g
-    large = prepare_dish([part(POTATO, 10000.0, VITC=0.8), part(WINE, 3000.0)], 0.9).per_100_g
-    twice = prepare_dish([part(POTATO, 40.0, VITC=0.8), part(WINE, 30.0), part(POTATO, 60.0, VITC=0.8)], 0.9).per_100_g
-    assert once == pytest.approx(large)
-    assert once == pytest.approx(twice)
-    inner = food("mash", "as_eaten")
-    inner = replace(inner, per_100_g=prepare_dish([part(POTATO, 200.0), part(WINE, 100.0)], 1.0).per_100_g)
-    nested = prepare_dish([part(inner, 300.0), part(WINE, 50.0)], 1.0).per_100_g
-    assert nested == pytest.approx(prepare_dish([part(POTATO, 200.0), part(WINE, 150.0)], 1.0).per_100_g)
-
-
-def test_against_a_slow_reference_over_the_starter_table():
-    foods = [f for f in load_starter_table().foods if f.state != "cooked" and len(f.per_100_g) > 20][:12]
-    ingredients = [Ingredient(f, 10.0 + 7.0 * i, f.state, {N["VITC"]: 0.5}) for i, f in enumerate(foods)]
-    made = prepare_dish(ingredients, 0.9)
-    for tagname, share in (("K", 1.0), ("VITC", 0.5), ("PROCNT", 1.0)):
-        grams, total = 0.0, 0.0
-        for each in ingredients:
-            grams += each.mass_g
-            total += each.mass_g * each.food.per_100_g.get(N[tagname], math.nan) / 100.0 * share
-        assert made.per_100_g.get(N[tagname], math.nan) == pytest.approx(total / (0.9 * grams) * 100.0, nan_ok=True)
-
-
 def refusal(ingredients, y=1.0):
     with pytest.raises(InvalidInputError) as caught:
         prepare_dish(ingredients, y)
@@ -159,10 +135,6 @@ COOKED = replace(POTATO, state="cooked")
 )
 def test_ingredient_that_does_not_fit_its_recipe_is_refused(ingredient, y, code):
     assert refusal([ingredient], y) == code
-
-
-def test_cooked_ingredient_may_stand_beside_one_that_a_yield_is_of():
-    assert prepare_dish([part(COOKED), part(WINE)], 0.9).per_100_g
 
 
 @pytest.mark.parametrize("figure", [0.0, -1.0, math.nan, math.inf])

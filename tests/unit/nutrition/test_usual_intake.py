@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from app.nutrition.intakes.usual_intake import (
     BOOTSTRAPS,
     NotJudged,
     PersonSums,
     UsualIntakes,
-    choose_scale,
     drawn_shares,
     judge_group,
     usual_amounts,
@@ -51,17 +49,6 @@ def test_known_share_is_recovered_where_the_bare_means_are_biased(make, true_sha
     assert np.mean(bare_errors) > 0.05
 
 
-@pytest.mark.slow
-def test_interval_holds_the_true_share_about_as_often_as_it_says():
-    held = 0
-    share = float(stats.norm.cdf((80.0 - 100.0) / 15.0))
-    for seed in range(60):
-        days, _ = normal_group(np.random.default_rng(seed), persons=120, days=3)
-        found = judged(days, 80.0, seed)
-        held += found.share_low <= share <= found.share_high
-    assert held >= 50  # 90 % of 60 is 54, with a standard deviation of 2.3
-
-
 def sums_of(days):
     return PersonSums.of(np.concatenate(days), np.array([len(person) for person in days]))
 
@@ -77,33 +64,6 @@ def test_balanced_variances_equal_those_of_the_textbook_and_recover_the_known_on
     assert found.mean == pytest.approx(100.0, abs=1.5)
     assert math.sqrt(found.within) == pytest.approx(30.0, rel=0.03)
     assert math.sqrt(found.between) == pytest.approx(15.0, rel=0.08)
-
-
-def test_unequal_numbers_of_days_are_taken_as_they_are():
-    rng = np.random.default_rng(6)
-    usual = rng.normal(100.0, 15.0, 2000)
-    days = [rng.normal(one, 30.0, 1 + place % 4) for place, one in enumerate(usual)]
-    found = judged(days, 85.0)
-    assert found.days == sum(len(person) for person in days)
-    assert found.share_below == pytest.approx(float(np.mean(usual < 85.0)), abs=0.03)
-    assert found.usual.std() == pytest.approx(15.0, rel=0.1)
-
-
-def test_amounts_times_a_factor_give_the_same_share_at_the_ear_times_it_and_keep_the_groups_mean():
-    days, _ = lognormal_group(np.random.default_rng(8), persons=2000, days=2)
-    one, other = judged(days, 9.0), judged([1000.0 * person for person in days], 9000.0)
-    assert (one.share_below, one.share_low) == (other.share_below, other.share_low)
-    assert other.usual == pytest.approx(1000.0 * one.usual, rel=1e-9)
-    assert one.mean == pytest.approx(float(np.mean([person.mean() for person in days])), rel=0.03)
-
-
-def test_days_with_nothing_of_it_have_no_logarithm():
-    rng = np.random.default_rng(9)
-    days = [np.where(rng.random(3) < 0.2, 0.0, rng.gamma(4.0, 2.0, 3)) for _ in range(60)]
-    assert choose_scale(np.array([0.0, *rng.lognormal(0.0, 1.0, 50)])) != "logarithm"
-    assert choose_scale(rng.lognormal(0.0, 1.0, 500)) == "logarithm"
-    assert choose_scale(rng.normal(100.0, 10.0, 500)) != "logarithm"
-    assert isinstance(judge_group(days, 6.0, rng), (UsualIntakes, NotJudged))
 
 
 @pytest.mark.parametrize(

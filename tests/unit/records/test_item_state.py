@@ -1,7 +1,6 @@
 """The fold of a meal's history: what it says of made-up histories, and that a slow one of other build says the same."""
 
 import uuid
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
@@ -128,48 +127,6 @@ def test_item_of_which_nobody_spoke_is_as_the_pipeline_found_it_until_its_meal_i
     assert (history.state(item).decision, history.state(later).decision) == ("confirmed", None)
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["confirm"], "confirmed"),
-        (["set_food"], "corrected"),
-        (["set_food", "confirm"], "corrected"),
-        (["confirm", "reject"], "rejected"),
-        (["reject", "confirm"], "confirmed"),
-        (["set_share"], None),
-        (["comment"], None),
-    ],
-)
-def test_last_word_decides_and_a_correction_stays_one(one, words, expected):
-    history, item = one
-    for kind in words:
-        history.say(kind, item, share=0.5, text="")
-    assert history.state(item).decision == expected
-
-
-def test_reviewers_word_holds_whatever_the_participant_says_later_until_it_is_undone(one):
-    history, item = one
-    history.set_food(item, 1)
-    theirs = history.set_food(item, 2, "reviewer")
-    history.set_food(item, 3)
-    history.say("reject", item)
-    state = history.state(item)
-    assert (state.food_assignment.food_id, state.decision, state.reviewed) == (2, "corrected", True)
-    history.undo(theirs, "reviewer")
-    state = history.state(item)
-    assert (state.food_assignment.food_id, state.decision, state.reviewed) == (3, "rejected", False)
-
-
-def test_word_about_a_part_counts_for_nothing_once_the_split_is_undone(one):
-    history, item = one
-    event, (first, second) = history.split(item)
-    _, halves = history.split(first)
-    history.merge([halves[0], second])
-    history.undo(event)
-    live = [state.item.id for state in history.states().values() if state.is_live]
-    assert live == [item.id]
-
-
 def test_drawn_region_keeps_the_amount_until_it_is_measured_and_an_older_one_does_not_count_again(one):
     history, item = one
     older = history.say("redraw", item, polygon=RING)
@@ -246,17 +203,6 @@ def test_food_is_a_guess_again_once_the_word_is_undone_and_so_is_that_of_a_part(
     assert [history.state(part).is_food_guessed for part in (first, second)] == [True, False]
 
 
-def test_told_grams_hold_whatever_the_food_is_and_over_an_older_region_that_is_measured_later(one):
-    history, item = one
-    history.set_food(item, 1)
-    event = history.say("redraw", item, polygon=RING)
-    history.say("set_mass", item, mass_g=33.0, of="as_seen", relative_sd=0.1)
-    history.set_food(item, 2)
-    history.measure(item, event, 140.0)
-    state = history.state(item)
-    assert (state.amount.mass.mass_g, state.amount.volume_ml) == (33.0, 140.0)
-
-
 def test_portion_counts_as_long_as_the_food_that_it_is_of(one):
     history, item = one
     history.set_food(item, 1)
@@ -298,14 +244,6 @@ def test_leftover_of_merged_items_is_of_the_merged_one_and_of_a_split_one_nobody
     history.split(merged)
     left = fold_meal(history.parts).leftovers[0]
     assert (left.of_item_id, left.leftover_class) == (None, "unmatched")
-
-
-def test_order_in_which_rows_are_read_does_not_matter(one):
-    history, item = one
-    history.set_food(item, 1)
-    history.split(item)
-    turned = replace(history.parts, events=history.parts.events[::-1])
-    assert fold_meal(turned).items == fold_meal(history.parts).items
 
 
 # Random histories, also such as the rules of events would refuse, against a slow fold of another build.

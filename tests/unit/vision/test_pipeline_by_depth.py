@@ -40,10 +40,6 @@ def test_depth_and_marker_measure_the_ball_with_less_doubt_than_the_photograph_a
     assert item.relative_sd["item"] < single.items[0].relative_sd["item"]
 
 
-def volumes_ml(estimate):
-    return [item.volume_ml for item in estimate.items if item.volume_ml is not None]
-
-
 @pytest.fixture(scope="module")
 def by_map(photo):
     return estimate_meal(PhotoPair(photo), replace(OPTIONS, marker=None), want_artefacts=True)
@@ -57,26 +53,6 @@ def test_depth_without_a_marker_gives_the_scale(by_map, by_marker):
     assert abs(item.volume_ml / BALL.volume_ml - 1) < TOLERANCE
     assert "scale_from_depth" in item.flags
     assert "scale_from_depth" not in by_marker.items[0].flags
-
-
-@pytest.mark.slow
-def test_depth_gives_the_scale_where_the_marker_is_not_seen(photo, views):
-    hidden = covered(replace(views[0], photo=photo)).photo
-    estimate = estimate_meal(PhotoPair(hidden), OPTIONS)
-    assert volumes_ml(estimate)
-    assert volumes_ml(estimate) == volumes_ml(estimate_meal(PhotoPair(hidden), replace(OPTIONS, marker=None)))
-    assert all("scale_from_depth" in item.flags for item in estimate.items if item.volume_ml is not None)
-
-
-@pytest.mark.slow
-def test_depth_twice_as_far_without_a_marker_makes_eight_times_the_volume(photo, by_map):
-    far = replace(photo, depth=replace(photo.depth, depth_mm=photo.depth.depth_mm * 2))
-    by_far_map = estimate_meal(PhotoPair(far), replace(OPTIONS, marker=None))
-    near_ml, far_ml = (
-        min(volumes_ml(estimate), key=lambda ml: abs(ml - true_ml))
-        for estimate, true_ml in ((by_map, BALL.volume_ml), (by_far_map, 8 * BALL.volume_ml))
-    )
-    assert far_ml / near_ml == pytest.approx(8.0, rel=0.2)  # priors in mm, of supports and heights, do not scale
 
 
 @pytest.fixture(scope="module")
@@ -104,13 +80,6 @@ def test_map_that_contradicts_the_marker_is_left_out_with_a_flag(pair_with_map, 
     without_map = estimate_meal(scaled(pair_with_map, 1.3), OPTIONS)
     assert without_map.items[0].volume_ml == estimate.items[0].volume_ml
     assert without_map.items[0].flags == (*estimate.items[0].flags, "depth_ignored")
-
-
-@pytest.mark.slow
-def test_map_of_one_photograph_takes_the_markers_scale_or_is_left_out(photo, by_marker):
-    near, far = (estimate_meal(scaled(PhotoPair(photo), factor), OPTIONS) for factor in (1.05, 1.3))
-    assert near.items[0].volume_ml == pytest.approx(by_marker.items[0].volume_ml, rel=0.01)
-    assert "depth_ignored" in far.items[0].flags
 
 
 def without_all_but_the_sheet(photo, view):
@@ -144,13 +113,6 @@ def test_relative_map_takes_scale_and_offset_from_the_markers_table(photo, by_ma
     assert item.flags == by_marker.items[0].flags
     [other] = estimate_meal(PhotoPair(as_of_two_cameras(photo, 2.0, 1e-3)), OPTIONS).items
     assert other.volume_ml == pytest.approx(item.volume_ml, rel=0.03)
-
-
-@pytest.mark.slow
-def test_map_inside_a_heic_takes_no_part_beside_a_usable_pair(pair_with_map, estimate):
-    both = estimate_meal(replace(pair_with_map, left=as_of_two_cameras(pair_with_map.left)), OPTIONS)
-    assert both.items[0].volume_ml == estimate.items[0].volume_ml
-    assert both.items[0].flags == estimate.items[0].flags
 
 
 def test_maps_that_give_no_scale_say_so(photo, views):

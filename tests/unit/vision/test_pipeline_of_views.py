@@ -1,15 +1,10 @@
 """More than two photographs of one scene: the best partner is chosen; others join in any order, or add nothing."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 
-from app.vision import placement
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.stereo import stillness
-from app.vision.stereo.features import Matches, match_features
 from app.vision.stereo.other_views import stereo_partners
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, look_at, render
 
@@ -65,23 +60,6 @@ def test_another_partner_is_tried_where_the_nearest_shows_another_scene(photogra
 
 
 @pytest.mark.slow
-def test_partner_that_shares_no_points_comes_after_all_that_do(photographs, monkeypatch):
-    left, near, far, _ = photographs
-
-    def only_the_marker_in_near(first, second, **gate):
-        matches = match_features(first, second, **gate)
-        is_kept = matches.is_board | (not np.array_equal(near.pixels_bgr, second.photo.pixels_bgr))
-        return Matches(*(values[is_kept] for values in astuple(matches)))
-
-    for module in (placement, stillness):
-        monkeypatch.setattr(module, "match_features", only_the_marker_in_near)
-    assert measured([left, near]).items[0].flags[-1] == "few_matches"
-    both = measured([left, near, far])
-    assert (both.failure, both.second_place) == (None, 2)
-    assert "few_matches" not in both.items[0].flags
-
-
-@pytest.mark.slow
 def test_partner_that_is_not_the_right_photograph_is_named(photographs, scene_of):
     left, near, far, _ = photographs
     third = measured([left, far, near], want_artefacts=True)
@@ -92,32 +70,8 @@ def test_partner_that_is_not_the_right_photograph_is_named(photographs, scene_of
 
 
 @pytest.mark.slow
-def test_partner_that_fails_leaves_the_pair_as_it_was_sent(photographs):
-    cropped = Photo(np.ascontiguousarray(photographs[1].pixels_bgr[:, 40:]))  # no camera of this size
-    third = measured([photographs[0], photographs[2], cropped])
-    assert third.failure is None
-    assert third.second_place == 1
-    assert third.items[0].volume_ml == measured([photographs[0], photographs[2]]).items[0].volume_ml
-
-
-@pytest.mark.slow
-def test_order_of_the_others_does_not_change_the_volume(photographs, four):
-    left, near, far, other = photographs
-    again = measured([left, other, near, far])
-    assert again.items[0].volume_ml == pytest.approx(four.items[0].volume_ml, rel=1e-6)
-
-
-@pytest.mark.slow
 def test_photographs_without_a_marker_and_of_another_scene_add_nothing(photographs, estimate):
     blank = Photo(np.full_like(photographs[0].pixels_bgr, 128))
     more = measured([*photographs[:2], blank, photographed(OTHER_MM, None, cloth=7)])
     assert "views" not in more.parameters
     assert more.items[0].volume_ml == estimate.items[0].volume_ml
-
-
-@pytest.mark.slow
-def test_photograph_from_farther_along_the_same_line_of_sight_joins(photographs, estimate):
-    """It could be no stereo partner of the first, and shows the outline all the same."""
-    third = measured([*photographs[:2], photographed((39.0, -338.0, 429.0))])
-    assert third.parameters["views"] == 3
-    assert third.items[0].volume_ml == pytest.approx(estimate.items[0].volume_ml, rel=0.05)

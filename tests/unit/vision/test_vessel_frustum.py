@@ -28,14 +28,6 @@ def test_fill_line_of_a_frustum_gives_its_floor_and_capacity(floor_mm, rim_mm, l
     assert capacity_ml == pytest.approx(volume_ml(floor_mm, rim_mm, 95.0, 95.0), rel=1e-5)
 
 
-def test_lengths_doubled_give_eight_times_the_capacity():
-    capacity_ml = capacity_from_fill_line(rim_diameter_mm=80.0, height_mm=90.0, fill_line_mm=60.0, fill_line_ml=200.0)
-    doubled_ml = capacity_from_fill_line(
-        rim_diameter_mm=160.0, height_mm=180.0, fill_line_mm=120.0, fill_line_ml=1600.0
-    )
-    assert doubled_ml == pytest.approx(8 * capacity_ml)
-
-
 @pytest.mark.parametrize(("level_mm", "line_ml"), [(96.0, 300.0), (0.0, 300.0), (90.0, 20.0)])
 def test_line_above_the_brim_or_less_than_a_cone_is_refused(level_mm, line_ml):
     with pytest.raises(InvalidInputError) as error:

@@ -128,20 +128,6 @@ def test_nothing_that_python_calls_private_passes(address):
         assert not any(refused)
 
 
-@given(st.ip_addresses(v=4))
-def test_no_disguise_of_an_ipv4_address_passes(address):
-    number = int(address)
-    disguises = [
-        number,  # ::a.b.c.d
-        (0xFFFF << 32) | number,  # ::ffff:a.b.c.d
-        (0xFFFF << 48) | number,  # ::ffff:0:a.b.c.d
-        (0x0064FF9B << 96) | number,  # NAT64
-        (0x2002 << 112) | (number << 80),  # 6to4
-        (0x20010000 << 96) | (number ^ 0xFFFFFFFF),  # Teredo
-    ]
-    assert not any(is_public(str(ipaddress.IPv6Address(disguise))) for disguise in disguises)
-
-
 @pytest.mark.parametrize("url", REFUSED_URLS)
 def test_url_is_refused(url):
     with pytest.raises(AddressError) as refused:

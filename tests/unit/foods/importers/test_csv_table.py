@@ -6,7 +6,7 @@ import pathlib
 import pytest
 
 from app.core.errors import InvalidInputError
-from app.foods.importers.csv_table import COLUMNS, read_csv_table
+from app.foods.importers.csv_table import read_csv_table
 from app.foods.importers.source_files import ImportFileError
 from tests.unit.foods.importers.release_files import write_folder, write_zip
 
@@ -49,13 +49,6 @@ def test_template_in_the_documents_imports_and_says_what_its_columns_say():
     assert [component.tagname for component in imported.components] == [
         "ENERC_KCAL", "PROCNT", "FAT", "FIBTG", "NA", "VITC", "CHOAVL",
     ]  # fmt: skip
-
-
-def test_template_and_text_in_the_documents_have_every_column():
-    header = (DOCS / "food-template.csv").read_text().splitlines()[0].split(",")
-    assert tuple(header[: len(COLUMNS)]) == tuple(COLUMNS)
-    text = (DOCS / "foods.md").read_text()
-    assert [column for column in COLUMNS if f"`{column}`" not in text] == []
 
 
 def test_empty_is_not_known_a_trace_is_zero_units_are_converted_and_neighbouring_components_stay_apart(table):
@@ -125,17 +118,6 @@ def test_groups_own_median_stands_in_with_a_wide_spread(table):
     (median,) = toast.densities
     assert (median.basis, median.g_per_ml) == ("group", pytest.approx(0.225))
     assert median.sd_g_per_ml == pytest.approx(0.25 * 0.225, abs=5e-4)
-
-
-def test_checksum_follows_the_bytes_and_the_release_and_not_the_files_name(tmp_path):
-    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
-    first.write_text(FOODS)
-    second.write_text(FOODS)
-    checksum = read(first).table.checksum
-    assert read(second).table.checksum == checksum
-    assert read(first, version="2025").table.checksum != checksum
-    first.write_text(FOODS + "C,Pear,Fruits,,\n")
-    assert read(first).table.checksum != checksum
 
 
 @pytest.mark.parametrize(

@@ -250,15 +250,6 @@ def test_data_set_downloaded_alone_is_a_release_of_its_own(tmp_path, kind, files
     assert read(tmp_path, food=food, **changed).table.name == name
 
 
-def test_columns_that_were_renamed_between_releases_are_both_known(tmp_path):
-    imported = read(
-        tmp_path,
-        survey_fndds_food=replaced("wweia_category_code", "wweia_category_number"),
-        wweia_food_category=replaced('"wweia_food_category"', '"wweia_food_category_code"'),
-    )
-    assert foods(imported)["fdc:2705385"].food_group == "Milk, whole"
-
-
 @pytest.mark.parametrize(
     ("file", "change", "message"),
     [
@@ -288,11 +279,6 @@ def test_columns_that_were_renamed_between_releases_are_both_known(tmp_path):
 def test_what_is_wrong_is_named_with_its_file_and_line(tmp_path, file, change, message):
     with pytest.raises(ImportFileError, match=message):
         read(tmp_path, **{file: change})
-
-
-def test_excerpts_that_are_no_release_are_refused_with_what_is_missing(shared_data):
-    with pytest.raises(ImportFileError, match=r"it holds no food.csv; give the release whole"):
-        read_fdc(shared_data / "food_tables")
 
 
 @pytest.mark.slow

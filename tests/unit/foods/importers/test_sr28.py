@@ -6,7 +6,6 @@ import pytest
 
 from app.foods.importers.source_files import ImportFileError
 from app.foods.importers.sr28 import parse_refuse, read_sr28
-from app.nutrition.density import KIND_OF_FORM, resolve_density
 from app.nutrition.mass import edible_share
 from tests.unit.foods.importers.release_files import write_folder, write_zip
 
@@ -171,38 +170,6 @@ def test_every_food_value_and_portion_of_the_release_is_there_and_none_is_skippe
     assert sum(len(food.portions) for food in foods.values()) == len(plainly["WEIGHT"])
     assert [*sr28_table.skipped.sentences()] == []
     assert (len(foods), len(contents)) == (8789, 679_045)
-
-
-@pytest.mark.slow
-def test_the_papers_fruit_have_the_published_energy_potassium_and_vitamin_c(sr28_table):
-    fruit = {"09003": (52.0, 107.0, 4.6), "09040": (89.0, 358.0, 8.7)}
-    for ndb, published in fruit.items():
-        contents = sr28_table.table.food(f"sr28:{ndb}").per_100_g
-        assert tuple(contents[number] for number in ("208", "306", "401")) == published
-
-
-@pytest.mark.slow
-def test_cup_of_sliced_apple_gives_a_heaps_density_and_one_of_dry_couscous_none_of_cooked(sr28_table):
-    apple = sr28_table.table.food("sr28:09003")
-    slices = next(density for density in apple.densities if density.state == "slices")
-    assert (slices.kind, slices.g_per_ml, slices.weighs) == ("bulk", pytest.approx(109 / CUP_ML, abs=5e-4), "edible")
-    assert resolve_density(apple).chosen.kind == "solid"
-    assert resolve_density(apple, form="heap").chosen.kind == "bulk"
-    couscous = sr28_table.table.food("sr28:20029")  # `1 cup, dry, yields` 528 g of cooked would make 2.2 g/ml
-    assert all(density.g_per_ml < 1.0 for density in couscous.densities)
-
-
-@pytest.mark.slow
-def test_few_foods_stay_without_a_density_and_meat_has_the_median_of_kindred_groups_with_a_wide_spread(sr28_table):
-    foods = sr28_table.table.foods
-    without = [f for f in foods if not any(d.kind == KIND_OF_FORM[f.form] for d in f.densities)]
-    assert len(without) < 450  # dishes to hold in the hand, chips: no source has a density of any like them
-    assert sum(not food.densities for food in foods) < 10
-    steak = next(food for food in foods if food.food_group == "Beef Products" and food.form == "slab")
-    chosen = resolve_density(steak).chosen
-    assert (chosen.basis, "groups like Beef Products" in chosen.source) == ("group", True)
-    assert 0.95 < chosen.g_per_ml < 1.1
-    assert chosen.relative_sd >= 0.24
 
 
 def test_refuse_of_a_heap_is_off_before_the_plate_and_that_of_a_piece_is_not(tmp_path):

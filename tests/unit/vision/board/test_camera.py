@@ -8,7 +8,7 @@ import pytest
 
 from app.core.errors import Failure, InvalidInputError
 from app.vision.board.camera import camera_from_exif, estimate_views
-from app.vision.board.pose import bent_points, board_points
+from app.vision.board.pose import bent_points
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
@@ -70,10 +70,6 @@ def test_impossible_camera_file_is_refused(data):
     assert refused.value.message.endswith(".")
 
 
-def test_board_points_are_as_the_conventions_say():
-    assert board_points(SPEC) == pytest.approx(corner_points(SPEC))
-
-
 @pytest.mark.parametrize("size", [(600, 450), (1200, 900), (1201, 901)])
 def test_scaled_camera_sees_the_scaled_pixel(size):
     camera = replace(PHONE, cx=580.0, cy=470.0, distortion=(0.1, -0.1, 1e-3, -2e-3, 0.0))
@@ -122,13 +118,6 @@ def test_given_camera_gives_the_true_poses(errors, most_mm, rms_px):
         assert view.centre_mm[2] > 0
         assert view.camera == PHONE
         assert errors or turned_deg(view, pose) < 0.01
-
-
-def test_larger_board_in_mm_gives_a_scene_larger_by_as_much():
-    double = replace(SPEC, square_mm=22.0)
-    seen = tuple(replace(observed(PHONE, pose), spec=double) for pose in (LEFT, RIGHT))
-    twice = estimate_views(PhotoPair(blank(PHONE), blank(PHONE, grey=1)), seen, EstimateOptions(double, PHONE))
-    assert twice[0].centre_mm == pytest.approx(2 * estimate()[0].centre_mm, rel=1e-3)
 
 
 @pytest.mark.parametrize("focal_error", [0.93, 1.07])

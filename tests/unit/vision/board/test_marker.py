@@ -190,27 +190,6 @@ def test_another_board_than_announced_is_a_mismatch_told_with_its_size(printed, 
         assert ("inner corners" in failure.message) == (printed in failure.advice) == ("6x9" in announced)
 
 
-@pytest.mark.slow
-def test_board_among_aruco_tags_is_found():
-    assert isinstance(find_marker(Photo(board_among_tags()), parse_marker("plain:9x7:9")), MarkerObservation)
-
-
-def board_among_tags():
-    """A slanted sheet with a frame of ArUco tags, all corners of squares, and a 9x7 board of squares that small."""
-    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
-    sheet = np.full((1120, 800), 245, np.uint8)
-    for row, column in np.ndindex(7, 5):
-        if row in (0, 6) or column in (0, 4):
-            y, x = 20 + 157 * row, 15 + 157 * column
-            sheet[y : y + 137, x : x + 137] = cv2.aruco.generateImageMarker(tags, 5 * row + column, 137)
-    squares = np.pad(np.where(np.indices((9, 7)).sum(axis=0) % 2, 250, 20), 1, constant_values=250)
-    sheet[400:785, 30:345] = np.kron(squares, np.ones((35, 35)))
-    corners = np.array([[0, 0], [800, 0], [800, 1120], [0, 1120]], np.float32)
-    seen = np.array([[820, 40], [1065, 410], [305, 690], [175, 200]], np.float32)
-    image = cv2.warpPerspective(sheet, cv2.getPerspectiveTransform(corners, seen), (1280, 720), borderValue=130)
-    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), 1.0), cv2.COLOR_GRAY2BGR)
-
-
 def test_colour_board_in_dim_or_warm_light_is_found():
     table = noise_texture(9)
     assert find_marker(render_board(COLOUR, PHONE, look_at(), exposure=0.08, noise=2.5, table=table), COLOUR)

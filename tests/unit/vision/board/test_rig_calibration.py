@@ -1,18 +1,14 @@
 """A stereo rig from photographs of a board: a known rig comes back, and what is no rig is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from app.core.errors import Failure, InvalidInputError
-from app.estimates.calibrate_files import calibrate_rig_files
+from app.core.errors import Failure
 from app.estimates.camera_json import rig_to_json
 from app.vision.board.rig_calibration import RigCalibration, calibrate_rig
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
-from app.vision.photo import read_photo
 from app.vision.rig import rig_from_mapping
 from tests.unit.vision.synthetic import Pose, look_at
 from tests.unit.vision.tag_boards import photograph as take_photograph
@@ -93,27 +89,3 @@ def test_cameras_that_are_not_fixed_to_each_other_are_no_rig(pairs):
     assert (failure.code, failure.message.split(":")[0]) == ("calibration_views_insufficient", "The right camera")
     with pytest.raises(ValueError, match="no pairs"):
         calibrate_rig(left, right[1:], BOARD)
-
-
-def test_files_of_both_cameras_give_a_rig_file(pairs):
-    photos = {f"{side}{n}": pair[k] for k, side in enumerate(("left", "right")) for n, pair in enumerate(pairs)}
-    paths = [Path(name) for name in photos]
-    made = calibrate_rig_files(paths, str(BOARD), lambda path: photos[path.name])
-    assert (made.document["pairs"], made.left_out) == (6, ())
-    assert rig_from_mapping(made.document).baseline_mm == pytest.approx(made.document["baseline_mm"], abs=1e-3)
-    with pytest.raises(InvalidInputError, match="no pairs"):
-        calibrate_rig_files(paths[:-1], str(BOARD), lambda path: photos[path.name])
-
-
-@pytest.mark.slow
-def test_real_pairs_reproject_and_have_the_published_baseline(shared_data):
-    """OpenCV's own sample: its tutorial's calibration has the cameras 3.33 squares apart."""
-    folder = shared_data / "photos" / "chessboards"
-    left, right = (
-        [read_photo(file.read_bytes(), max_pixels=10**7) for file in sorted(folder.glob(f"{side}*.jpg"))]
-        for side in ("left", "right")
-    )
-    result = calibrate_rig(left, right, parse_marker("plain:10x7:25"))
-    assert len(result.used) == 13
-    assert result.rms_px < 0.3  # 0.21 px measured; the usual corner refinement gives 0.45 px
-    assert result.rig.baseline_mm / 25 == pytest.approx(3.33, rel=5e-3)

@@ -1,7 +1,5 @@
 """Boards of tags: texts, layout against OpenCV's, corners and poses against known ones, covered boards, refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -168,31 +166,6 @@ def test_board_printed_otherwise_is_told_as_such(spec, picture, words):
     checkerboard = refusal(render_board(parse_marker("plain:9x7:11"), PHONE, SLANTED), ARUCO)
     assert checkerboard.code == "marker_mismatch"
     assert "9x7" in checkerboard.message or "7x9" in checkerboard.message
-
-
-def test_even_rows_and_prints_on_a_plaque_are_read_like_others():
-    assert len(observe(photograph(EVEN_ROWS, SLANTED), EVEN_ROWS).corners_px) == 30
-    thick = replace(ARUCO, thick_mm=5.0)
-    assert observe(photograph(ARUCO, SLANTED), thick).spec == thick
-
-
-def on_cloth(photo: Photo, alone: MarkerObservation, square_px: int) -> Photo:
-    """The photograph with a chequered cloth in the place of all that lies 60 px and more beside the board."""
-    left, top = (max(int(side) - 60, 0) for side in alone.corners_px.min(axis=0))
-    right, bottom = (int(side) + 60 for side in alone.corners_px.max(axis=0))
-    squares = (np.indices(photo.pixels_bgr.shape[:2]) // square_px).sum(axis=0) % 2
-    pixels = np.repeat((squares * 180 + 40).astype(np.uint8)[..., None], 3, axis=2)
-    pixels[top:bottom, left:right] = photo.pixels_bgr[top:bottom, left:right]
-    return replace(photo, pixels_bgr=pixels)
-
-
-@BOTH
-def test_board_beside_a_cloth_of_thousands_of_squares_is_found(spec):
-    photo = photograph(spec, SLANTED)
-    alone = observe(photo, spec)
-    beside = observe(on_cloth(photo, alone, 14), spec)
-    assert np.array_equal(beside.point_ids, alone.point_ids)
-    assert np.abs(beside.corners_px - alone.corners_px).max() < CORNER_RMS_PX
 
 
 @BOTH

@@ -58,12 +58,3 @@ def test_the_detector_sees_the_same_among_the_possible_tags_as_among_all(name, w
         again, places, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(grey)
     assert np.array_equal(possible[np.ravel(places)] if places is not None else possible[:0], seen)
     assert np.array_equal(np.array(again), np.array(corners))
-
-
-def test_mirrored_tags_are_possible_as_mirrored_ones_alone():
-    grey = tags_picture("DICT_6X6_250")
-    mirrored = quads_of(np.ascontiguousarray(grey[:, ::-1]))
-    assert set(range(20)) <= set(mirrored.possible_tags("DICT_6X6_250", 0, is_mirrored=True).tolist())
-    assert len(mirrored.possible_tags("DICT_6X6_250", 0)) == 0
-    assert len(quads_of(grey).possible_tags("DICT_6X6_250", 0, is_mirrored=True)) == 0
-    assert len(quads_of(np.full_like(grey, 128)).possible_tags("DICT_4X4_1000", 1)) == 0

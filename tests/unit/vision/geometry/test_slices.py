@@ -38,21 +38,6 @@ def test_ellipse_slices_have_its_axes_and_heading():
     assert abs(np.sin(slices[5].heading)) < 0.03
 
 
-def test_square_keeps_its_area_as_a_circle():
-    square = lambda t: 20.0 * np.column_stack([np.cos(t), np.sin(t)]) / np.abs([np.cos(t), np.sin(t)]).max(0)[:, None]  # noqa: E731
-    slices = cut_slices(wall(square, 0.0, 10.0), 2.0, ROUND, "circle", TOWARDS)
-    # The outline takes one point a sector, so corners are cut a little.
-    assert abs(slices[2].area_mm2 / 1600.0 - 1) < 0.03
-
-
-def test_areas_grow_with_the_square_of_lengths():
-    points = wall(ellipse(30.0, 30.0), 0.0, 20.0)
-    one = cut_slices(points, 2.0, ROUND, "circle", TOWARDS)
-    double_axis = SymmetryAxis(2 * ROUND.centre_mm, 0.0, 1.0)
-    two = cut_slices(2 * points, 4.0, double_axis, "circle", TOWARDS)
-    assert np.isclose(two[3].volume_ml / one[3].volume_ml, 8.0, rtol=1e-6)
-
-
 def test_gaps_of_the_outline_are_bridged_and_the_inside_is_filled():
     ring = ellipse(25.0, 25.0)(np.radians([0, 40, 90, 130, 180, 230, 270, 320])) + PLACE_MM[:2]
     picture, _, cell = section_of(ring, ROUND)

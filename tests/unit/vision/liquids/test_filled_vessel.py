@@ -119,12 +119,6 @@ def test_circle_low_in_a_glass_and_as_wide_as_its_rim_is_its_foot_and_no_surface
     assert [vessel.level.height_mm for vessel in read] == [pytest.approx(20.0, abs=2.0)]
 
 
-def test_glass_is_narrower_below_than_an_opaque_upright_vessel() -> None:
-    opaque = _level(33.0, 90.0)
-    mug, glass = (measure_liquid(_rim(35.0, 100.0), replace(opaque, is_in_glass=each), 0.0) for each in (False, True))
-    assert glass.volume_ml < mug.volume_ml
-
-
 def test_empty_table_and_empty_mug_have_no_liquid() -> None:
     pair = _pair()
     rng = np.random.default_rng(1)

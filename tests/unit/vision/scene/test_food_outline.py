@@ -79,25 +79,3 @@ def test_hole_of_a_ring_is_opened_where_heights_confirm_it(hole_mm, share_kept):
     (corrected,) = correct_outlines([food], scene(image, heights), 0.0)
     assert np.count_nonzero(corrected & hole) / np.count_nonzero(hole) == pytest.approx(share_kept, abs=0.1)
     assert iou(corrected | hole, food) > 0.95
-
-
-def test_side_in_shade_that_looks_like_the_shaded_table_stays():
-    image = np.full((*SHAPE, 3), (150, 170, 190), np.float64)
-    top, front = polygon((60, 40), (160, 40), (160, 85), (60, 85)), polygon((60, 85), (160, 85), (160, 115), (60, 115))
-    image[top], image[front] = (90, 110, 235), (85, 96, 107)
-    (corrected,) = correct_outlines([top | front], scene(image), 0.0)
-    assert np.count_nonzero(tidy_outlines(top | front, scene(image), 0.0) & front) > 0.95 * np.count_nonzero(front)
-    assert np.count_nonzero(corrected & front) > 0.95 * np.count_nonzero(front)
-
-
-def test_food_beside_a_larger_one_is_not_tidied_away():
-    """Both together are less convex than the larger alone, and the smaller has the table's colours."""
-    image = np.full((*SHAPE, 3), (150, 170, 190), np.float64)
-    large, small = (
-        polygon((30, 40), (110, 40), (110, 120), (30, 120)),
-        polygon((111, 95), (150, 95), (150, 120), (111, 120)),
-    )
-    image[large], image[small] = (90, 110, 235), (140, 160, 180)
-    foods = large | small
-    tidied = tidy_outlines(foods, scene(image), 0.0)
-    assert np.count_nonzero(tidied & small) > 0.9 * np.count_nonzero(small)

@@ -6,7 +6,7 @@ import pytest
 
 from app.vision.liquids.filled_vessel import StandingVessel, Vessels
 from app.vision.liquids.rims import Circle
-from app.vision.scene.liquids import HANDLE_MIN_POINTS, _is_handle, _is_part_of_vessel, _is_strip_beside
+from app.vision.scene.liquids import _is_handle, _is_part_of_vessel, _is_strip_beside
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import Support
 
@@ -80,14 +80,6 @@ def test_handle_is_told_from_food_by_its_points(points, is_handle, degrees):
     assert _is_handle(turned(points, degrees), MUG) == is_handle
 
 
-def test_twice_the_size_is_told_alike_and_a_hardly_measured_region_is_not_told():
-    assert not _is_handle(turned(loop(), 0)[: HANDLE_MIN_POINTS - 1], MUG)
-    twice = StandingVessel(
-        MUG.silhouette, Circle(2 * MUG.rim.centre_mm, 84.0, 2 * MUG.rim.height_mm, 0.9), 2 * TABLE_MM
-    )
-    assert _is_handle(2 * turned(loop(), 20), twice)
-
-
 def vessel_of(radius_mm, height_mm):
     return StandingVessel(MUG.silhouette, Circle(MUG.rim.centre_mm, radius_mm, height_mm + TABLE_MM, 0.9), TABLE_MM)
 
@@ -99,21 +91,6 @@ def bar(begin_mm, size, z_mm, climb=0.0):
     """A biscuit, size its length outward, width and height, mm, whose outer end is lower by climb of its length."""
     points = rng.uniform(size=(800, 3)) * size
     return points - [0.0, size[1] / 2, 0.0] + [begin_mm, 0.0, z_mm] + np.outer(size[0] - points[:, 0], [0, 0, climb])
-
-
-ON_DISHES = {
-    "biscuit": (bar(40.0, (50.0, 18.0, 8.0), 14.0), CUP),
-    "biscuit on the rim": (bar(34.0, (40.0, 18.0, 8.0), 12.0, climb=0.3), CUP),
-    "sausage": (ellipsoid((122.0, 0.0, 26.0), (75.0, 12.0, 12.0)), GLASS),
-    "baguette on a board": (bar(42.0, (150.0, 18.0, 30.0), 30.0), GLASS),
-    "biscuit on a stand": (bar(42.0, (50.0, 18.0, 8.0), 55.0), GLASS),
-}
-
-
-@pytest.mark.parametrize("degrees", [0, 130])
-@pytest.mark.parametrize(("points", "vessel"), ON_DISHES.values(), ids=ON_DISHES)
-def test_food_on_a_dish_is_no_handle_even_where_the_dish_was_not_found(points, vessel, degrees):
-    assert not _is_handle(turned(points, degrees), vessel)
 
 
 def on_dish(height_mm):

@@ -146,62 +146,12 @@ def test_food_of_two_lobes_with_one_in_shade_is_one():
     assert iou(food.mask, disc(210, 280, 70)) > 0.95
 
 
-def test_black_canvas_around_a_turned_photograph_is_no_food():
-    meal = Meal().food(210, 200, 55, 40.0)
-    rows, columns = np.indices(SHAPE)
-    beyond = columns - 430 - 0.15 * rows  # px to the right of the photograph's edge
-    meal.image[beyond > 0] = -20  # darker than the noise
-    meal.height[(beyond > -6) & (beyond < 30)] = 25.0  # windows across its edge see something stand there
-    (food,) = meal.segment()
-    assert iou(food.mask, disc(210, 200, 55)) > 0.95
-
-
 def test_hole_of_a_ring_is_no_food():
     meal = Meal().plate().food(210, 280, 80, 30.0)
     hole = disc(210, 280, 30)
     meal.height[hole], meal.image[hole] = 3.0, PLATE_BGR
     (food,) = meal.segment()
     assert iou(food.mask, disc(210, 280, 80) & ~hole) > 0.93
-
-
-def test_hole_of_a_ring_of_nearly_the_tables_colour_is_no_food():
-    meal = Meal().food(210, 280, 60, 24.0, tuple(0.8 * value for value in TABLE_BGR))
-    hole = disc(210, 280, 22)
-    meal.height[hole], meal.image[hole] = 3.0, TABLE_BGR
-    meal.image[hole] *= 0.92
-    found = meal.segment()
-    assert len(found) == 1
-    assert not found[0].mask[210, 280]
-    assert np.count_nonzero(found[0].mask & hole) < 0.3 * np.count_nonzero(hole)
-    spotted = Meal().food(210, 280, 60, 40.0, tuple(0.8 * value for value in TABLE_BGR))
-    spotted.image[disc(210, 280, 20)] = TABLE_BGR
-    assert spotted.segment()[0].mask[210, 280]  # no hole
-
-
-def test_foods_on_two_plates_and_beside_them_are_all_found():
-    meal = Meal()
-    for column in (140, 420):
-        meal.height[disc(210, column, 130)], meal.image[disc(210, column, 130)] = 14.0, PLATE_BGR
-        meal.height[disc(210, column, 110)] = 3.0
-    meal.food(200, 140, 45, 40.0).food(215, 430, 40, 35.0, OTHER_BGR).food(385, 280, 28, 25.0)
-    truth = [disc(200, 140, 45), disc(215, 430, 40), disc(385, 280, 28)]
-    found = meal.segment()
-    assert len(found) == 3
-    assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.9
-
-
-def test_plate_whose_own_rim_is_the_plane_is_no_food():
-    """On a plain table nothing but the rim and the foods, which stand around the floor's middle, is measured."""
-    rim = disc(210, 280, 190) & ~disc(210, 280, 170)
-    places = [(145, 280, 45), (240, 215, 45), (245, 345, 45)]
-    meal = Meal()
-    meal.image[disc(210, 280, 190)] = PLATE_BGR
-    for (row, column, radius), colour in zip(places, (FOOD_BGR, OTHER_BGR, FOOD_BGR), strict=True):
-        meal.food(row, column, radius, 45.0, colour)
-    meal.height[rim] = 3.5
-    found = meal.segment(unmeasured=meal.height == 0, is_table_sure=False)
-    assert len(found) == 3
-    assert min(max(iou(region.mask, disc(*place)) for region in found) for place in places) > 0.9
 
 
 def test_knife_and_napkin_beside_a_food_are_no_food():
@@ -243,14 +193,6 @@ def test_box_of_one_of_two_touching_foods_leaves_the_other():
     assert [region.hint for region in found] == [0, None]
     assert not (found[0].mask & ~box).any()
     assert iou(found[1].mask, disc(200, 220, 50)) > 0.8
-
-
-def test_two_points_share_touching_foods():
-    meal = Meal().food(200, 220, 50, 40.0).food(200, 310, 50, 40.0)
-    found = meal.segment([HintMask(disc(200, 220, 4), 0), HintMask(disc(200, 310, 4), 1)])
-    assert [region.hint for region in found] == [0, 1]
-    assert not (found[0].mask & found[1].mask).any()
-    assert iou(found[0].mask, disc(200, 220, 50)) > 0.85
 
 
 def box_around(mask):

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -74,23 +72,6 @@ def test_support_is_measured_around_the_food_or_guessed_with_more_doubt(heights,
     else:
         assert support.sd_mm < sd_mm
         assert abs(support.height_mm - mm) < 2 * support.sd_mm
-
-
-def test_boards_top_is_not_drawn_down_by_windows_across_its_edge():
-    """A plain top has only wide windows, and the narrow ones lie at its edge, where they see the table as well."""
-
-    def heights(x, y):
-        r = np.hypot(x, y)
-        across = np.interp(r, [104.0, 118.0], [15.0, 0.0])
-        return np.where(r < 30, 50.0, across)
-
-    scene, radius = scene_of(heights, noise_mm=0.5)
-    scene.reach_px[radius < 98] = 10.0
-    view, dish, _ = measured(scene)
-    dish = replace(dish, rim_mm=13.0, floor_mm=13.0)  # as an edge seen through such windows is
-    support = find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), radius < 30, radius < 30)
-    assert support.source == "board"
-    assert support.height_mm == pytest.approx(15.0, abs=0.6)
 
 
 def test_bowl_is_described_by_its_rim_and_a_plate_is_no_vessel():

@@ -1,10 +1,7 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from app.vision.geometry.masks import distance_px
-from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.upright_sides import flat_top, with_sides
 from tests.unit.vision.scene.scenes import plain_scene, slanting_rays
 
@@ -67,15 +64,6 @@ def test_table_that_shows_below_a_top_is_no_side():
     assert np.count_nonzero(side) > 1000  # or the test would say nothing
 
 
-@pytest.mark.parametrize("top_mm", [15.0, 80.0])
-def test_level_of_the_top_is_measured_from_a_part_of_it(top_mm):
-    top, side = block(top_mm)
-    heights = np.where(top, top_mm, np.where(side, np.nan, 0.0))
-    heights[top & (np.indices(SHAPE)[1] % 2 == 0)] = np.nan
-    found = flat_top(top, scene_of(heights), 0.0)
-    assert found.level_mm == pytest.approx(top_mm, abs=0.1)
-
-
 @pytest.mark.parametrize("is_opened", [True, False])
 def test_ring_has_no_upright_side_however_level_its_top(is_opened):
     """A doughnut whose hole was cut out of its mask, or is still to be opened."""
@@ -86,25 +74,3 @@ def test_ring_has_no_upright_side_however_level_its_top(is_opened):
     mask, gap = (top & ~hole, NO_GAP) if is_opened else (top, hole)
     (own,) = with_sides([mask], scene, 0.0, gap)
     assert np.array_equal(own, mask)
-
-
-def two_coloured(height_left_mm, height_right_mm):
-    """A block's top of two colours, whose outline is dented where they meet, and its scene."""
-    top, side = block()
-    columns = np.indices(SHAPE)[1]
-    left = columns < SHAPE[1] // 2
-    apart = np.abs(columns - SHAPE[1] // 2)
-    dent = (apart < 10) & top & (distance_px(~top) < 18 - 1.8 * apart)
-    mask = top & ~dent
-    heights = np.where(mask & left, height_left_mm, np.where(mask, height_right_mm, np.where(side, np.nan, 0.0)))
-    colours = np.where(
-        (mask & left)[..., None], (180, 60, 160), np.where(mask[..., None], (80, 170, 40), (200, 200, 200))
-    )
-    noise = np.random.default_rng(0).normal(0, 2, (*SHAPE, 3))
-    return mask, replace(scene_of(heights), image_bgr=np.clip(colours + noise, 0, 255).astype(np.uint8))
-
-
-@pytest.mark.parametrize(("right_mm", "foods"), [(TOP_MM, 1), (20.0, 2)])
-def test_pack_printed_in_two_colours_is_one_food_and_flat_foods_of_different_heights_are_two(right_mm, foods):
-    mask, scene = two_coloured(TOP_MM, right_mm)
-    assert len(tell_apart(mask, scene)) == foods

@@ -66,21 +66,6 @@ def test_ball_begins_with_about_the_size_of_what_is_seen_and_bent_forms_to_both_
     assert np.isclose(volume(bent[0]), volume(bent[1]), rtol=1e-3)
 
 
-def test_lengths_times_two_begin_forms_of_eight_times_the_volume():
-    points, area_mm2 = visible((40.0, 30.0, 28.0))
-    one, two = begun(points, area_mm2), begun(2 * points, 4 * area_mm2, 2 * CAMERA_MM, 2 * SUPPORT_MM)
-    assert [form.name for form in one] == [form.name for form in two]
-    # The support's spread, which does not grow along, decides on points near the support.
-    assert np.allclose([volume(b) / volume(a) for a, b in zip(one, two, strict=True)], 8.0, rtol=0.02)
-
-
-def test_stray_points_do_not_change_where_forms_begin():
-    points, area_mm2 = visible((30.0, 30.0, 28.0))
-    strays = np.random.default_rng(1).normal(size=(20, 3)) * 5 + np.array([*(MIDDLE_MM + 400.0), 30.0])
-    clean, dirty = begun(points, area_mm2), begun(np.concatenate([points, strays]), area_mm2)
-    assert np.allclose([spans(f) for f in clean], [spans(f) for f in dirty], rtol=0.05)
-
-
 @pytest.mark.parametrize(("count", "lowered_mm"), [(0, 0.0), (MIN_POINTS - 1, 0.0), (None, 100.0)])
 def test_few_points_and_points_under_the_support_begin_nothing(count, lowered_mm):
     points, area_mm2 = visible((30.0, 30.0, 28.0))

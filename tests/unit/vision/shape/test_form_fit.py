@@ -12,7 +12,7 @@ from app.vision.geometry.mesh import faces_towards, ring, sphere
 from app.vision.geometry.nearest import Nearest
 from app.vision.shape.families import _RING, _UPRIGHT
 from app.vision.shape.form_average import likely_fits
-from app.vision.shape.form_fit import Seen, _solved, fit_form, form_at
+from app.vision.shape.form_fit import Seen, fit_form, form_at
 from app.vision.shape.forms import COARSE, FINE, SUPPORT, A, B, C, Ring, Superellipsoid, X, Y
 from app.vision.shape.shape import begin_fit, nearest_starts
 from app.vision.shape.surface_match import SurfaceParallax, draw_mask, draw_parallax
@@ -20,16 +20,14 @@ from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import Ring as Line
 from app.vision.stereo.outline_snap import outline, rings_of_mask
-from app.vision.stereo.pinhole_view import undistorted_view
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.sight import Sight
-from tests.unit.vision.stereo_scene import blank_views, look_at, view_of
+from tests.unit.vision.stereo_scene import blank_views
 
 SIGHT = Sight(rectify_by_poses(*blank_views()))
 SHAPE = SIGHT.pair.shape
 SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
 MIDDLE_MM = np.array([60.0, 5.0])
-MIDDLE = (*MIDDLE_MM, 20.0)
 ROUNDS = 30
 FINER = 6
 
@@ -136,12 +134,6 @@ def test_ring_has_its_volume_and_explains_a_ring_better_than_a_ball():
     assert as_ball.cost > 2 * fit_form(form, seen, COARSE, ROUNDS).cost
 
 
-def test_dense_parallax_serves_where_no_surface_was_measured_yet():
-    seen = seen_of(is_along=False)
-    fit = fit_form(ball(has_displacement=False), seen, COARSE, ROUNDS)
-    assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.03)
-
-
 def test_strayed_parallax_and_outline_hardly_change_the_volume():
     seen = seen_of()
     parallax = seen.surface.parallax_px.copy()
@@ -169,45 +161,11 @@ def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_toler
     assert np.isclose(drawn_in.volume_ml, volume_ml(half_mm), rtol=0.06)  # coarse cells
 
 
-def test_less_evidence_leaves_more_doubt():
-    seen = seen_of()
-    both = fit_form(ball(has_displacement=False), seen, FINE, ROUNDS)
-    first_outline = replace(seen, outlines=(seen.outlines[0], None))
-    first_only = fit_form(ball(has_displacement=False), first_outline, FINE, ROUNDS)
-    assert first_only.volume_sd_ml > both.volume_sd_ml
-    assert first_only.observations < both.observations
-
-
-def test_outline_from_another_side_takes_doubt_away():
-    seen = replace(seen_of((38.0, 27.0, 22.0), 0.3), outlines=(*seen_of((38.0, 27.0, 22.0), 0.3).outlines[:1], None))
-    vertices, mesh = ellipsoid((38.0, 27.0, 22.0), 0.3)
-    view = undistorted_view(view_of(np.zeros((900, 1200, 3), np.uint8), look_at((260.0, -60.0, 300.0), MIDDLE)), 1100.0)
-    line = line_of_pixels(view.project(vertices), mesh.faces[faces_towards(vertices, mesh.faces, view.centre_mm)])
-    with_other = replace(seen, outlines=(*seen.outlines, line), others=(view,))
-    without, fit = (fit_form(ball(has_displacement=False), each, FINE, ROUNDS) for each in (seen, with_other))
-    assert fit.volume_sd_ml < without.volume_sd_ml
-    assert fit.observations > without.observations
-    assert np.isclose(fit.volume_ml, volume_ml((38.0, 27.0, 22.0)), rtol=0.02)
-
-
 def test_form_that_shows_nothing_of_the_food_is_no_fit():
     seen = seen_of()
     unseen = np.full(SHAPE, np.nan, np.float32)
     blind = replace(seen, outlines=(None, None), surface=SurfaceParallax(unseen, unseen, (0, 0)))
     assert fit_form(ball(), blind, COARSE, ROUNDS) is None
-
-
-def test_fit_from_a_form_that_was_looked_at_is_that_from_its_unknowns_and_changes_neither_start_nor_evidence():
-    seen, form = seen_of(is_along=False), ball(has_displacement=False)
-    at, start = form_at(form, form.start, COARSE, seen), form.start
-    before = start.copy(), seen.outlines[0].points_px.copy()
-    for tolerance in (4.0, 1.0):
-        shared = fit_form(form, seen, COARSE, 3, at, tolerance)
-        alone = fit_form(form, seen, COARSE, 3, start, tolerance)
-        assert np.array_equal(shared.unknowns, alone.unknowns)
-        assert shared.cost == alone.cost < at.cost(tolerance)
-    assert np.array_equal(start, before[0])
-    assert np.array_equal(seen.outlines[0].points_px, before[1])
 
 
 def test_nearest_forms_and_those_of_a_hint_are_fitted_coarsely():
@@ -229,11 +187,6 @@ def test_family_of_no_weight_is_fitted_no_further():
     assert likely_fits([near, far], ["ring"]) == [near, far]
     assert likely_fits([near, near]) == [near, near]
     assert likely_fits([]) == []
-
-
-def test_unknown_that_nothing_tells_stays_where_it_is():
-    normal = np.diag([2.0, 0.0, 4.0])
-    assert _solved(normal, np.array([2.0, 0.0, 8.0])) == pytest.approx([1.0, 0.0, 2.0])
 
 
 def test_part_of_the_mask_left_out_counts_against_a_form():

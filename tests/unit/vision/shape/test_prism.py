@@ -56,14 +56,6 @@ def test_all_triangles_of_a_prism_face_outwards(name, cells):
 
 
 @pytest.mark.parametrize("name", ["block", "wedge"])
-def test_lengths_times_two_give_eight_times_the_volume_of_a_prism(name):
-    small, large = begun(name), begun(name, 2.0)
-    start = large.start
-    start[ROUNDING] = np.log(2 * (ROUNDING_MM + 0.1) - 0.1)
-    assert np.isclose(volume(large, start), 8 * volume(small, small.start), rtol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["block", "wedge"])
 def test_jacobian_of_a_prism_is_that_of_central_differences(name):
     form, rng = begun(name), np.random.default_rng(1)
     unknowns = form.start + rng.normal(0, 0.01, len(form.start))

@@ -107,9 +107,3 @@ def test_depth_map_leaves_less_doubt_where_the_photographs_show_no_parallax():
     (without,), (item,) = (measure(region, is_plain=True, depths=each) for each in ((), [depth_shown(0.5)]))
     assert np.isclose(item.volume.volume_ml, BALL.volume_ml, rtol=TOLERANCE)
     assert item.volume.relative_sd["item"] < 0.95 * without.volume.relative_sd["item"]
-
-
-def test_depth_maps_as_noisy_as_a_food_is_high_or_without_any_measurement_change_next_to_nothing():
-    nothing = replace(depth_shown(0.5), parallax_px=np.full(scene()[0].shape, np.nan, np.float32))
-    (item,) = measure(Region(scene()[1], support=ON_TABLE), depths=[depth_shown(20.0), nothing])
-    assert np.isclose(item.volume.volume_ml, ball_item().volume.volume_ml, rtol=0.01)

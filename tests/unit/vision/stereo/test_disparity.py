@@ -38,17 +38,6 @@ def test_no_part_of_a_pixel_is_preferred_whatever_the_light(shift):
     assert abs(np.nanmedian(darker) - shift) < 0.1
 
 
-def test_black_beyond_what_a_view_shows_does_not_change_the_light():
-    image = 205 + 0.04 * texture()
-    second = shifted(image, 7.3)
-    is_seen = np.ones(image.shape, np.bool_)
-    is_seen[100:] = False
-    second[100:] = 0
-    parallax_px = match_dense(as_bgr(image), as_bgr(second), (-2.0, 24.0), is_seen).parallax_px[24:70, 50:-50]
-    assert np.isfinite(parallax_px).mean() > 0.9
-    assert abs(np.nanmedian(parallax_px) - 7.3) < 0.1
-
-
 def test_standard_deviation_tells_how_far_off_parallaxes_are():
     image = texture()
     rng = np.random.default_rng(0)
@@ -66,11 +55,6 @@ def test_featureless_region_gives_nan():
     noisy = [image + np.random.default_rng(k).normal(0, 0.2, image.shape).astype(np.float32) for k in (0, 1)]
     found = match_dense(as_bgr(noisy[0]), as_bgr(shifted(noisy[1], 5.0)), (0.0, 16.0)).parallax_px
     assert np.isnan(found[98:102, 110:130]).all()
-
-
-def test_pictures_of_different_things_match_hardly_anywhere():
-    found = match_dense(as_bgr(texture(seed=1)), as_bgr(texture(seed=2)), (0.0, 16.0)).parallax_px
-    assert np.isfinite(found).mean() < 0.05
 
 
 def test_depth_of_a_rendered_ball_and_table_is_right():

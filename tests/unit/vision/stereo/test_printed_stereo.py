@@ -13,7 +13,7 @@ from app.vision.stereo.printed_stereo import match_by_correlation, reconstruct_a
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews
 from tests.unit.vision.stereo.test_epipolar import project
-from tests.unit.vision.stereo_scene import BALL, CAMERA, blank_views, rendered_views, view_of
+from tests.unit.vision.stereo_scene import BALL, CAMERA, rendered_views
 
 MIDDLE = np.array([*BALL.centre_mm, BALL.radius_mm])
 
@@ -74,42 +74,6 @@ def test_exact_matches_give_p_zero_q_focal_times_baseline_and_points_on_the_ball
     assert (turned @ (MIDDLE - first.centre_mm))[2] > 0
 
 
-def test_cameras_of_different_focal_length_leave_p_at_zero():
-    longer = replace(CAMERA, fx=1.02 * CAMERA.fx, fy=1.02 * CAMERA.fy)
-    first, second = blank_views()
-    second = view_of(second.photo.pixels_bgr, (second.rotation, second.translation_mm), longer)
-    views = first, second
-    pair = rectify_by_poses(*views)
-    stereo = reconstructed((views, ball_matches(views), pair, ball_mask(first, pair)))
-    assert abs(stereo.depth.p_mm) < 0.1
-    assert np.isclose(stereo.depth.q_mm_px, CAMERA.fx * pair.baseline_mm, rtol=1e-3)
-    assert np.isnan(stereo.points_mm).all()  # blank photographs match nowhere
-    assert not stereo.surfaces[0].any()
-
-
-def test_another_draw_of_noisy_matches_gives_another_answer_and_the_same_seed_the_same(scene):
-    views, matches, pair, mask = scene
-    noise = np.random.default_rng(1).normal(0.0, 0.05, matches.second_px.shape)
-    noisy = views, replace(matches, second_px=matches.second_px + noise), pair, mask
-    one, same, other = (reconstructed(noisy, seed) for seed in (0, 0, 1))
-    assert one.depth == same.depth
-    assert one.depth != other.depth
-
-
-def test_lengths_of_the_board_scale_the_points(scene):
-    views, matches, pair, mask = scene
-    doubled = []
-    for view in views:
-        marker = view.required_marker
-        bigger = replace(marker, spec=replace(marker.spec, square_mm=2 * marker.spec.square_mm))
-        doubled.append(replace(view, marker=bigger, translation_mm=2 * view.translation_mm))
-    one = reconstructed(scene)
-    two = reconstructed((doubled, matches, pair, mask))
-    # A rounded place on the grid may go to the next pixel, so the middle of all is compared.
-    middles = [np.nanmedian(each.points_mm[each.masks[0]][:, 2]) for each in (one, two)]
-    assert np.isclose(middles[1], 2 * middles[0], rtol=5e-3)
-
-
 def test_draws_of_few_matches_with_an_epipole_in_the_photograph_or_swapped_depths_fail(scene, monkeypatch):
     views, matches, pair, mask = scene
     few = Matches(matches.first_px[:15], matches.second_px[:15], matches.is_board[:15], matches.is_food[:15])
@@ -150,15 +114,3 @@ def _slow_correlation(first, second, low, high, *, row, column):
         at = column + high - disparity
         scores[disparity] = np.corrcoef(window, second[rows, at - reach : at + reach + 1, 0].ravel())[0, 1]
     return max(scores, key=scores.get)
-
-
-def test_a_step_of_disparity_ends_a_surface():
-    disparity = np.full((20, 40), 5.0, np.float32)
-    disparity[:, 30:] = 9.0  # what lies behind, or a wrong match
-    disparity[:, 10] = np.nan
-    disparity[4, 10] = 5.5  # the only bridge
-    surface = printed_stereo._largest_surface(disparity, np.ones((20, 40), bool))
-    assert surface[:, :10].all()
-    assert surface[:, 11:30].all()
-    assert surface[4, 10]
-    assert not surface[:, 30:].any()

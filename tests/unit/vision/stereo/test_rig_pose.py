@@ -59,15 +59,6 @@ def test_without_matches_the_calibration_stands_with_its_doubt():
     assert volume_doubt(refined, CUBE_POINTS).sd > TURN_SD_RAD / disparity_rad
 
 
-def test_doubt_grows_as_the_baseline_shrinks():
-    doubts = []
-    for baseline_mm in (60.0, 12.0):
-        first, second = map(without_marker, blank_views(baseline_mm=baseline_mm))
-        _, matches = table_matches(first, second)
-        doubts.append(volume_doubt(refine_rig(first, second, matches), CUBE_POINTS).sd)
-    assert doubts[1] > 2 * doubts[0]
-
-
 def test_one_photograph_sent_twice_is_refused():
     left, right = rendered_views(None)
     failure = views_of_rig(PhotoPair(left.photo, left.photo), rig_of(left, right), np.random.default_rng(0))

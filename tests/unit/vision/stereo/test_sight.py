@@ -51,15 +51,6 @@ def test_parallax_is_what_lies_between_both_photographs_of_a_point():
         assert np.allclose(one, two)
 
 
-def test_drift_is_added_to_parallax_and_taken_off_depth():
-    plain, drifting = Sight(PAIR), Sight(PAIR, DRIFT)
-    pixels, parallax = plain.project(points())
-    same, more = drifting.project(points())
-    assert np.array_equal(pixels, same)
-    assert np.allclose(more - parallax, DRIFT[0] + DRIFT[1] * pixels[:, 0] + DRIFT[2] * pixels[:, 1])
-    assert np.allclose(drifting.depth_mm(pixels, more), plain.depth_mm(pixels, parallax))
-
-
 @pytest.mark.parametrize("view", [0, 1])
 def test_pixel_gradient_is_that_of_differences(view):
     sight, step = Sight(PAIR), 1e-3
