@@ -18,7 +18,7 @@ from app.vision.pipeline import estimate_meal
 from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.rigs import rig_of
-from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, blank_views, covered, on_plain_table
+from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, blank_views, covered
 
 STORED = {1: None, 3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}
 SIZES = ((CAMERA.width, CAMERA.height),) * 2
@@ -131,20 +131,6 @@ def test_poses_give_the_scale_where_the_marker_is_not_seen(views, by_exact_poses
     assert ball.volume_ml == pytest.approx(by_exact_poses.volume_ml, rel=0.03)  # the same scene with less to match
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("is_scaled", [True, False], ids=["by half too far apart", "of each other"])
-def test_left_photograph_with_the_marker_is_measured_where_poses_do_not_help(views, single, is_scaled):
-    photographs = [replace(views[0], photo=on_plain_table(views[0].photo)), covered(views[1])]
-    data = arkit_poses(*views) if is_scaled else arkit_poses(*views[::-1])
-    if is_scaled:
-        for pose in data["views"].values():
-            for row in pose[:3]:
-                row[3] *= 1.5  # by which all lengths are off: the table is not the marker's
-    ball = ball_of(measured(photographs, data, SPEC))
-    assert "single_view" in ball.flags
-    assert ball.volume_ml == single.items[0].volume_ml
-
-
 def test_poses_of_other_or_blank_photographs_and_poses_without_intrinsics_fail(views):
     other = blank_views(roll_deg=25.0)
     assert measured(views, arkit_poses(views[0], other[1])).failure.code == "poses_mismatch"
@@ -173,10 +159,3 @@ def test_poses_of_a_turned_sensor_are_turned_with_the_photograph(views, tmp_path
     answer = estimated_from_files(views, tmp_path, data, orientations, orientations)
     assert answer.failure is None
     assert max(item.volume_ml for item in answer.items) == pytest.approx(by_exact_poses.volume_ml, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_poses_of_a_turned_sensor_fail_where_the_file_lost_its_orientation(views, tmp_path):
-    """An app that turned the pixels itself: the axes are no longer those of the stored picture."""
-    answer = estimated_from_files(views, tmp_path, arkit_poses(*views, (6, 6)), (1, 1), (1, 1))
-    assert answer.failure.code in ("poses_mismatch", "table_not_found")

@@ -1,6 +1,4 @@
-import hashlib
-import subprocess
-import sys
+import pathlib
 
 import cv2
 import numpy as np
@@ -18,37 +16,30 @@ def parts(vector: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip([block.name for block in BLOCKS], np.split(vector, ends[:-1]), strict=True))
 
 
-def test_vector_is_made_up_of_its_blocks():
+def test_vectors_are_those_that_indexes_of_their_version_hold_on_any_number_of_threads():
+    """described.npy: of an outline and of a box. Other numbers need another VCM_VERSION, and the file made anew."""
     region = speckled_region()
     before = region.pixels_bgr.copy(), region.mask.copy()
-    vector = describe(region)
+    kept, threads = np.load(pathlib.Path(__file__).parent / "looks" / "described.npy"), cv2.getNumThreads()
+    made = []
+    try:
+        for count in (1, 3):
+            cv2.setNumThreads(count)
+            cv2.setRNGSeed(count * 77)
+            made.append(np.stack([describe(region), describe(region_of_box(speckled(), (30, 40, 90, 80)))]))
+    finally:
+        cv2.setNumThreads(threads)
+    assert np.array_equal(*made)
+    assert made[0] == pytest.approx(kept, abs=2e-3)
+    assert (kept.shape, made[0].dtype, VCM_VERSION) == ((2, LENGTH), np.float32, "1")
     assert np.array_equal(region.pixels_bgr, before[0])
     assert np.array_equal(region.mask, before[1])
-    assert (vector.shape, vector.dtype) == ((LENGTH,), np.float32)
-    assert len({block.name for block in BLOCKS}) == len(BLOCKS)
-    assert VCM_VERSION
-    for block, part in zip(BLOCKS, parts(vector).values(), strict=True):
-        if block.kind == "histogram":
-            assert ((part >= 0.0) & (part <= 1.0)).all()
-            count = round(float((part**2).sum()))
-            assert (part**2).sum() == pytest.approx(count, abs=1e-4)  # so many histograms, each of shares of 1
-            assert count >= 1
 
 
 def test_region_turned_looks_the_same_but_for_where_its_edges_are():
     straight, around = parts(describe(speckled_region())), parts(describe(turned(speckled_region())))
     for name in straight.keys() - TURNS_WITH_THE_FOOD:
         assert around[name] == pytest.approx(straight[name], abs=0.02), name
-
-
-def test_photograph_of_more_pixels_gives_nearly_the_same_vector():
-    small = speckled(grain_px=3.0)
-    large = cv2.resize(small, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
-    once = parts(describe(region_of_rings(small, [LOPSIDED])))
-    thrice = parts(describe(region_of_rings(large, [LOPSIDED * 3.0 + 1.0])))  # centres of pixels: 0 is at 1
-    for block in BLOCKS:
-        tolerance = 0.05 if block.kind == "histogram" else 0.05 * float(np.abs(once[block.name]).max()) + 0.1
-        assert thrice[block.name] == pytest.approx(once[block.name], abs=tolerance), block.name
 
 
 def test_ground_around_the_food_counts_for_nothing():
@@ -59,30 +50,6 @@ def test_ground_around_the_food_counts_for_nothing():
     for name, part in parts(describe(region)).items():
         if name not in TURNS_WITH_THE_FOOD:  # over the food's box, with its corners
             assert other[name] == pytest.approx(part, abs=0.02), name
-
-
-def test_same_region_gives_the_same_bytes_on_any_number_of_threads_and_in_another_process():
-    program = """
-import hashlib
-from tests.unit.vision.test_vcm_describe import described
-print(hashlib.sha256(described()).hexdigest())
-"""
-    first, threads = described(), cv2.getNumThreads()
-    try:
-        for count in (1, 3):
-            cv2.setNumThreads(count)
-            cv2.setRNGSeed(count * 77)
-            assert described() == first
-    finally:
-        cv2.setNumThreads(threads)
-    there = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert there.stdout.strip() == hashlib.sha256(first).hexdigest()
-
-
-def described() -> bytes:
-    """The vectors of an outline and of a box."""
-    boxed = region_of_box(speckled(), (30, 40, 90, 80))
-    return describe(speckled_region()).tobytes() + describe(boxed).tobytes()
 
 
 @pytest.mark.parametrize("colour", [(120, 120, 120), (0, 0, 255)])

@@ -14,7 +14,6 @@ from app.vision.model import MarkerObservation, Photo, PhotoPair
 from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import (
     PHONE,
-    Pose,
     corner_points,
     look_at,
     noise_texture,
@@ -97,13 +96,6 @@ def test_corners_are_where_they_are_under_difficulties(marker, camera, pose, ren
     assert rms(seen.corners_px, project(camera, pose, corner_points(spec))) < rms_px
 
 
-def test_ambiguous_board_is_never_mirrored():
-    pose = look_at(50, 20, roll_deg=70)
-    truth = project(PHONE, pose, corner_points(PLAIN))
-    corners = observe(render_board(PLAIN, PHONE, pose), PLAIN).corners_px
-    assert min(rms(corners, truth), rms(corners, truth[::-1])) < CORNER_RMS_PX["plain"]
-
-
 @pytest.mark.parametrize(
     ("marker", "ways"), [("plain:9x7:11", 2), ("plain:10x7:11", 1), ("plain:8x8:11", 2), ("plain:7x7:11", 4)]
 )
@@ -120,20 +112,15 @@ ABOVE = look_at(88, -97)
 @pytest.mark.parametrize(
     ("marker", "poses", "textures"),
     [
-        ("plain:9x7:11", (look_at(50, -97), look_at(47, -83, roll_deg=90)), (5, 5)),
         ("plain:9x7:11", (look_at(50, -97), look_at(47, -83, roll_deg=180)), (5, 5)),
         ("plain:7x7:12", (look_at(50, -97), look_at(47, -83, roll_deg=-90)), (5, 5)),
-        ("plain:9x7:11", (ABOVE, look_at(86, 60)), (6, 6)),
         ("plain:9x7:11", (ABOVE, look_at(86, 60, roll_deg=90)), (6, 6)),
         ("plain:9x7:11", (ABOVE, look_at(87, -85, roll_deg=10)), (None, None)),
     ],
-    ids=["quarter", "half", "square board", "above", "above, quarter", "above a bare table, by the smaller roll"],
+    ids=["half", "square board", "above, quarter", "above a bare table, by the smaller roll"],
 )
 def test_views_agree_whichever_way_the_phone_is_rolled(marker, poses, textures):
-    assert_agree(parse_marker(marker), poses, textures)
-
-
-def assert_agree(spec: MarkerSpec, poses: tuple[Pose, Pose], textures: tuple[int | None, int | None]) -> None:
+    spec = parse_marker(marker)
     tables = [None if seed is None else noise_texture(seed) for seed in textures]
     photos = [render_board(spec, PHONE, pose, table=table) for pose, table in zip(poses, tables, strict=True)]
     seen = [observe(photo, spec) for photo in photos]

@@ -61,6 +61,7 @@ def test_known_rig_comes_back_and_its_file_reads_as_it_was_written(pairs):
     assert rig_from_mapping(rig_to_json(result.rig)) == result.rig
 
 
+@pytest.mark.slow
 def test_pairs_of_two_moments_or_seen_by_one_camera_are_left_out(pairs):
     moved = right_pose(
         look_at(*SLANTS[2][:2], 330.0, SLANTS[2][2], target_mm=(*AIMS[2], 0)),
@@ -77,6 +78,7 @@ def test_pairs_of_two_moments_or_seen_by_one_camera_are_left_out(pairs):
     assert rejected[7].message.startswith("The right photograph:")
 
 
+@pytest.mark.slow
 def test_cameras_that_are_not_fixed_to_each_other_are_no_rig(pairs):
     """The same photographs, each with another one's partner: each camera is calibrated, and no pose fits."""
     left, right = ([pair[side] for pair in pairs] for side in (0, 1))

@@ -93,9 +93,8 @@ def test_tags_and_points_lie_where_opencv_prints_them(spec, is_legacy):
 
 
 @BOTH
-@pytest.mark.parametrize("roll_deg", [0.0, 130.0])
-def test_whole_board_is_found_and_tells_the_pose(spec, roll_deg):
-    pose = look_at(elevation_deg=55.0, azimuth_deg=-70.0, distance_mm=320.0, roll_deg=roll_deg)
+def test_whole_board_is_found_and_tells_the_pose(spec):
+    pose = look_at(elevation_deg=55.0, azimuth_deg=-70.0, distance_mm=320.0, roll_deg=130.0)
     seen = observe(photograph(spec, pose), spec)
     truth = project(PHONE, pose, points_table(spec))
     assert seen.point_ids is not None
@@ -175,16 +174,6 @@ def test_photograph_without_a_board_has_none_and_a_dark_one_is_told_as_dark(spec
     assert refusal(Photo(pixels), spec).code == "marker_not_found"
     dark = photograph(spec, SLANTED, light=(0.003, 0.003, 0.003), noise=0.5)
     assert refusal(dark, spec).code == "image_too_dark"
-
-
-def test_points_that_two_observations_share_are_matched_by_their_ids():
-    spec = ARUCO
-    first = MarkerObservation(spec, np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]), np.array([0, 4, 9]))
-    second = MarkerObservation(spec, np.array([[40.0, 4.0], [90.0, 9.0], [95.0, 9.0]]), np.array([4, 9, 11]))
-    common = common_points(first, second)
-    assert common.first_px.tolist() == [[2.0, 2.0], [3.0, 3.0]]
-    assert common.second_px.tolist() == [[40.0, 4.0], [90.0, 9.0]]
-    assert common.of(print_points_mm(spec)).tolist() == print_points_mm(spec)[[4, 9]].tolist()
 
 
 @BOTH

@@ -86,22 +86,18 @@ def _level(radius: float, height: float, sd: float = 0.5) -> Level:
     return Level(height, radius, (sd, sd))
 
 
-def test_rim_and_level_of_drawn_mug_are_measured() -> None:
-    (vessel,) = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0))
+def test_drawn_mug_is_measured_and_recognised_in_the_library_and_filled_to_its_level() -> None:
+    model = VesselModel("blue mug", "mug", 78.0, 85.0, None, ((39.0, 5.0), (39.0, 85.0)))
+    (vessel,) = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0), (model,))
+    assert vessel.flags == ("vessel_library",)
     assert not vessel.level.is_in_glass
     # The circle may lie on either edge of the 3 mm wide rim; a pixel spans 0.6 mm, and 1.3 mm of height.
     assert 38.0 < vessel.rim.radius_mm < 43.0
     assert vessel.rim.height_mm == pytest.approx(85.0, abs=2.5)
     assert vessel.level.height_mm == pytest.approx(65.0, abs=1.5)
     assert vessel.level.radius_mm == pytest.approx(39.0, abs=1.5)
-
-
-def test_library_mug_is_recognised_and_filled_to_its_level() -> None:
-    model = VesselModel("blue mug", "mug", 78.0, 85.0, None, ((39.0, 5.0), (39.0, 85.0)))
-    vessels = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0), (model,))
-    assert [vessel.flags for vessel in vessels] == [("vessel_library",)]
     truth = np.pi * 39.0**2 * 60.0 / 1000
-    assert vessels[0].liquid.volume_ml == pytest.approx(truth, rel=0.05)  # 3 mm of level at most
+    assert vessel.liquid.volume_ml == pytest.approx(truth, rel=0.05)  # 3 mm of level at most
     assert recognise(_rim(40.0, 90.0), 0.0, (VesselModel("tall", "glass", 78.0, 140.0, 500.0),)) is None
 
 
