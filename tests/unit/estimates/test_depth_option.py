@@ -10,7 +10,7 @@ from app.core.errors import InvalidInputError
 from app.estimates.estimate_files import estimate_files, read_options
 from app.estimates.read_photographs import DepthFiles
 from app.estimates.run_estimate import run_estimate
-from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, rendered_views
+from tests.unit.vision.stereo_scene import BALL, SPEC, rendered_views
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +38,6 @@ def estimated(files, depths, camera="depth.json", confidences=()):
         depth_camera=depth_camera,
         confidences=confidences,
     )
-
-
-@pytest.mark.slow
-def test_one_photograph_is_measured(files):
-    answer = estimated(files, [])
-    assert answer["camera"]["width"] == CAMERA.width
-    assert answer["camera_right"] is None
-    assert answer["failure"] is None or answer["failure"]["code"] == "no_food_found"
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,6 @@ from functools import partial
 import pytest
 import uvicorn
 
-from app.cli.serving import server_config
-from app.core.settings import Settings
 from app.http.connection_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
@@ -117,16 +115,6 @@ def test_upload_under_way_comes_to_its_end_and_its_connection_too(start):
     assert server.has_ended
 
 
-def test_connection_between_two_requests_is_closed_at_once(start):
-    server = start(20)
-    connection = server.connect()
-    connection.sendall(HEAD + HALF + HALF)
-    assert connection.recv(65536).startswith(b"HTTP/1.1 200")
-    server.stop()
-    assert read_all(connection).count(b"HTTP/1.1") == 0
-    assert server.has_ended
-
-
 def test_upload_that_does_not_end_in_time_is_told_to_come_again(start):
     server = start(1)
     connection = server.connect()
@@ -138,7 +126,3 @@ def test_upload_that_does_not_end_in_time_is_told_to_come_again(start):
     told = json.loads(body)
     assert (told["code"], told["retryable"]) == ("server_stops", True)
     assert server.has_ended
-
-
-def test_setting_says_how_long():
-    assert server_config(Settings(stop_seconds=7), count_body).timeout_graceful_shutdown == 7

@@ -140,14 +140,6 @@ def counts(kept: list[Example]) -> dict[str, int]:
     return {key: sum(one.food_key == key for one in kept) for key in {one.food_key for one in kept}}
 
 
-def test_few_examples_are_all_kept_in_their_order_and_of_many_the_newest():
-    examples = [example("a", 0), example("b", 0, is_own=False), example("a", 1)]
-    assert newest_of_each(examples, 3) == examples
-    assert newest_of_each([], 3) == []
-    many = [example("a", number) for number in range(100)]
-    assert newest_of_each(many, 10) == many[-10:]
-
-
 def test_each_food_has_as_many_as_any_other_and_more_foods_than_room_keep_the_newest():
     examples = [example("a", number) for number in range(100)] + [example("b", number) for number in range(50)]
     examples += [example("c", number) for number in range(3)]

@@ -15,10 +15,8 @@ STARTER = {food.key: food for food in load_starter_table().foods}
     [
         ('PIZZA HUT 14" Cheese Pizza, Pan Crust', "Fast Foods", "pizza-cheese"),
         ("Fast foods, cheeseburger; double, regular patty, plain", "Fast Foods", "cheeseburger"),
-        ("Rolls, hamburger, whole grain white", "Baked Products", "hamburger-bun"),
         ("Pie, blueberry, commercially prepared", "Baked Products", "pie-apple"),
         ("Bread, white, commercially prepared (includes soft bread crumbs)", "Baked Products", "bread-white"),
-        ("Cookies, molasses", "Baked Products", "cookie-oatmeal"),
         ("TACO BELL, Bean Burrito", "Fast Foods", "burrito-bean-cheese"),
     ],
 )
@@ -33,11 +31,9 @@ def test_kind_that_the_name_tells_weighs_as_the_starters_foods_of_it(name, group
     ("name", "group", "form"),
     [
         ("Turkey roll, light meat", "Poultry Products", "slab"),
-        ("Taco, as a heap", "Fast Foods", "heap"),
         ("Bread crumbs, dry, grated, plain", "Baked Products", "slab"),
         ("Cake, yellow, dry mix", "Baked Products", "slab"),
         ("Egg rolls, chicken, refrigerated, heated", "Meals, Entrees, and Side Dishes", "slab"),
-        ("Pizza drink", "Fast Foods", "liquid"),
         ("TACO BELL, Taco Salad", "Fast Foods", "heap"),
     ],
 )
@@ -49,10 +45,8 @@ def test_what_is_no_piece_of_a_kind_has_no_density_of_it(name, group, form):
     ("name", "form", "like"),
     [
         ("BURGER KING, french fries", "heap", "french-fries"),
-        ("McDONALD'S, Chicken McNUGGETS", "heap", "chicken-nuggets"),
         ("BURGER KING, WHOPPER, no cheese", "slab", "cheeseburger"),
         ("SUBWAY, tuna sub on white bread with lettuce and tomato", "slab", "sub-tuna"),
-        ("Restaurant, family style, sirloin steak", "slab", "beef-steak"),
     ],
 )
 def test_fast_food_lies_as_what_it_is_and_weighs_like_the_starters(name, form, like):

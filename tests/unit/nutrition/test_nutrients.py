@@ -89,3 +89,15 @@ def test_total_of_nothing_is_empty_and_of_unknown_masses_alone_unknown_and_not_z
     portions = [Portion("soup", {ENERGY: 40.0}, None, "a")]
     assert dict(total_nutrients(portions)) == {}
     assert total_mass(portions) == MassTotal(None, 1)
+
+
+def test_portion_of_unknown_mass_is_left_out_and_the_total_says_so():
+    apple = make_food("apple", per_100_g={"ENERC_KCAL": 52.0})
+    soup = make_food("soup", per_100_g={"ENERC_KCAL": 40.0, "FAT": 1.0})
+    portions = [portion(apple, 100.0), Portion(soup.key, soup.per_100_g, None, "a")]
+    totals = total_nutrients(portions)
+    assert totals[ENERGY].amount.value == pytest.approx(52.0)
+    assert totals[ENERGY].coverage is None
+    assert FAT not in totals
+    assert total_mass(portions).edible_g.value == pytest.approx(100.0)
+    assert total_mass(portions).unmeasured == 1

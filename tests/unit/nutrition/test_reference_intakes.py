@@ -67,24 +67,14 @@ def test_what_the_tables_have_no_column_for_is_refused(arguments, words):
 # stage, component: EAR, RDA, AI, UL as published, in the component's unit
 PUBLISHED = {
     ("female_31_50", "303"): (8.1, 18, None, 45),
-    ("male_19_30", "303"): (6, 8, None, 45),
     ("pregnant_19_30", "303"): (22, 27, None, 45),
-    ("infant_7_12_months", "303"): (6.9, 11, None, 40),
     ("infant_0_6_months", "303"): (None, None, 0.27, 40),
-    ("male_over_70", "301"): (1000, 1200, None, 2000),
     ("infant_7_12_months", "328"): (None, None, 10, 38),
-    ("male_19_30", "401"): (75, 90, None, 2000),
     ("female_19_30", "320"): (500, 700, None, 3000),
-    ("male_51_70", "415"): (1.4, 1.7, None, 100),
     ("pregnant_14_18", "435"): (520, 600, None, 800),
     ("child_4_8", "312"): (0.34, 0.44, None, 3),
-    ("male_14_18", "309"): (8.5, 11, None, 34),
     ("female_over_70", "305"): (580, 700, None, 3000),
-    ("female_9_13", "317"): (35, 40, None, 280),
-    ("female_19_30", "306"): (None, None, 2600, None),
     ("male_19_30", "315"): (None, None, 2.3, 11),
-    ("female_19_30", "430"): (None, None, 90, None),
-    ("male_51_70", "291"): (None, None, 30, None),
     ("pregnant_19_30", "205"): (135, 175, None, None),
     ("male_19_30", "255"): (None, None, 3700, None),
     ("infant_0_6_months", "204"): (None, None, 31, None),
@@ -98,12 +88,6 @@ def test_figures_are_the_published_ones(stage, number):
     assert (intake.ear, intake.rda, intake.ai, intake.ul) == PUBLISHED[stage, number]
 
 
-def test_protein_is_given_a_day_at_the_reference_weight_and_a_kilogram():
-    daily, by_weight = intake_of(LifeStage.MALE_19_30, "203"), intake_of(LifeStage.MALE_19_30, "203", "kg_day")
-    assert (daily.ear, daily.rda) == (None, 56)
-    assert (by_weight.ear, by_weight.rda) == (0.66, 0.8)
-
-
 # Reference weights of IOM 2002/2005, kg. Girls of 9 to 13 (37 kg) are published at 34 g, one below the product.
 @pytest.mark.parametrize(
     ("stage", "reference_kg"),
@@ -112,6 +96,7 @@ def test_protein_is_given_a_day_at_the_reference_weight_and_a_kilogram():
 )  # fmt: skip
 def test_protein_a_day_is_protein_a_kilogram_times_the_reference_weight(stage, reference_kg):
     by_weight = intake_of(LifeStage(stage), "203", "kg_day")
+    assert intake_of(LifeStage(stage), "203").ear is None
     assert intake_of(LifeStage(stage), "203").rda == pytest.approx(by_weight.rda * reference_kg, abs=0.5)
 
 
@@ -171,12 +156,3 @@ def test_distribution_ranges_follow_age(age_years, fat, protein):
     assert (ranges["204"], ranges["203"], ranges["205"]) == (fat, protein, (45, 65))
     assert (ranges["675"], ranges["851"]) == ((5, 10), (0.6, 1.2))
     assert distribution_ranges(0.99) == ()  # infants have none
-
-
-def test_every_stage_is_named_as_a_person_says_it():
-    told = [stage.in_words for stage in LifeStage]
-    assert told[:4] == ["infant, 0 to 6 months", "infant, 7 to 12 months", "child, 1 to 3", "child, 4 to 8"]
-    assert LifeStage.MALE_19_30.in_words == "male, 19 to 30"
-    assert LifeStage.FEMALE_OVER_70.in_words == "female, over 70"
-    assert LifeStage.PREGNANT_14_18.in_words == "pregnant, 14 to 18"
-    assert len(set(told)) == len(LifeStage)

@@ -43,3 +43,10 @@ def test_reviewed_class_is_kept_and_refuse_of_all_pieces_together_is_no_more_tha
     for label in ("food_left", "refuse"):
         assert classes(150, 50, reviewed=[label]) == [(label, None)]
     assert classify_left(None, [mass(50)], [None]) == [FOOD]  # the item's own amount is unknown
+
+
+def test_larger_doubt_classifies_larger_pieces_as_refuse():
+    sure, unsure = Doubt(item=0.01), Doubt(item=0.3)
+    served, piece = mass(150, doubt=sure), mass(60, doubt=sure)
+    assert classify_left(served, [piece], [None])[0][0] == "food_left"
+    assert classify_left(mass(150, doubt=unsure), [mass(60, doubt=unsure)], [None])[0][0] == "refuse"

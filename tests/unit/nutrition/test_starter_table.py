@@ -1,18 +1,14 @@
 """The starter table as it ships."""
 
 from collections import Counter, defaultdict
-from importlib import resources
 
 import pytest
 
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
-from app.nutrition.foods import load_starter_table, parse_table
+from app.nutrition.foods import load_starter_table
 from app.nutrition.search import Candidate, Query, QueryWord, label_key, rank
 from app.nutrition.words import split_words, word_forms
-
-STARTER = resources.files("app.nutrition") / "starter"
-COMPACT_BYTES = 620_000  # of the two built files
 
 # English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta,
 # cream and whipped cream, chocolate in chips and as a bar.
@@ -128,15 +124,3 @@ def test_the_papers_fruit_have_its_slice_forms_and_pineapples_refuse_is_stored_b
     parts = {part.part: part.percent for part in load_starter_table().food("pineapple").refuse}
     assert set(parts) == {"core", "crown", "parings"}
     assert sum(parts.values()) == pytest.approx(49.0, abs=0.02)
-
-
-def test_release_names_itself_is_compact_and_a_changed_file_changes_its_checksum():
-    table = load_starter_table()
-    assert (table.name, table.version) == ("tada-starter", "2")
-    assert len(table.checksum) == 64
-    assert sum(len((STARTER / name).read_bytes()) for name in ("foods.json", "nutrients.csv")) < COMPACT_BYTES
-    foods_json = (STARTER / "foods.json").read_bytes()
-    nutrients_csv = (STARTER / "nutrients.csv").read_bytes()
-    assert parse_table(foods_json + b"\n", nutrients_csv).checksum != load_starter_table().checksum
-    with pytest.raises(KeyError):
-        load_starter_table().food("unicorn")

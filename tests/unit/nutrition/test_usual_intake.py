@@ -10,6 +10,7 @@ from app.nutrition.intakes.usual_intake import (
     NotJudged,
     PersonSums,
     UsualIntakes,
+    choose_scale,
     drawn_shares,
     judge_group,
     usual_amounts,
@@ -66,6 +67,13 @@ def test_balanced_variances_equal_those_of_the_textbook_and_recover_the_known_on
     assert math.sqrt(found.between) == pytest.approx(15.0, rel=0.08)
 
 
+def test_days_with_nothing_of_it_have_no_logarithm():
+    rng = np.random.default_rng(9)
+    assert choose_scale(np.array([0.0, *rng.lognormal(0.0, 1.0, 50)])) != "logarithm"
+    assert choose_scale(rng.lognormal(0.0, 1.0, 500)) == "logarithm"
+    assert choose_scale(rng.normal(100.0, 10.0, 500)) != "logarithm"
+
+
 @pytest.mark.parametrize(
     ("days", "reason"),
     [
@@ -102,12 +110,11 @@ def one_by_one(scale, sums, ear, rng):
     return shares
 
 
-@pytest.mark.parametrize("persons", [11, 100])
+@pytest.mark.parametrize(("persons", "within"), [(11, 2.0), (100, 0.2)])
 @pytest.mark.parametrize(
     ("scale", "power"),
     [("as_is", 1), ("square_root", 2), ("cube_root", 3), ("fourth_root", 4), ("logarithm", None)],
 )
-@pytest.mark.parametrize("within", [0.0, 0.2, 2.0])
 def test_draws_have_the_shares_of_their_persons_amounts(scale, power, within, persons):
     """On each scale; with days that scatter not at all, less than persons, and so much that some draws tell nothing."""
     rng = np.random.default_rng(persons)

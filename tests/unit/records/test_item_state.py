@@ -395,26 +395,3 @@ def test_fold_says_what_a_slow_fold_by_definition_says(steps):
             "food": state.food_assignment.food_id if state.food_assignment else None,
             "amount": known,
         }
-
-
-@given(STEPS)
-def test_no_item_stands_beside_what_it_was_made_from_and_all_undone_is_as_the_pipeline_found_it(steps):
-    parts = told([step for step in steps if step[0] != "undo"])
-    events = {event.id: event for event in parts.events}
-    standing = {state.item.id for state in fold_meal(parts).items if state.stands}
-    sources = {item.id: SlowFold(parts).of_event(events[item.event_id]) for item in parts.items if item.event_id}
-
-    def ancestors(item_id):
-        for source in sources.get(item_id, ()):
-            yield source
-            yield from ancestors(source)
-
-    assert not any(standing & set(ancestors(item_id)) for item_id in standing)
-    for event in events.values():
-        undo = History().undo(event, "reviewer")
-        undo.sequence = 1000 + event.sequence
-        parts.events.append(undo)
-    states = [state for state in fold_meal(parts).items if state.stands]
-    for state, before in zip(states, fold_meal(told([])).items, strict=True):
-        assert (state.decision, state.share, state.amount, state.flags) == (None, 1.0, before.amount, ())
-        assert state.food_assignment.food_id == 1

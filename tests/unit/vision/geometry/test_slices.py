@@ -1,6 +1,6 @@
 import numpy as np
 
-from app.vision.geometry.slices import carve, cut_slices, section_of, slice_thickness_mm
+from app.vision.geometry.slices import carve, cut_slices, slice_thickness_mm
 from app.vision.geometry.symmetry import SymmetryAxis
 from tests.unit.vision.clouds import PLACE_MM
 
@@ -36,12 +36,6 @@ def test_ellipse_slices_have_its_axes_and_heading():
     assert abs(long / 48.0 - 1) < 0.02
     assert abs(short / 30.0 - 1) < 0.02
     assert abs(np.sin(slices[5].heading)) < 0.03
-
-
-def test_gaps_of_the_outline_are_bridged_and_the_inside_is_filled():
-    ring = ellipse(25.0, 25.0)(np.radians([0, 40, 90, 130, 180, 230, 270, 320])) + PLACE_MM[:2]
-    picture, _, cell = section_of(ring, ROUND)
-    assert abs(np.count_nonzero(picture) * cell**2 / (np.pi * 625) - 1) < 0.1
 
 
 def test_short_arc_is_scaled_from_the_common_shape():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.geometry.symmetry import complete, fit_axis, main_body, outline, slice_index
+from app.vision.geometry.symmetry import complete, fit_axis
 from tests.unit.vision.clouds import PLACE_MM, box, ellipsoid
 
 THICKNESS_MM = 2.0
@@ -39,23 +39,3 @@ def test_completion_of_a_box_fills_its_far_corner():
     far_completed = -(low_completed[:, :2] - PLACE_MM[:2]) @ cloud.towards_camera
     assert far.max() < 25.0
     assert far_completed.max() > 0.9 * (30.0 * np.sin(0.4) + 20.0 * np.cos(0.4))
-
-
-def test_hollow_on_the_far_side_is_no_outline():
-    angle = np.random.default_rng(0).uniform(0, 2 * np.pi, 4000)
-    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4000)])
-    lip, hollow = ring * 20.0 + np.array([0, 0, 63.0]), ring * 8.0 + np.array([0, 0, 61.0])
-    points = np.concatenate([lip, hollow])
-    towards_camera = np.array([0.0, -1.0])
-    chosen = points[outline(points, THICKNESS_MM, np.zeros(2), towards_camera)]
-    low = chosen[slice_index(chosen[:, 2], THICKNESS_MM) == 30]
-    assert len(low) == 24  # the near side could be an overhang
-    assert (low[:, 1] < 0).all()
-
-
-def test_strays_do_not_belong_to_the_body():
-    cloud = ellipsoid(35.0, 35.0, 35.0)
-    strays = PLACE_MM + np.array([150.0, 0.0, 5.0]) + np.random.default_rng(0).normal(0, 3, (50, 3))
-    body = main_body(np.concatenate([cloud.points_mm, strays]))
-    assert body[:, 0].max() < PLACE_MM[0] + 40.0
-    assert len(body) > 0.95 * len(cloud.points_mm)
