@@ -92,9 +92,7 @@ def flat(tmp_path):
     [
         ("boxes.csv", "photo,x,y,width,height\nnone.jpg,1,1,1,1\n", "none.jpg"),
         ("boxes.csv", "photo,x,y,width,height\nidli/0.png,1,1,wide,1\n", "wide"),
-        ("boxes.csv", "photo,x,y,width,height\nidli/0.png,900,900,20,20\n", "outside"),
         ("volumes.csv", "label,volume_ml\npizza,10\n", "pizza"),
-        ("volumes.csv", "label,volume_ml\nidli,nan\n", "nan"),
         ("foods.csv", "label,name,food_key\nidli,a,same\ndosa,b,same\n", "twice"),
         ("foods.csv", "label,name,food_key\nidli,a,dosa\n", "dosa"),
         ("idli/broken.jpg", "no picture", "broken.jpg"),

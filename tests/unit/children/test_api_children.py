@@ -5,8 +5,7 @@ import uuid
 
 import pytest
 
-from app.children import api_children
-from app.children.api_children import WAITING_A_CHILD, ApiChildren, PhotographError, Whose
+from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
@@ -70,12 +69,6 @@ def test_bad_end_is_an_error_of_the_request_and_the_next_one_is_answered(
     assert describe(children, "next") == "next"
 
 
-def test_photograph_that_takes_too_much_processor_time_is_told_to_be_at_fault(children, monkeypatch):
-    monkeypatch.setattr(api_children, "PATIENCE", 60.0)  # whatever else the machine has to do
-    with pytest.raises(PhotographError):
-        children.run("spin", {}, seconds=1, whose=somebody())
-
-
 def test_request_that_waits_too_long_is_told_to_come_back(children, tmp_path):
     busy = Holder(children, tmp_path)
     with pytest.raises(UnavailableError) as caught:
@@ -83,30 +76,6 @@ def test_request_that_waits_too_long_is_told_to_come_back(children, tmp_path):
     assert (caught.value.code, caught.value.retryable) == ("server_busy", True)
     busy.let_go()
     assert describe(children, "next") == "next"
-
-
-def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_path):
-    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS, wait_seconds=PATIENCE_SECONDS)
-    try:
-        refused = []
-
-        def ask():
-            try:
-                describe(children, "one")
-            except UnavailableError:
-                refused.append(1)
-
-        holder = Holder(children, tmp_path)
-        crowd = [threading.Thread(target=ask) for _ in range(WAITING_A_CHILD + 3)]
-        for one in crowd:
-            one.start()
-        wait_until(lambda: sum(not one.is_alive() for one in crowd) == 3, "three to be turned away")
-        holder.let_go()
-        for one in crowd:
-            one.join()
-        assert len(refused) == 3
-    finally:
-        children.close()
 
 
 def test_photograph_that_broke_a_child_is_refused_without_another(children):

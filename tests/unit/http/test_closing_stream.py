@@ -7,7 +7,7 @@ import pytest
 
 from app.http.closing_stream import ClosingStream
 from tests.support.waiting import PATIENCE_SECONDS
-from tests.unit.http.watched_server import watched_server
+from tests.unit.http.watched_server import port_of, watched_server
 
 
 class Source:
@@ -80,7 +80,8 @@ def read_all(port, request):
 
 
 def test_answer_to_http_1_0_that_breaks_off_is_no_whole_one():
-    with watched_server(app) as port:
+    with watched_server(app) as server:
+        port = port_of(server)
         assert read_all(port, b"GET /whole HTTP/1.0\r\n\r\n").endswith(b"row 1\nrow 2\n")
         with pytest.raises(ConnectionResetError):
             read_all(port, b"GET /broken HTTP/1.0\r\n\r\n")

@@ -113,14 +113,3 @@ def test_density_is_of_a_piece_of_known_size_of_a_relative_of_crumb_and_filling_
     jello = load_starter_table().food("jello")  # 270 g in a cup would be 1.14 g/ml, which no jelly is
     assert "1" not in {portion.sequence for portion in jello.portions}
     assert {density.basis for density in jello.densities} == {"composition"}
-
-
-def test_the_papers_fruit_have_its_slice_forms_and_pineapples_refuse_is_stored_by_part():
-    table = load_starter_table()
-    assert {key: table.food(key).slice_form for key in ("apple", "orange", "pear")} == dict.fromkeys(
-        ("apple", "orange", "pear"), "circle"
-    )
-    assert {table.food(key).slice_form for key in ("pineapple", "banana", "kiwifruit")} == {"ellipse"}
-    parts = {part.part: part.percent for part in load_starter_table().food("pineapple").refuse}
-    assert set(parts) == {"core", "crown", "parings"}
-    assert sum(parts.values()) == pytest.approx(49.0, abs=0.02)

@@ -128,23 +128,13 @@ NONSENSE = {
 }
 
 
-def test_nonsense_in_exif_is_passed_over_and_random_bytes_never_raise(picture):
+def test_nonsense_in_exif_is_passed_over(picture):
     for tag, values in NONSENSE.items():
         for value in values:
             exif = Image.Exif()
             exif.get_ifd(0x8769).update({37386: 4.0, 41486: 5000.0, tag: value})
             photo = read(encoded(picture, "JPEG", exif=exif))
             assert photo.focal_35mm is None or np.isfinite(photo.focal_35mm)
-    exif = Image.Exif()
-    exif[271], exif[274] = "Maker", 6
-    exif.get_ifd(0x8769)[41989] = 27
-    good = exif.tobytes()
-    rng = np.random.default_rng(1)
-    for _ in range(100):
-        bad = bytearray(good)
-        for at in rng.integers(6, len(bad), 6):
-            bad[at] = rng.integers(256)
-        assert isinstance(read_photo(encoded(picture, "JPEG", exif=bytes(bad)), max_pixels=MAX_PIXELS), Photo)
 
 
 @pytest.mark.parametrize("data", [b"", b"GIF89a" + b"\0" * 100, b"hello", b"\0\0\0\x18ftypisom" + b"\0" * 50])

@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
-from app.vision.board.pose import project
 from app.vision.model import DepthMap, EstimateOptions, PhotoPair
 from app.vision.pipeline import MARKER_UNSEEN, estimate_meal
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, covered, on_plain_table, true_depth
@@ -80,24 +78,6 @@ def test_map_that_contradicts_the_marker_is_left_out_with_a_flag(pair_with_map, 
     without_map = estimate_meal(scaled(pair_with_map, 1.3), OPTIONS)
     assert without_map.items[0].volume_ml == estimate.items[0].volume_ml
     assert without_map.items[0].flags == (*estimate.items[0].flags, "depth_ignored")
-
-
-def without_all_but_the_sheet(photo, view):
-    """The photograph with a plain grey in the place of table and ball."""
-    half = (np.array([SPEC.columns, SPEC.rows]) / 2 + 1) * SPEC.square_mm
-    sheet = np.column_stack([np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half, np.zeros(4)])
-    corners = project(CAMERA, sheet, np.append(cv2.Rodrigues(view.rotation)[0], view.translation_mm))
-    kept = cv2.fillConvexPoly(np.zeros(photo.pixels_bgr.shape[:2], np.uint8), np.rint(corners).astype(np.int32), 1)
-    return replace(photo, pixels_bgr=np.where(kept[..., None] > 0, photo.pixels_bgr, 120).astype(np.uint8))
-
-
-@pytest.mark.slow
-def test_left_photograph_with_a_depth_map_is_measured_where_the_pair_fails(photo, views, by_marker):
-    failing = PhotoPair(photo, without_all_but_the_sheet(views[1].photo, views[1]))
-    assert estimate_meal(replace(failing, left=replace(photo, depth=None)), OPTIONS).failure is not None
-    [item] = estimate_meal(failing, OPTIONS).items
-    assert item.volume_ml == by_marker.items[0].volume_ml
-    assert "single_view" in item.flags
 
 
 def as_of_two_cameras(photo, scale=0.62, offset=-0.4e-3):

@@ -35,16 +35,6 @@ def test_ball_of_one_photograph_has_its_volume_within_a_wide_interval(single):
     assert {"overlay.jpg", "scene.json"} <= {each.name for each in single.artefacts}
 
 
-@pytest.mark.slow
-def test_candidates_of_an_index_say_which_form_a_single_view_shows(pair, single):
-    as_ball, as_heap = (
-        measured(pair, forms_by_looks=lambda _, form=form: {form: 0.95})[0] for form in ("whole", "heap")
-    )
-    assert as_ball.volume_ml == pytest.approx(BALL.volume_ml, rel=0.1)
-    assert as_heap.volume_ml < single.items[0].volume_ml < as_ball.volume_ml
-    assert as_ball.relative_sd["item"] < single.items[0].relative_sd["item"]
-
-
 def hint_of(single, **facts):
     """A hint in the middle of the ball."""
     [ring] = single.items[0].rings

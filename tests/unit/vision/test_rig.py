@@ -48,17 +48,13 @@ def test_rotation_is_made_orthonormal_from_its_digits():
     ("data", "code", "word"),
     [
         ([], "rig_invalid", "object"),
-        ({"left": LENS, "right": LENS}, "rig_invalid", "lacks R, t_mm"),
         (changed(left=3), "rig_invalid", "left must be an object"),
         (changed(left={"fx": 1}), "camera_invalid", "lacks"),
         (changed(R=[[1, 0, 0], [0, 1, 0]]), "rig_invalid", "three rows"),
         (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "rig_invalid", "no rotation"),
-        (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]), "rig_invalid", "no rotation"),
         (changed(R=[[1, 0, 0], [0, 1, 0], [0, 0, "1"]]), "rig_invalid", "numbers"),
         (changed(t_mm=[-60.0, 0.0]), "rig_invalid", "3 numbers"),
-        (changed(t_mm=[float("nan"), 0.0, 0.0]), "rig_invalid", "numbers"),
         (changed(t_mm=[-0.06, 0.0, 0.0]), "rig_invalid", "millimetres"),
-        (changed(t_mm=[-5000.0, 0.0, 0.0]), "rig_invalid", "millimetres"),
     ],
 )
 def test_file_that_is_no_rig_is_refused_with_the_reason(data, code, word):

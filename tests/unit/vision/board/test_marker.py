@@ -177,14 +177,6 @@ def test_another_board_than_announced_is_a_mismatch_told_with_its_size(printed, 
         assert ("inner corners" in failure.message) == (printed in failure.advice) == ("6x9" in announced)
 
 
-def test_colour_board_in_dim_or_warm_light_is_found():
-    table = noise_texture(9)
-    assert find_marker(render_board(COLOUR, PHONE, look_at(), exposure=0.08, noise=2.5, table=table), COLOUR)
-    photo = render_board(COLOUR, PHONE, look_at(), table=table)
-    warm = (photo.pixels_bgr * np.array([0.6, 0.85, 1.0])).astype(np.uint8)
-    assert find_marker(replace(photo, pixels_bgr=warm), COLOUR)
-
-
 @pytest.mark.slow
 def test_every_photograph_of_a_real_board_is_found(shared_data):
     spec = parse_marker("plain:10x7:25")

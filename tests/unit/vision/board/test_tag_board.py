@@ -13,8 +13,6 @@ from app.vision.board.print_layout import (
     print_points_mm,
     seen_print_mm,
     seen_squares,
-    seen_tags_px,
-    shortest_side_px,
     tag_corners_mm,
 )
 from app.vision.marker_spec import MarkerSpec, parse_marker
@@ -64,13 +62,9 @@ def test_text_of_a_board_of_tags_is_read_and_written_back(text):
         ("aruco:5x7:35:5", "is no marker"),
         ("aruco:5x7:35:5:DICT_8X8_250", "no dictionary"),
         ("aruco:8x7:35:5:DICT_4X4_50", "need 56 tags, DICT_4X4_50 has 50"),
-        ("charuco:12x10:20:14:DICT_4X4_50", "need 60 tags"),
         ("charuco:6x4:20:20:DICT_4X4_50", "smaller than its squares"),
-        ("charuco:6x4:20:0:DICT_4X4_50", "larger than nothing"),
         ("aruco:5x7:35:0:DICT_6X6_250", "need a gap"),
         ("aruco:1x7:35:5:DICT_6X6_250", "tags a side"),
-        ("charuco:2x4:20:14:DICT_4X4_50", "squares a side"),
-        ("aruco:5x7:0:5:DICT_6X6_250", "have a side of"),
         ("aruco:5x7:35:5:DICT_6X6_250:thick=51", "thick"),
     ],
 )
@@ -199,14 +193,3 @@ def test_white_is_balanced_by_the_boards_paper(spec):
     # Red first. Blur takes as much of white from each channel.
     assert gains / gains[1] == pytest.approx([0.8 / 0.9, 1.0, 0.8 / 0.6], rel=0.02)
     assert gains[1] == pytest.approx(1.0 / 0.8, rel=0.08)
-
-
-def test_sizes_in_the_photograph_are_those_of_tags_and_squares():
-    pose = look_at(elevation_deg=89.9, distance_mm=PHONE.fx / 3.0)  # 3 px/mm
-    for spec, side_mm in ((ARUCO, 20.0), (CHARUCO, 18.0)):
-        seen = observe(photograph(spec, pose), spec)
-        assert shortest_side_px(seen) == pytest.approx(3.0 * side_mm, rel=0.01)
-        ids, quads = seen_tags_px(seen)
-        truth = tag_corners_mm(spec)[ids].reshape(-1, 2)
-        truth_px = project(PHONE, pose, np.column_stack([truth, np.zeros(len(truth))]))
-        assert quads.reshape(-1, 2) == pytest.approx(truth_px, abs=0.5)

@@ -1,7 +1,6 @@
 """Pictures and masks that are worked on within a window are there what the whole ones are."""
 
 import numpy as np
-import pytest
 
 from app.vision.geometry.masks import inward_in, inward_px, window_around
 from app.vision.geometry.pictures import LabPicture, lab_of
@@ -21,13 +20,6 @@ def test_lab_within_a_window_is_that_of_the_whole_picture():
     both = picture.within(other)
     assert np.array_equal(both[other], lab_of(image)[other])
     assert np.array_equal(both[WINDOW], lab_of(image)[WINDOW])
-
-
-def test_picture_for_which_there_is_no_memory_is_a_memory_error():
-    """As everywhere: a meal whose estimate ran out of memory ends, where an OSError would be tried again for ever."""
-    larger_than_any_memory = np.broadcast_to(np.zeros(3, np.uint8), (10**7, 10**7, 3))
-    with pytest.raises(MemoryError):
-        LabPicture(larger_than_any_memory)
 
 
 def test_distance_inward_within_a_window_is_that_of_the_whole_mask():

@@ -81,17 +81,3 @@ def test_outline_of_a_sphere_lies_on_the_cone_from_the_camera():
     assert np.abs(off_rad).max() < longest
     assert abs(share @ off_rad) < 0.1 * longest  # to neither side on the whole
     assert np.isclose(share.sum(), 1.0)
-
-
-def test_outline_of_a_box_is_its_edges():
-    mesh = sphere(6)
-    half = np.array([30.0, 20.0, 10.0])
-    vertices = box(mesh, half)
-    index, share = outline_vertices(vertices, mesh, faces_towards(vertices, mesh.faces, CAMERA_MM))
-    at_limit = np.isclose(np.abs(vertices[index]), half)
-    assert (at_limit.sum(axis=1) >= 2).all()
-    assert len(index) == 6 * 6  # of the twelve edges six, of six cells each
-    assert np.isclose(share.sum(), 1.0)
-    # Two edges of each direction: without its corners, an edge of six cells has five sixths of its length.
-    for axis, side in enumerate(2 * half):
-        assert np.isclose(share[~at_limit[:, axis]].sum(), 2 * side / (4 * half.sum()), rtol=0.25)

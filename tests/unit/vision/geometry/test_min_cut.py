@@ -29,12 +29,6 @@ def test_border_of_doubtful_pixels_lies_on_the_edge():
     assert np.array_equal(found, np.broadcast_to(np.arange(SHAPE[1]) < 37, SHAPE))
 
 
-def test_lone_doubtful_pixel_follows_its_neighbours():
-    ratio = np.full(SHAPE, 3.0, np.float32)
-    ratio[20, 30] = -3.0
-    assert cut_in_two(ratio, features(grain=20), NOTHING, NOTHING).all()
-
-
 def test_fixed_pixels_stay_and_never_goes_before_always():
     ratio = np.full(SHAPE, 8.0, np.float32)
     never = NOTHING.copy()

@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -66,25 +65,6 @@ def test_board_with_something_on_it_is_a_slab_with_its_floor():
         dish = found_in(view)
         assert dish.floor_mm == pytest.approx(top_mm, abs=0.5)
         assert (dish.radius_mm is None) == (is_board is square)
-
-
-def test_boards_that_stand_edge_to_edge_are_found_each():
-    """Most circles in a board's top have as high a surface outside; only the one at its edge bounds it."""
-    places = ((-120, 90), (97, 100), (0, -92))
-
-    def heights(x, y):
-        boards = np.any([np.hypot(x - a, y - b) < 108 for a, b in places], axis=0)
-        foods = np.any([np.hypot(x - a - 10, y - b) < 30 for a, b in places], axis=0)
-        return np.where(foods, 50.0, np.where(boards, 11.0, 0.0))
-
-    def blurred(x, y):
-        grid = heights(x, y).reshape(500, 500).astype(np.float32)
-        return cv2.blur(grid, (13, 13)).ravel()  # a window of the disparity widens every edge
-
-    view = view_of(blurred, noise_mm=1.5)
-    dishes = find_dishes(view, solid_cells(view, 1.0), 1.5, np.random.default_rng(0))
-    centres = sorted(tuple(dish.centre_mm) for dish in dishes)
-    assert centres == [pytest.approx(place, abs=8) for place in sorted(places)]
 
 
 def three_foods(x, y):

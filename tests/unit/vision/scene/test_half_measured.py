@@ -1,10 +1,8 @@
 """Blobs whose middle shows no parallax: food where raised edges enclose them, paper where they enclose food."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from app.vision.scene.half_measured import enclosed_by_raised, unlike_support
+from app.vision.scene.half_measured import enclosed_by_raised
 from tests.unit.vision.scene.scenes import plain_scene
 
 SHAPE = (200, 240)
@@ -37,17 +35,3 @@ def test_plain_paper_around_a_food_is_not_food():
     sheet, food = box(30, 30, 200, 170), box(90, 70, 140, 120)
     heights = np.where(food, 60.0, np.where(sheet, np.nan, 0.0))  # the food in the middle of it, raised on all sides
     assert not enclosed_by_raised(scene_of(heights), heights.astype(np.float32)).any()
-
-
-def test_band_painted_along_a_rim_is_not_food_and_the_food_within_it_is():
-    """A plate's painted ring is raised and of another colour than what is taken for the plate's own."""
-    x, y = COLUMNS - 120, ROWS - 100
-    radius = np.hypot(x, y)
-    food, ring, plate = radius < 22, (radius > 78) & (radius < 86), radius < 94
-    heights = np.where(food & (radius < 10), np.nan, np.where(food, 50.0, np.where(ring, 18.0, 0.0)))
-    colours = np.full((*SHAPE, 3), 200, np.uint8)
-    colours[plate], colours[ring], colours[food] = (120, 120, 220), (200, 60, 40), (20, 140, 230)
-    scene = replace(scene_of(heights), image_bgr=colours)
-    blobs = unlike_support(scene, heights.astype(np.float32), [plate & ~ring & ~food])
-    assert np.count_nonzero(blobs & food) > 0.9 * np.count_nonzero(food)
-    assert not (blobs & ring).any()

@@ -185,16 +185,6 @@ def test_two_foods_are_found_and_a_hint_of_one_does_not_lose_the_other_unless_hi
     assert iou(alone.mask, disc(260, 400, 45)) > 0.93
 
 
-def test_box_of_one_of_two_touching_foods_leaves_the_other():
-    meal = Meal().food(200, 220, 50, 40.0).food(200, 310, 50, 40.0)
-    box = np.zeros(SHAPE, bool)
-    box[150:251, 266:361] = True
-    found = meal.segment([HintMask(box, 0, is_box=True)])
-    assert [region.hint for region in found] == [0, None]
-    assert not (found[0].mask & ~box).any()
-    assert iou(found[1].mask, disc(200, 220, 50)) > 0.8
-
-
 def box_around(mask):
     rows, columns = np.nonzero(mask)
     box = np.zeros(SHAPE, bool)
@@ -219,13 +209,6 @@ def test_food_that_is_measured_at_its_edge_alone_or_nowhere_is_found_by_its_colo
     meal.image[disc(210, 280, 50)] = FOOD_BGR
     found = meal.segment([HintMask(disc(215, 290, 4), 0)], unmeasured=disc(210, 280, 60))  # under a point
     assert iou(found[0].mask, disc(210, 280, 50)) > 0.9
-
-
-def test_box_around_what_looks_like_a_plate_holds_all_of_it_and_no_vessel():
-    meal = Meal().plate(flat_mm=3.0, rim_mm=60.0).food(200, 260, 50, 20.0)
-    found = meal.segment([HintMask(box_around(disc(210, 280, 190)), 0, is_box=True)])
-    assert found[0].vessel is None
-    assert iou(found[0].mask, disc(210, 280, 190)) > 0.9
 
 
 @pytest.mark.parametrize("flat_mm", [0.0, 12.0])

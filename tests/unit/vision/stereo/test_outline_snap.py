@@ -46,17 +46,6 @@ def test_ring_of_a_mask_is_its_outline_with_outward_normals():
     assert np.ptp(steps) < 0.2
 
 
-def test_mask_at_the_images_corner_has_its_outline_and_a_speck_none():
-    mask = np.zeros(SIZE, np.bool_)
-    mask[:40, :50] = True
-    (ring,) = rings_of_mask(mask)
-    assert np.allclose(ring.points_px.max(axis=0), [49.5, 39.5], atol=0.5)
-    speck = np.zeros(SIZE, np.bool_)
-    assert rings_of_mask(speck) == []
-    speck[50, 50] = True
-    assert rings_of_mask(speck) == []
-
-
 @pytest.mark.parametrize("grown_px", [-2.0, 2.0])
 @pytest.mark.parametrize("blur_px", [0.5, 1.5])
 def test_snapping_finds_the_edge_of_a_disc_under_blur_and_noise(grown_px, blur_px):
