@@ -104,11 +104,6 @@ def test_segmenter_counts_the_outline_s_pixels_alone():
     assert classify_region(network, form, photo((255, 0, 0)), left_half)[2] > 0.9
 
 
-@pytest.mark.parametrize("ring", [SQUARE[0] + 5000.0, SQUARE[0][:2], np.full((3, 2), np.nan), np.full((4, 2), 30.0)])
-def test_nothing_in_view_gives_none(ring):
-    assert classify_region(load_network(colour_classifier(RED_GREEN_BLUE)), INPUT, photo(), [ring]) is None
-
-
 @pytest.mark.parametrize("content", [b"", b"no network", colour_classifier(RED_GREEN_BLUE)[:60]])
 def test_bytes_that_are_no_network_are_a_failure(content):
     failure = load_network(content)

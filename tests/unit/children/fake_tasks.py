@@ -24,13 +24,6 @@ def _spin(arguments, on_stage):
         pass
 
 
-def _spin_for(arguments, on_stage):
-    end = time.process_time() + arguments["cpu_seconds"]
-    while time.process_time() < end:
-        pass
-    return {"pid": os.getpid()}
-
-
 def _killed_twice(arguments, on_stage):
     """As the kernel does where memory is short, the first two times."""
     tries = sorted(pathlib.Path(arguments["folder"]).glob(f"killed-{arguments['job']}-*"))
@@ -105,7 +98,6 @@ TASKS = {
     "segfault": _segfault,
     "hang": _hang,
     "spin": _spin,
-    "spin_for": _spin_for,
     "killed_twice": _killed_twice,
     "hold": _hold,
     "eat_memory": _eat_memory,
