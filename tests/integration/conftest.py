@@ -6,6 +6,7 @@ import json
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 from fastapi import FastAPI
@@ -26,6 +27,7 @@ from app.people.studies import create_study
 from app.people.studies_api import protocol_columns
 from tests.integration.http.declared_answers import declared_answers
 from tests.integration.kept_children import KeptChildren
+from tests.support.commands import run_tada
 from tests.support.next_migration import next_migration
 
 __all__ = ["next_migration"]  # a fixture
@@ -178,6 +180,13 @@ def enrol(client, state, admin):
         return Phone(client, {"Authorization": f"Bearer {enrolled.token}"})
 
     return enrol
+
+
+@pytest.fixture
+def tada(settings, client):
+    """Commands on the server's own database."""
+    places = {"TADA_DATABASE_URL": settings.database_url, "TADA_DATA_DIR": settings.data_dir}
+    return partial(run_tada, **places, TADA_SECRET_KEY=settings.secret_key.get_secret_value())
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from app.candidates.queries import entries_for
 from app.children.child_pool import ChildResult
 from app.estimates.estimate_meal import EstimateMeal
 from app.identification.food_index import shipped_index
-from app.identification.habits import EQUAL_WEIGHT, STUDY_WEIGHT
 from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
 from app.meals.identification_models import ItemIdentification
@@ -121,15 +120,6 @@ def keys(item):
     return [one["food"]["key"] for one in item["candidates"]]
 
 
-def test_food_that_was_confirmed_five_times_is_among_the_first_three_of_the_sixth(kitchen, phone, looks):
-    first, second, third = looks(NEW_FOOD)
-    for vector in (*first[:3], *second[:2]):
-        kitchen.told(phone, NEW_FOOD, vector)
-    (sixth,) = kitchen.serve(phone, third[0]).items()
-    assert NEW_FOOD in keys(sixth)[:3]
-    assert sixth["index_version"].startswith("without litchis + 5 confirmed ")
-
-
 def test_known_food_is_found_at_once_and_candidates_and_the_rest_add_up(kitchen, phone, looks):
     meal = kitchen.serve(phone, looks("banana")[0][0], volume_ml=150.0)
     (item,) = meal.items()
@@ -195,16 +185,6 @@ def test_what_a_participant_eats_moves_the_ranking_of_two_look_alikes(kitchen, e
         declare(phone, "plum", NOON)
     assert ratio(kitchen.serve(phone, between, captured_at=NOON)) > 2 * before
     assert ratio(kitchen.serve(other, between, captured_at=NOON)) == pytest.approx(before)
-
-
-def test_who_alone_has_confirmed_anything_is_not_told_their_habits_twice(kitchen, enrol, looks, between):
-    phone, other = enrol("P001"), enrol("P002")
-    for vector in looks("plum")[0][:4]:
-        kitchen.told(phone, "plum", vector, captured_at=NOON)
-    own, of_study = (ratio(kitchen.serve(each, between, captured_at=NOON)) for each in (phone, other))
-    foods = len(kitchen.index.foods)
-    by_own, by_others = (1.0 + 4.0 * foods / weight for weight in (STUDY_WEIGHT, EQUAL_WEIGHT))
-    assert own / of_study == pytest.approx(by_own / by_others, rel=0.01)
 
 
 def test_time_of_day_moves_the_ranking_of_two_look_alikes(kitchen, phone, between):

@@ -14,7 +14,7 @@ from app.identification.calibrate import posterior
 from app.identification.food_index import shipped_index
 from app.nutrition.foods import load_starter_table
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
-from tools.food_index import build_shipped, describe_food, labelled_foods
+from tools.food_index import describe_food, labelled_foods
 
 NOT_IN_THE_STARTER_TABLE = {"mooncake", "sachima"}  # no public table at hand has figures for them
 SAMPLE = 25
@@ -80,21 +80,3 @@ def test_photographs_give_what_is_shipped(index, shared_data):
         made = index.metric.embed(describe_food(foods[place])[None])
         to_itself, to_others = (np.linalg.norm(shipped[where] - made, axis=1) for where in ([place], slice(None)))
         assert to_itself < SAME * np.median(to_others), foods[place].specimen
-
-
-@pytest.mark.slow
-def test_index_is_built_from_a_folder_of_labelled_photographs(shared_data, tmp_path):
-    source = shared_data / "photos" / "ecustfd"
-    for folder in ("images", "boxes"):
-        (tmp_path / folder).mkdir()
-    wanted = [food for food in labelled_foods(source) if food.label in {"banana", "egg", "tomato"}]
-    few = [food for food in wanted if food.specimen.endswith(("001", "002", "003"))]
-    for food in few:
-        (tmp_path / "images" / food.photo.name).symlink_to(food.photo)
-        boxes = source / "boxes" / f"{food.photo.stem}.xml"
-        (tmp_path / "boxes" / boxes.name).symlink_to(boxes)
-    known = [food for food in shipped_index().foods if food.label in {"banana", "egg", "tomato"}]
-    built = build_shipped(tmp_path, known)
-    assert len(built.vectors) == len(few)
-    assert [food.label for food in built.foods] == ["banana", "egg", "tomato"]
-    assert built.volumes_ml == {}  # without density.xls

@@ -13,7 +13,7 @@ from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, close, eaten_item
 
 PATH = "/dashboard/studies/pilot"
 WINDOW = {"from": "2026-11-01", "to": "2026-11-06"}
@@ -44,11 +44,6 @@ def eaten(enrol, state):
         located = session.scalars(sa.select(Meal).where(Meal.local_date < date(2026, 11, 4)).order_by(Meal.id))
         for number, meal in enumerate(located):
             meal.details = {"location": {"latitude": 48.2 + number / 100, "longitude": -16.37}}
-
-
-def close(phone, day, **body):
-    answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
-    assert answer.status_code == 200
 
 
 def table_of(html, name):

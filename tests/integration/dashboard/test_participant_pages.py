@@ -7,7 +7,7 @@ import pytest
 
 from app.meals.record_models import HEADLINE_COLUMNS
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 
 DAYS = ("2026-11-01", "2026-11-02", "2026-11-03", "2026-11-04")
 PARTICIPANTS = "/dashboard/studies/pilot/participants"
@@ -20,9 +20,7 @@ def eaten(phone, state):
     for number, day in enumerate(DAYS):
         amounts = {column: 10.0 + number + place / 7 for place, column in enumerate(HEADLINE_COLUMNS)}
         add_meal(state, "P001", day, eaten_item(100.0 + number, **amounts), eaten_item(50.5, **amounts))
-    for day in DAYS[:3]:
-        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"}, headers={"If-Match": "*"})
-        assert answer.status_code == 200
+    close(phone, *DAYS[:3])
     set_profile(state, sex="female", birth_year=1990, weight_kg=60.0)
     return phone
 
@@ -108,7 +106,7 @@ def test_reviewer_closes_a_day_unless_it_changed_meanwhile(client, admin, eaten,
     form = dict(re.findall(r'name="(\w+)" value="([^"]*)"', article(reviewer.page(PATH), day)))
     assert form["status"] == "closed"
     address = f"{PATH}/days/{day}"
-    assert eaten.put(f"/v1/me/days/{day}", json={"status": "closed"}, headers={"If-Match": "*"}).status_code == 200
+    close(eaten, day)
     assert reviewer.post(address, **form).status_code == 412, "the participant closed it since"
     form["version"] = "1"
     form["status"] = "open"

@@ -6,7 +6,6 @@ import pytest
 import sqlalchemy as sa
 
 from app.exports.release_models import ReleaseFile
-from app.people.models import Study
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
@@ -97,31 +96,6 @@ def test_erasure_is_shown_with_the_former_checksum(client, admin, meals, owner, 
     assert before in page
     assert re.search(rf'id="checksum">{after}<', page)
     assert "altered" in text_of(owner.page(PATH))
-
-
-def test_lost_file_is_shown_on_the_page_of_a_changing_release(client, state, meals, owner, ready, run, phone):
-    lose(state, "meals.parquet")
-    assert client.delete(f"/v1/meals/{meals}", headers=phone.headers).status_code == 200
-    assert run().outcome == "again"
-    page = text_of(owner.page(ready))
-    assert re.search(r"could not be rewritten yet:\s+release files missing", page)
-    assert "put lost files back from a backup" in page
-    assert "items.parquet" not in page
-    assert owner.get(f"{ready}/files/items.csv").status_code == 503
-
-
-def test_places_in_a_release_are_shown(owner, state, run):
-    with state.database.write() as session:
-        session.execute(sa.update(Study).values(location_policy="keep"))
-    add_meal(state, "P001", "2026-11-03", place={"latitude": 48.1, "longitude": 11.5})
-    owner.post(PATH, name="placed")
-    assert run().outcome == "done"
-    assert "Meals with a place: 1 ." in text_of(owner.page(f"{PATH}/placed"))
-    with state.database.write() as session:
-        session.execute(sa.update(Study).values(location_policy="drop"))
-    owner.post(PATH, name="unplaced")
-    assert run().outcome == "done"
-    assert "Meals with a place" not in text_of(owner.page(f"{PATH}/unplaced"))
 
 
 def test_refused_form_keeps_its_text_and_a_name_is_used_once(client, admin, owner, ready):

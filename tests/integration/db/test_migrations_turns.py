@@ -93,27 +93,6 @@ def test_lock_of_a_migrator_killed_during_a_long_statement_is_free_within_second
     assert is_current(empty)
 
 
-@pytest.mark.parametrize("kind", ["postgres"])
-@pytest.mark.parametrize("is_able", [True, False])
-def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(database, is_able, next_migration):
-    """On Windows, and before 15 on macOS, it refuses the setting: as it refuses here a time that cannot be."""
-    next_migration()
-    seen, name = [], "client_connection_check_interval"
-
-    @sa.event.listens_for(database.write_engine, "before_cursor_execute", retval=True)
-    def before(connection, cursor, statement, parameters, context, executemany):
-        if name in statement and not is_able:
-            return f"SET LOCAL {name} = -1", ()
-        if statement.lstrip().startswith("CREATE "):
-            cursor.execute(f"SHOW {name}")
-            seen.append(cursor.fetchone()[0])
-        return statement, parameters
-
-    upgrade(database)
-    assert is_current(database)
-    assert set(seen) == {"5s" if is_able else "0"}
-
-
 @pytest.mark.both_stores
 def test_migrator_gives_up_when_another_one_does_not_end(database, next_migration):
     next_migration()

@@ -75,7 +75,6 @@ def test_schema_goes_down_to_nothing_and_up_again(full):
         ("UPDATE run SET marker = NULL", "20261127_reshape", "no place for runs without a marker"),
         ("UPDATE camera_calibration SET rms_px = NULL", "20261127_reshape", "no place for rigs"),
         ("UPDATE meal_image SET slot = 'left_depth'", "20261127_rigs", "no place for depth maps"),
-        ("UPDATE meal_image SET slot = 'right_confidence'", "20261127_rigs", "no place for depth maps"),
         ("UPDATE meal_image SET slot = 'voice_note'", "20261127_sandbox", "no place for voice notes"),
         ("UPDATE study SET is_sandbox = true", "20261127_web_origins", "no place for sandbox studies"),
     ],

@@ -23,6 +23,13 @@ def set_profile(state, code="P001", study="pilot", *, starts_on=None, **profile)
         participant.profile, participant.starts_on = profile or None, starts_on
 
 
+def close(phone, *days, **body):
+    """Have a phone close days."""
+    for day in days:
+        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
+        assert answer.status_code == 200
+
+
 def eaten_item(grams=100.0, food=None, **columns):
     """An effective record's columns: grams that were eaten (None: not known), and what else is told."""
     return {"consumed_g": grams, "consumed_low_g": grams and 0.9 * grams, "consumed_high_g": grams and 1.1 * grams,

@@ -206,7 +206,7 @@ def flat(value):
     return [leaf for part in value for leaf in flat(part)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_stored_sums_equal_a_recount_after_any_history(database, people, seed):
     history = History(database, people, seed)
     for _ in range(5):

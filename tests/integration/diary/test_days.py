@@ -10,16 +10,9 @@ import sqlalchemy as sa
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.models import Study
-from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
-from tests.integration.uploads.answers import refusal
+from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 
 MAN = {"sex": "male", "birth_year": 1986, "weight_kg": 70.0}  # 40 years: 1676 kcal a day at rest (Schofield)
-
-
-def close(phone, *days, **body):
-    for day in days:
-        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
-        assert answer.status_code == 200
 
 
 def rows_of(client, headers, **params):
@@ -106,14 +99,6 @@ def test_pages_lead_through_all_days_of_all_participants_and_each_sees_its_own(e
     assert len(list(csv.DictReader(io.StringIO(text)))) == 9
     assert {row["participant"] for row in rows_of(client, phones[1].headers)} == {"P002"}
     assert rows_of(client, phones[1].headers, participant="P001") == []
-
-
-def test_cursor_of_other_filters_is_refused(phone, state, client):
-    for day in (1, 2, 3):
-        add_meal(state, "P001", f"2026-11-0{day}")
-    following = phone.get("/v1/days", limit=1).json()["next"]
-    other = client.get(following + "&to=2026-11-02", headers=phone.headers)
-    assert refusal(other) == (422, "cursor_of_other_filters")
 
 
 def test_filters_choose_days(enrol, state, client, admin):

@@ -15,7 +15,7 @@ from app.meals.models import Meal
 from app.people.access.caller import StaffCaller
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
-from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 from tests.integration.uploads.answers import refusal
 
 DAY_PATH = "/v1/studies/pilot/overview"
@@ -25,12 +25,6 @@ def overview(client, admin, **params):
     answer = client.get(DAY_PATH, headers=admin, params=params)
     assert answer.status_code == 200, answer.text
     return answer.json()
-
-
-def close(phone, *days, **body):
-    for day in days:
-        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
-        assert answer.status_code == 200
 
 
 def known(kcal, **columns):
@@ -125,8 +119,7 @@ def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study
 
 
 @pytest.mark.usefixtures("eaten")
-def test_statuses_are_of_the_window_and_waiting_meals_of_the_study(client, admin, told_from):
-    told_from()
+def test_statuses_are_of_the_window_and_waiting_meals_of_the_study(client, admin):
     found = overview(client, admin, **{"from": "2026-11-01", "to": "2026-11-03"})
     meals = {row["status"]: row["meals"] for row in found["statuses"]}
     assert meals == {"receiving": 0, "queued": 0, "processing": 0, "estimated": 3, "needs_review": 0, "failed": 0,
@@ -149,14 +142,13 @@ def test_pending_and_failed_after_meal_pairs_are_counted_for_meals_of_any_status
     assert (waiting["after_awaited"], waiting["after_failed"]) == (2, 1)
 
 
-def test_participant_is_expected_from_their_start_until_they_left(enrol, state, client, admin, told_from):
+def test_participant_is_expected_from_their_start_until_they_left(enrol, state, client, admin):
     enrol("P001")
     set_profile(state, starts_on=date(2026, 11, 3))
     add_meal(state, "P001", "2026-11-02", known(500.0))  # before their start
     add_meal(state, "P001", "2026-11-04", known(500.0))
     with state.database.write() as session:
         session.scalars(sa.select(Participant)).one().withdrawn_at = datetime(2026, 11, 5, 9, tzinfo=UTC)
-    told_from()
     found = overview(client, admin, **{"from": "2026-11-01", "to": "2026-11-07"})
     assert [(day["expected"], day["told"], day["silent"]) for day in found["days"]] == [
         (0, 0, 0), (0, 0, 0), (1, 0, 1), (1, 1, 0), (1, 0, 1), (0, 0, 0), (0, 0, 0)
@@ -168,9 +160,8 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
 
 
 @pytest.mark.usefixtures("eaten")
-def test_no_participant_is_expected_on_a_future_day(state, told_from):
+def test_no_participant_is_expected_on_a_future_day(state):
     """A phone whose clock is ahead: its meals are there, and no day has more who told than were expected."""
-    told_from()
     caller, day = StaffCaller(uuid.uuid4(), "admin", True, uuid.uuid4()), date(2026, 11, 5)
     before = datetime(2026, 11, 2, tzinfo=UTC)
     found = study_overview(state.database, caller, "pilot", first_day=day - timedelta(days=4), last_day=day, now=before)
@@ -179,7 +170,7 @@ def test_no_participant_is_expected_on_a_future_day(state, told_from):
     assert (found.completeness.expected, found.completeness.told, found.completeness.meals) == (2, 2, 5)
 
 
-def test_places_are_shown_only_if_the_study_keeps_them(enrol, state, client, admin, told_from):
+def test_places_are_shown_only_if_the_study_keeps_them(enrol, state, client, admin):
     enrol("P001", location_policy="keep")
     for day, latitude in (("2026-11-01", 48.20849), ("2026-11-02", -33.9)):
         meal_id = add_meal(state, "P001", day)
@@ -187,7 +178,6 @@ def test_places_are_shown_only_if_the_study_keeps_them(enrol, state, client, adm
             meal = session.scalars(sa.select(Meal).where(Meal.client_id == meal_id)).one()
             meal.details = {"location": {"latitude": latitude, "longitude": 16.37208}}
     add_meal(state, "P001", "2026-11-03")
-    told_from()
     found = overview(client, admin)
     assert found["located_meals"] == 2
     assert [(each["local_date"], each["latitude"], each["longitude"]) for each in found["places"]] == [

@@ -4,7 +4,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.people.models import Study
-from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 from tests.integration.uploads.answers import refusal
 
 PATH = "/v1/me/summary"
@@ -31,8 +31,7 @@ def eat(state, phone, *days, closed=True, **columns):
     for day in days:
         add_meal(state, "P001", f"2026-11-{day:02}", eaten_item(100.0, **(EATEN | columns)))
         if closed:
-            body = {"status": "closed"}
-            assert phone.put(f"/v1/me/days/2026-11-{day:02}", json=body, headers={"If-Match": "*"}).status_code == 200
+            close(phone, f"2026-11-{day:02}")
 
 
 def test_feedback_is_off_unless_the_study_gives_it(phone, state, client, admin):
@@ -81,7 +80,7 @@ def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, st
     eat(state, feedback, 15, 16)
     eat(state, feedback, 17, closed=False)
     add_meal(state, "P001", "2026-11-18", eaten_item(None))
-    feedback.put("/v1/me/days/2026-11-18", json={"status": "closed"}, headers={"If-Match": "*"})
+    close(feedback, "2026-11-18")
     compared = feedback.get(PATH).json()["comparison"]
     assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (3, 2, "days_needed")
     eat(state, feedback, 14)
@@ -105,7 +104,7 @@ def test_partly_known_contents_never_give_the_verdict_below_and_days_with_a_fail
     set_profile(state, **WOMAN)
     eat(state, feedback, 15, 16, 17)
     add_meal(state, "P001", "2026-11-16", eaten_item(50.0, energy_kcal=10.0))
-    feedback.put("/v1/me/days/2026-11-16", json={"status": "closed"}, headers={"If-Match": "*"})
+    close(feedback, "2026-11-16")
     found = feedback.get(PATH).json()["comparison"]["components"]
     assert found["vitamin_c_mg"]["verdict"] == "open_coverage"
     assert found["vitamin_c_mg"]["coverage"] == pytest.approx((1 + 100 / 150 + 1) / 3)

@@ -183,28 +183,6 @@ def test_what_no_table_has_is_refused_by_name_and_reversed_days_in_every_format(
         assert refusal(client.get(path, headers=admin, params=params)) == (422, code), (path, params)
 
 
-def test_filters_of_meals_choose_the_same_in_pages_and_files(study, client, admin):
-    for params in (
-        {},
-        {"food": "apple"},
-        {"status": "queued"},
-        {"origin": "declared"},
-        {"needs": "review"},
-        {"participant": "P001"},
-        {"from": "2026-11-02", "to": "2026-11-02"},
-        {"study": "none"},
-    ):
-        pages = client.get("/v1/meals", headers=admin, params=params | {"order": "oldest"}).json()["items"]
-        rows = read_ndjson(client, admin, "/v1/meals", **params)
-        assert [row["meal_id"] for row in rows] == [meal["id"] for meal in pages]
-        for row, meal in zip(rows, pages, strict=True):
-            for name in ("status", "consumed_g", "energy_kcal", "unmeasured_items", "doubt", "flags", "provisional",
-                         "upload_delay_seconds", "captured_at", "local_date", "version", "after_status"):  # fmt: skip
-                assert row[name] == meal[name], name
-            assert row["items"] == meal["item_count"]
-            assert row["food_keys"] == [food["key"] for food in meal["foods"]]
-
-
 def test_manifest_in_pages_has_what_the_file_has(study, client, admin):
     rows, path = [], "/v1/studies/pilot/photographs?limit=1"
     while path:
@@ -229,6 +207,10 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
             path, headers=admin, params={"format": "ndjson"} | ({"study": "pilot"} if "pilot" not in path else {})
         )
     client.get("/v1/meals?study=pilot&format=csv&layout=long&components=all", headers=admin)
+    parquet = {"Accept": "application/vnd.apache.parquet"}
+    answer = client.get("/v1/records?study=pilot&food=apple", headers=admin | parquet)
+    assert (answer.headers["content-type"], answer.content[:4]) == (parquet["Accept"], b"PAR1")
+    assert 'filename="records.parquet"' in answer.headers["content-disposition"]
     client.get("/v1/days?study=pilot", headers=admin)  # a page is no export
     assert client.get("/v1/days?format=csv", headers=study.headers).status_code == 200
     client.get("/v1/days?format=csv&from=2026-11-01", headers=admin)
@@ -236,9 +218,10 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
         events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action.like("%.export"))).all()
     *of_study, last = events
     assert sorted(event.action for event in of_study) == [
-        "days.export", "meals.export", "meals.export", "photographs.export", "records.export",
+        "days.export", "meals.export", "meals.export", "photographs.export", "records.export", "records.export",
     ]  # fmt: skip
-    assert of_study[-1].details == {
+    assert of_study[-1].details == {"output": "parquet", "filters": ["food_keys", "study_code"]}
+    assert of_study[-2].details == {
         "output": "csv", "filters": ["study_code"], "layout": "long", "components": "all",
     }  # fmt: skip
     assert None not in {event.study_id for event in of_study}

@@ -89,7 +89,9 @@ def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
     monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]
     forged += [packed(["key", fingerprint]) for fingerprint in (None, 1, [])]
-    assert faults(lists_of(client), ask, forged, may_be_a_place=()) == []
+    assert faults(["/v1/records"], ask, forged, may_be_a_place=()) == []
+    some = ["%%%", packed(None), packed([[["key"]], "right"]), packed([None, "right"]), packed(["a\0b", "right"])]
+    assert faults(lists_of(client), ask, some, may_be_a_place=()) == []
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from app.foods import queries as foods
 from app.foods.component_names import Figure
 from app.foods.edits import edit_food
 from app.foods.edits.edit_food import Editor, FoodEdit
-from app.foods.food_releases import list_releases
 from app.foods.foods import read_food
 from app.foods.models import Food, FoodChange, FoodDensity, FoodNutrient, FoodRelease
 from app.foods.search.search_foods import search_foods
@@ -75,17 +74,6 @@ def test_each_version_is_kept_once_and_leads_to_the_next(database):
     columns = {column.name: getattr(rows[-1], column.name) for column in Food.__table__.columns if column.name != "id"}
     with database.write() as session, pytest.raises(IntegrityError):
         session.execute(sa.insert(Food), columns)
-
-
-@pytest.mark.both_stores
-def test_the_release_of_corrections_is_made_on_first_use_and_stands_first(database):
-    assert "local" not in {listed.release.source for listed in list_releases(database)}
-    correct(database, "apple", name="ours")
-    correct(database, "pear", name="ours")
-    first, *others = list_releases(database)
-    assert (first.release.name, first.release.version, first.is_in_force) == ("local", "1", True)
-    assert first.release.completed_at is not None
-    assert "local" not in {listed.release.source for listed in others}
 
 
 def test_search_and_the_number_in_a_published_table_find_the_correction_and_not_what_it_corrects(database):
@@ -163,7 +151,6 @@ def test_foods_are_made_and_corrected_from_the_command_line(tada, tmp_path):
     assert "better" in tada("changes", "quark").stdout
 
 
-@pytest.mark.both_stores
 def test_wrong_use_is_told_in_a_sentence(tada, tmp_path):
     file = tmp_path / "broken.json"
     file.write_text("{")
@@ -171,7 +158,6 @@ def test_wrong_use_is_told_in_a_sentence(tada, tmp_path):
         ("create", file),
         ("edit", "apple", "--reason", "r"),
         ("edit", "apple", "--set", "colour=red", "--reason", "r"),
-        ("edit", "apple", "--set", "nutrients.VITX=null", "--reason", "r"),
         ("density", "apple", "--specimen", "x", "--kind", "solid", "--state", "s", "--method", "m", "--reason", "r"),
         ("restore", "apple", "7", "--reason", "r"),
     ):

@@ -1,16 +1,11 @@
 """`tada foods import` as a person types it: what is wrong is named with file and line, and nothing is written."""
 
 import json
-import os
-import subprocess
-import sys
 import zipfile
 
 import pytest
 import sqlalchemy as sa
 
-from app.cli.database import opened_database
-from app.core.errors import StorageFullError
 from app.db.session import Database
 from app.foods.models import Food, FoodActivation, FoodNutrient, FoodRelease
 from tests.support.commands import run_tada
@@ -73,13 +68,9 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
     before = counts()
     whole = release(tmp_path / "whole.zip").read_bytes()
     (tmp_path / "cut.zip").write_bytes(whole[: len(whole) // 2])
-    foods = APPLE["FOOD_DES.txt"]
     wrong = {
         "cut.zip": (None, "only a part of one"),
         "missing.zip": ({"WEIGHT": None}, "WEIGHT.txt"),
-        "twice.zip": ({"FOOD_DES": 2 * foods}, "FOOD_DES.txt, line 2"),
-        "unit.zip": ({"NUTR_DEF": APPLE["NUTR_DEF.txt"].replace("~kcal~", "~g~")}, "NUTR_DEF.txt, line 1"),
-        "encoding.zip": ({"FOOD_DES": foods.replace("Apples", "\u00c4pfel").encode()}, "FOOD_DES.txt, line 1"),
         "cut_off.zip": ({"NUT_DATA": APPLE["NUT_DATA.txt"][:-30]}, "NUT_DATA.txt, line 2"),
     }
     for name, (changed, place) in wrong.items():
@@ -92,30 +83,6 @@ def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, 
     assert counts() == before
 
 
-def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
-    assert "give one of sr28, fdc, fao-density, csv" in tada("import", "usda", tmp_path).stderr
-    assert "--name, --version and --released-on" in tada("import", "csv", tmp_path).stderr
-    assert "leave the options out" in tada("import", "sr28", tmp_path, "--name", "x").stderr
-
-
-@pytest.mark.slow
-def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, tmp_path):
-    """As processes of their own, where all else here runs in the test's."""
-
-    def tada(*arguments):
-        environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path / "data")}
-        command = [sys.executable, "-m", "app.cli", "foods", *map(str, arguments)]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-    done = tada("import", "sr28", release(tmp_path / "sr28.zip"))
-    assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "  1 of 1 foods written")
-    broken = tada("import", "sr28", release(tmp_path / "broken.zip", WEIGHT=None))
-    assert (broken.returncode, broken.stdout, "WEIGHT.txt" in broken.stderr) == (2, "", True)
-    assert "Traceback" not in broken.stderr
-    nothing = tada("search", "xyzzy")
-    assert (nothing.returncode, nothing.stdout) == (1, "No food of that name.\n")
-
-
 def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
     places = {"TADA_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x", "TADA_DATA_DIR": tmp_path}
     done = run_tada("foods", "releases", **places)
@@ -124,16 +91,7 @@ def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.slow
-def test_full_disk_is_told_in_a_sentence(tmp_path, monkeypatch):
-    monkeypatch.setenv("TADA_DATA_DIR", str(tmp_path))
-    monkeypatch.delenv("TADA_DATABASE_URL", raising=False)
-    with pytest.raises(StorageFullError, match="make room"):
-        fill_database()
-
-
-def fill_database():
-    """SQLite's own limit of pages stands for the end of the disk."""
-    with opened_database() as database, database.write() as session:
-        session.execute(sa.text("PRAGMA max_page_count = 1"))
-        session.execute(sa.text("CREATE TABLE filler AS SELECT zeroblob(1000000)"))
+def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
+    assert "give one of sr28, fdc, fao-density, csv" in tada("import", "usda", tmp_path).stderr
+    assert "--name, --version and --released-on" in tada("import", "csv", tmp_path).stderr
+    assert "leave the options out" in tada("import", "sr28", tmp_path, "--name", "x").stderr

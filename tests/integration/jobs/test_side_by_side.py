@@ -10,28 +10,9 @@ from app.jobs import queries as job_queries
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import LONG_LEASE, new_job
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import PATIENCE_SECONDS
 
 pytestmark = pytest.mark.slow
-
-
-def test_next_job_begins_while_a_result_is_sealed(jobs):
-    """That results do not pile up: tests/unit/jobs/test_claims.py."""
-    ids = [jobs.add("seal_slowly") for _ in range(3)]
-    worker = jobs.start_worker(worker_concurrency=1)
-
-    def sealing():
-        return [job_id for job_id in ids if (jobs.folder / f"sealing-{job_id}-{worker.pid}").exists()]
-
-    wait_until(lambda: len(sealing()) == 2, "the second to be computed while the first is sealed")
-    first, second = sealing()
-    jobs.go(first)
-    wait_until(lambda: len(sealing()) == 3, "the third to be computed while the second is sealed")
-    assert not jobs.saves(second)
-    for job_id in ids:
-        jobs.go(job_id)
-    for job_id in ids:
-        jobs.wait_for_state(job_id, "done")
 
 
 def test_worker_of_an_older_version_leaves_newer_jobs_to_a_newer_worker_which_runs_both_and_takes_over(jobs):

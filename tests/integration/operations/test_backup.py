@@ -4,7 +4,6 @@ import contextlib
 import csv
 import errno
 import shutil
-import tarfile
 import threading
 import uuid
 from datetime import UTC, datetime, timedelta
@@ -22,12 +21,10 @@ from app.jobs import queries as jobs
 from app.meals.day_models import DiaryDay
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
-from app.meals.record_models import Run, RunArtefact
-from app.operations.backup import backup, backup_check, restore
+from app.meals.record_models import RunArtefact
 from app.operations.backup.backup import write_backup
 from app.operations.backup.refill import Refill
 from app.operations.backup.restore import CHANGE_SEQ_JUMP
-from app.operations.backup.restore_ledger import LedgerDiffersError
 from app.operations.figure_queries import last_backup
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretKeyError
@@ -258,24 +255,6 @@ def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(
     assert len(machine.stored()) == len(named_blobs(source.database)) > 3
 
 
-def test_restore_with_another_ledger_than_that_of_then_is_refused_unless_told(
-    kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
-):
-    """As after a move to S3, where the ledger's default is another place: erased people would come back."""
-    erased = send_meal(state, phone, 9)
-    assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
-    send_meal(state, phone, 10)
-    source.back_up(tmp_path / "one.tar")
-    machine = empty_machine(kind)
-    before = machine.rows()
-    with pytest.raises(LedgerDiffersError, match="lacks 1 erasures"):
-        machine.restore(tmp_path / "one.tar")
-    assert (machine.rows(), machine.stored()) == (before, {})
-    assert machine.restore(tmp_path / "one.tar", other_ledger=True).missing_in_ledger == 1
-    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
-    assert empty_machine(kind, **ledger).restore(tmp_path / "one.tar").missing_in_ledger == 0
-
-
 def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anything_is_written(
     kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
 ):
@@ -292,34 +271,6 @@ def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anythi
     machine = empty_machine(kind, **ledger | {"erasure_url": f"file://{tmp_path / 'new-ledger'}"}, secret_key="x" * 40)
     machine.restore(tmp_path / "one.tar", other_key=True)
     assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays), uuid.UUID(erased)}
-
-
-def test_backup_that_lacks_more_blobs_than_a_document_holds_is_restored(
-    kind, person, source, empty_machine, monkeypatch, tmp_path
-):
-    """A bucket that was emptied, in small: what is lacking has no limit, manifest and end have theirs."""
-    whole, there = source.back_up(tmp_path / "whole.tar"), named_blobs(source.database)
-    limit = 1000 + max(len(whole.manifest.to_bytes()), len(end_of(tmp_path / "whole.tar")))
-    meal_id = next(iter(source.rows()["meal_image"].values()))["meal_id"]
-    with source.database.write() as session:
-        run = session.scalars(sa.select(Run)).first()
-        for number in range(limit // 100):
-            name = f"lost-{number}"
-            place = {"run_id": run.id, "name": name, "blob_key": f"{meal_id}/runs/{name}/{number:064x}"}
-            session.add(RunArtefact(**place, media_type="image/png", sha256=f"{number:064x}", bytes=1))
-    for module in (backup_check, restore):
-        monkeypatch.setattr(module, "MAX_DOCUMENT_BYTES", limit)
-    monkeypatch.setattr(backup, "MAX_DAMAGED_LISTED", 3)
-    done = source.back_up(tmp_path / "one.tar")
-    assert (done.end.damaged, len(done.damaged_first)) == (limit // 100, 3)
-    machine = empty_machine(kind)
-    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.end.damaged
-    assert machine.stored().keys() == there
-
-
-def end_of(path):
-    with tarfile.open(path) as tar:
-        return tar.extractfile("end.json").read()
 
 
 def test_restore_that_was_broken_off_can_be_done_again(kind, person, source, empty_machine, monkeypatch, tmp_path):

@@ -36,7 +36,6 @@ from app.people.models import Device, Participant, Study
 from app.storage.opening import open_blob_store
 from tests.integration.operations.deployments import SECRET, deployment, quiet, stored_under
 from tests.integration.operations.forged_backups import Forgery
-from tests.integration.operations.weak_role import weak_role
 
 NOW = datetime(2026, 11, 20, 4, 30, 0, 123456, tzinfo=UTC)
 BOX = SecretBox(SECRET)
@@ -300,24 +299,6 @@ def test_ledger_of_erasures_that_cannot_be_read_is_told_before_anything_is_writt
             machine.restore(backup_file)
         assert refused.value.code == "ledger_broken"
         assert_untouched(machine)
-
-
-@pytest.mark.parametrize("kind", ["postgres"])
-def test_postgres_without_a_key_is_told_so_before_anything_is_written(kind, backup_file, database_url, tmp_path):
-    """A lost key is replaced by another one, not by none."""
-    with deployment(tmp_path / "machine", database_url, secret_key=None) as machine:
-        with pytest.raises(SecretKeyError):
-            machine.restore(backup_file, other_key=True)
-        assert_untouched(machine)
-
-
-@pytest.mark.parametrize("kind", ["postgres"])
-def test_role_that_may_make_no_tables_is_told_before_any_blob_is_written(kind, backup_file, database_url, tmp_path):
-    """Blobs may take an hour."""
-    with weak_role(database_url) as (url, _), deployment(tmp_path / "machine", url) as machine:
-        with pytest.raises(sa.exc.ProgrammingError, match="permission denied"):
-            machine.restore(backup_file)
-        assert machine.stored() == {}
 
 
 def test_refused_backup_leaves_nothing_nor_do_rows_that_the_database_does_not_take(machine, backup_file, tmp_path):

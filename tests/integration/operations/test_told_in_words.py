@@ -92,17 +92,6 @@ def test_ledger_that_is_away_is_told_by_server_and_worker(prepared_database_url,
     assert "Traceback" not in caplog.text
 
 
-def test_folder_that_cannot_be_made_is_told_by_server_and_worker(tmp_path, impatient):
-    """Below a file, where no user can make one: as one without rights, or on a disk that is read only."""
-    file = tmp_path / "file"
-    file.touch()
-    for place in ({"blob_url": f"file://{file}/store"}, {"erasure_url": f"file://{file}/ledger"}):
-        settings = Settings(data_dir=tmp_path / "data", secret_key=KEY, port=0, **place)
-        for begin in (functools.partial(serve, with_worker=False), run_worker):
-            with pytest.raises(UnavailableError, match=rf"^{file}\S*: Not a directory\.$"):
-                begin(settings)
-
-
 def test_database_that_is_away_is_told_by_server_and_worker(tmp_path, impatient, caplog):
     settings = Settings(database_url="postgresql://nobody@127.0.0.1:1/none", data_dir=tmp_path, secret_key=KEY, port=0)
     for begin in (functools.partial(serve, with_worker=False), run_worker):

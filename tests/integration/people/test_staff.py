@@ -1,12 +1,10 @@
 """Staff: made by admins, members of studies by owners; the last admin and the last owner stay."""
 
-import threading
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
 
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
+from tests.integration.records.at_once import at_once
 
 
 @pytest.fixture
@@ -138,18 +136,6 @@ def test_audit_log_has_each_change_of_staff_and_no_secrets(client, admin, study,
         ("admin", "member.set", "olga", {"role": "owner"}),
         ("admin", "staff.change", "olga", {"fields": ["password"], "sessions_ended": 1, "tokens_ended": 0}),
     ]
-
-
-def at_once(*calls):
-    """Answers of calls that start together."""
-    barrier = threading.Barrier(len(calls))
-
-    def run(call):
-        barrier.wait()
-        return call()
-
-    with ThreadPoolExecutor(len(calls)) as pool:
-        return list(pool.map(run, calls))
 
 
 @pytest.mark.both_stores

@@ -19,7 +19,6 @@ from tests.support.photographs import photograph
 
 RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"
 DEMO = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
-APPLE = (1092, 620)
 CAMERA = {"width": 640, "height": 480, "fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0}
 
 
@@ -67,26 +66,6 @@ def again(slot):
         buffer = io.BytesIO()
         image.save(buffer, "JPEG", quality=88, exif=image.getexif())
     return buffer.getvalue()
-
-
-@pytest.mark.slow
-def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
-    """The bundled pair before and after: matched by what is seen alone, and nothing eaten within the interval."""
-    photos = {slot: (DEMO / f"{slot}.jpg").read_bytes() for slot in ("left", "right")}
-    metadata = meal_metadata(hints=[{"point": list(APPLE), "food": "apple"}])
-    assert phone.post(photos, metadata).status_code == 202
-    path = f"/v1/meals/{metadata['id']}"
-    for slot in ("left", "right"):
-        assert phone.put(f"{path}/images/after_{slot}", content=again(slot)).status_code == 202
-    for purpose in ("after", "meal"):  # the after-meal pair's worker is quicker
-        estimate(state, settings, metadata["id"], purpose=purpose, run=estimate_task)
-    meal = phone.get(path).json()
-    apple = next(item for item in meal["items"] if item["food"] is not None)
-    left = next(each for each in meal["after"]["leftovers"] if each["item"] == apple["id"])
-    assert left["class"] == "food_left"
-    assert abs(apple["consumed_g"]) < 0.1 * apple["edible_g"]
-    assert apple["consumed_interval_g"][0] < 0.0 < apple["consumed_interval_g"][1]
-    assert meal["after"]["artefacts"]
 
 
 @pytest.mark.slow

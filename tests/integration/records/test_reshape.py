@@ -130,13 +130,3 @@ def test_rings_that_a_meal_has_are_accepted_by_redraw(body, state, reviewer):
     drawn = [event["new"]["polygon"] for event in reviewer.history()["items"]]
     assert drawn == [item["polygon"] for item in reviewer.items()]
     assert drawn == [rings_of(polygon) for polygon in polygons.values()]
-
-
-def test_rings_of_merged_items_are_accepted_by_redraw(body, state, reviewer):
-    other = [[60.0, 10.0], [90.0, 10.0], [90.0, 50.0]]
-    estimates.save(state, body["id"], found_item(), found_item(hint=None, polygon=other))
-    ids = [item["id"] for item in reviewer.items()]
-    merged = reviewer.say("merge", items=ids, food="apple")["items"][-1]
-    assert len(merged["polygon"]) == 2
-    again = reviewer.say("redraw", item=merged["id"], polygon=merged["polygon"])["items"][-1]
-    assert again["polygon"] == merged["polygon"]

@@ -19,6 +19,8 @@ from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views, true_depth
 from tests.unit.vision.test_pipeline_of_one import on_plain_table
 
+pytestmark = pytest.mark.slow
+
 BALL = Ball((115.0, 15.0), 33.0)
 MIDDLE_MM = np.array([*BALL.centre_mm, BALL.radius_mm])
 DEPTH_SIZE = (256, 192)

@@ -107,14 +107,3 @@ def test_release_rewritten_during_the_backup_is_reported_to_lack_files(frozen, s
         release = session.scalars(sa.select(Release)).one()
         assert (release.state, release.failure_code) == ("failed", "release_files_missing")
         assert session.scalar(sa.select(sa.func.count()).select_from(ReleaseFile)) == 0
-
-
-def test_restored_release_of_a_quiet_deployment_has_the_same_files(frozen, source, machine, tmp_path):
-    owner, _, _ = frozen
-    before = {file["name"]: file["sha256"] for file in owner.get(f"{PATH}/baseline").json()["files"]}
-    source.back_up(tmp_path / "backup.tar")
-    machine.restore(tmp_path / "backup.tar")
-    with machine.served() as client:
-        release = client.get(f"{PATH}/baseline", headers=owner.headers).json()
-        assert {file["name"]: file["sha256"] for file in release["files"]} == before
-        assert client.get(f"{PATH}/baseline/check", headers=owner.headers).json()["is_whole"] is True

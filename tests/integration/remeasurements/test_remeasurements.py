@@ -9,15 +9,12 @@ from datetime import UTC, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.exports.release_models import Release, ReleaseFile
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.remeasurement_models import RemeasuredItem, RemeasuredPair, Remeasurement
-from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
-from app.releases.file_runner import FileRunner
 from app.remeasurements.feed_workers import FeedWorkers
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table
@@ -25,7 +22,6 @@ from tests.integration.records.at_once import at_once
 from tests.integration.records.eating import eaten
 from tests.integration.remeasurements.measuring_again import PATH, Again
 from tests.support import estimates
-from tests.support.commands import run_tada
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
 
@@ -204,28 +200,6 @@ def test_workers_that_feed_at_the_same_time_queue_each_pair_once(again, phone, s
     assert sorted(live) == sorted((meal, "rerun") for meal in meals)
 
 
-def test_release_made_before_stays_byte_for_byte(again, meals, state):
-    def frozen(name):
-        path = "/v1/studies/pilot/releases"
-        assert again.client.post(path, headers=again.headers, json={"name": name}).status_code == 202
-        runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
-        assert runner.run_one().outcome == "done"
-        return contents(name)
-
-    def contents(name):
-        with state.database.read() as session:
-            release = session.scalars(sa.select(Release).where(Release.name == name)).one()
-            files = session.scalars(sa.select(ReleaseFile).where(ReleaseFile.release_id == release.id)).all()
-        return release.checksum, {file.name: state.blobs.read(file.blob_key) for file in files}
-
-    before = frozen("before")
-    again.done(answers_of(meals, 400.0))
-    assert contents("before") == before
-    check = again.client.get("/v1/studies/pilot/releases/before/check", headers=again.headers).json()
-    assert check["is_whole"]
-    assert frozen("after")[0] != before[0]
-
-
 def test_erased_meal_takes_its_part_of_the_remeasurement_with_it(again, meals, phone, state):
     started = again.start()
     assert again.feed(1) == 1
@@ -238,19 +212,6 @@ def test_erased_meal_takes_its_part_of_the_remeasurement_with_it(again, meals, p
     assert (ended["state"], ended["pairs"], ended["measured"]) == ("done", 1, 1)
     with state.database.read() as session:
         assert len(session.scalars(sa.select(RemeasuredItem)).all()) == 1
-
-
-@pytest.fixture
-def tada(settings, client):
-    def run(*arguments):
-        return run_tada(
-            *arguments,
-            TADA_DATABASE_URL=settings.database_url,
-            TADA_DATA_DIR=settings.data_dir,
-            TADA_SECRET_KEY=settings.secret_key.get_secret_value(),
-        )
-
-    return run
 
 
 def test_command_lists_a_plan_and_changes_nothing_and_refuses_what_is_not_there(again, meals, tada):

@@ -58,14 +58,11 @@ def estimate(folder, left, right, *, marker=MARKER, point=None, **options):
     return answer.as_json()
 
 
-def without_board(image, share=1.0):
-    """The photograph with its board, margin and all, painted over, or a share of it from one side."""
+def without_board(image):
+    """The photograph with its board, margin and all, painted over."""
     corners = find_marker(Photo(image), parse_marker(MARKER)).corners_px
     middle = corners.mean(axis=0)
     outline = cv2.convexHull(((corners - middle) * 1.7 + middle).astype(np.float32)).reshape(-1, 2)
-    if share < 1.0:
-        cut = np.quantile(outline[:, 1], share)
-        outline = np.minimum(outline, [np.inf, cut])
     return cv2.fillPoly(image.copy(), [outline.astype(np.int32)], (90, 120, 150))
 
 
@@ -103,16 +100,12 @@ SCENES = {
         lambda pixels: {"left": encoded(without_board(pixels["left"]))},
         {"marker_not_found"},
     ),
-    "half a marker": (lambda pixels: {"left": encoded(without_board(pixels["left"], share=0.5))}, NO_MARKER),
     "another plain board": (lambda _: {"marker": "plain:7x5:11"}, NO_MARKER),
-    "a colour board": (lambda _: {"marker": "colour:4x5:12"}, NO_MARKER),
     "blurred": (lambda pixels: {"left": encoded(cv2.GaussianBlur(pixels["left"], (0, 0), 12))}, {"image_blurred"}),
-    "dark": (lambda pixels: {"left": encoded((pixels["left"] * 0.04).astype(np.uint8))}, {"image_too_dark"}),
     "too small a step": (
         lambda pixels: {"right": encoded(turned_by_a_degree(pixels["left"]))},
         {"baseline_too_small", "same_photograph"},
     ),
-    "truncated": (lambda _: {"left": original("left")[:-20_000]}, {"image_truncated"}),
     "camera of another size": (
         lambda _: {"camera": {"width": 1000, "height": 999, "fx": 1500, "fy": 1500, "cx": 500, "cy": 500}},
         {"camera_mismatch"},

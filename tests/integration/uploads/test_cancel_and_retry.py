@@ -23,7 +23,6 @@ from tests.integration.records.after_pairs import Table, left_of_apple
 from tests.integration.records.at_once import at_once
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
-from tests.support.commands import run_tada
 from tests.support.deadlocks import deadlock_over_a_meal
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
@@ -41,21 +40,6 @@ def meal(phone):
 @pytest.fixture
 def reviewer(client, admin, phone):
     return make_staff(client, admin, "keller", pilot="reviewer")
-
-
-@pytest.fixture
-def tada(settings, client):
-    """Commands on the server's own database."""
-
-    def run(*arguments):
-        return run_tada(
-            *arguments,
-            TADA_DATABASE_URL=settings.database_url,
-            TADA_DATA_DIR=settings.data_dir,
-            TADA_SECRET_KEY=settings.secret_key.get_secret_value(),
-        )
-
-    return run
 
 
 def jobs_of(state, meal, purpose="meal"):

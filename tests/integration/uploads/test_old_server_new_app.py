@@ -49,11 +49,6 @@ def test_field_of_the_after_meal_pair_that_is_not_known_is_kept_aside(phone, cli
     assert client.put(f"/v1/meals/{body['id']}/after", headers=phone.headers, json=told).status_code == 200
 
 
-def test_known_field_that_cannot_be_is_refused_beside_one_that_is_not_known(phone):
-    for changes, code in (({"time_zone": "Nowhere/Land"}, "time_zone_unknown"), ({"hints": [{}]}, "metadata_invalid")):
-        assert refusal(phone.post(pair(), meal_metadata(mood="happy", **changes))) == (422, code)
-
-
 def test_parameter_that_is_not_known_or_given_twice_is_refused_and_a_list_is_not(phone, client, monkeypatch):
     for path in ("/v1/records?studdy=pilot", "/v1/meals?limit=2&page=3", "/v1/me?verbose=1", "/v1/foods?q=a&=1"):
         answer = client.get(path, headers=phone.headers)

@@ -17,30 +17,16 @@ def phone(phone):
     return phone
 
 
-@pytest.mark.parametrize("progressive", [False, True])
-def test_jpeg_with_a_hole_is_refused_and_the_whole_one_is_taken_afterwards(phone, progressive):
-    body, photos = meal_metadata(), pair(progressive=progressive)
+def test_jpeg_with_a_hole_is_refused_after_the_meal_too_and_the_whole_one_is_taken_afterwards(phone):
+    body, photos = meal_metadata(), pair(progressive=True)
     answer = phone.post(photos | {"right": with_hole(photos["right"])}, metadata=body)
     assert (answer.status_code, answer.json()["code"], answer.json()["slot"]) == (422, "image_unreadable", "right")
     assert phone.get(f"/v1/meals/{body['id']}").status_code == 404
     assert phone.post(photos, metadata=body).status_code == 202
-
-
-def test_after_meal_photograph_with_a_hole_is_refused(phone):
-    body = meal_metadata()
-    assert phone.post(pair(), metadata=body).status_code == 202
     address = f"/v1/meals/{body['id']}/images/after_left"
     answer = phone.put(address, content=with_hole(photograph(7)))
     assert (answer.status_code, answer.json()["code"]) == (422, "image_unreadable")
     assert phone.put(address, content=photograph(7)).status_code == 202
-
-
-def test_pre_check_tells_of_the_hole(phone):
-    photos = pair()
-    files = photos | {"left": with_hole(photos["left"])}
-    files = {slot: (slot, content, "image/jpeg") for slot, content in files.items()}
-    answer = phone.client.post("/v1/checks", headers=phone.headers, files=files).json()
-    assert ("image_unreadable", "left", "stop") in [(p["code"], p["side"], p["severity"]) for p in answer["problems"]]
 
 
 def test_meal_is_kept_where_children_are_busy_or_make_a_mistake_or_are_not_up(phone, monkeypatch):

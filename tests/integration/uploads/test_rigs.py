@@ -1,30 +1,17 @@
 """Stereo rigs over HTTP: kept per phone, model and study; a meal by one needs no marker and its run names the rig."""
 
-import csv
-import io
 import json
-import uuid
 
-import cv2
 import pytest
 
 from app.children.faults import JobFailure
-from app.estimates.camera_json import rig_to_json
 from app.estimates.run_estimate import estimate_task
-from app.people.access.secret_box import SecretBox
 from app.people.models import Device
-from app.releases.file_runner import FileRunner
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.answers import refusal
 from tests.integration.uploads.measuring import estimate
-from tests.support import estimates
-from tests.support.estimates import found_item
 from tests.support.photographs import pair
-from tests.unit.vision.rigs import rig_of
-from tests.unit.vision.stereo_scene import Ball, rendered_views
 
-BALL = Ball((115.0, 15.0), 33.0)
-TOLERANCE = 0.06  # the bar of rendered meals by a rig of 60 mm
 DISTORTION = [0.05, -0.1, 0.0, 0.0, 0.0]
 
 
@@ -182,33 +169,3 @@ def test_rig_that_cannot_be_is_refused_everywhere(phone, client, admin):
     both = {"left": camera, "right": camera, "width": 640, "height": 480}  # one size for both is allowed
     kept = send(phone, **(rig() | both)).json()
     assert [kept["rig"][side]["width"] for side in ("left", "right")] == [640, 640]
-
-
-def test_release_holds_a_run_without_a_marker(no_marker, state, client, admin):
-    body = meal_metadata(rig=rig())
-    no_marker.post(pair(), metadata=body)
-    estimates.save(state, body["id"], found_item(hint=None), marker=None)
-    releases = "/v1/studies/pilot/releases"
-    assert client.post(releases, headers=admin, json={"name": "first"}).status_code == 202
-    runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
-    assert runner.run_one().outcome == "done"
-    table = client.get(f"{releases}/first/files/meals.csv", headers=admin).text
-    assert [row["marker"] for row in csv.DictReader(io.StringIO(table))] == [""]
-
-
-@pytest.mark.slow
-def test_rendered_meal_by_a_rig_has_its_volume_over_http(no_marker, state, settings):
-    views = rendered_views(BALL)
-    photos = {
-        side: cv2.imencode(".jpg", view.photo.pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-        for side, view in zip(("left", "right"), views, strict=True)
-    }
-    document = json.loads(json.dumps(rig_to_json(rig_of(*views))))
-    assert send(no_marker, **document).status_code == 201
-    body = meal_metadata()
-    assert no_marker.post(photos, metadata=body).status_code == 202
-    estimate(state, settings, body["id"], run=estimate_task)
-    meal = no_marker.get(f"/v1/meals/{body['id']}").json()
-    ball = max(meal["items"], key=lambda item: item["volume_ml"])
-    assert abs(ball["volume_ml"] / BALL.volume_ml - 1) < TOLERANCE
-    assert "scale_from_rig" in ball["flags"]

@@ -1,11 +1,5 @@
 """Meals of one photograph or of more than two: announced by `views`, complete with the last, estimated from all."""
 
-import json
-
-import cv2
-import pytest
-
-from app.estimates.run_estimate import estimate_task
 from app.meals.models import Meal, MealImage
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.answers import refusal
@@ -63,28 +57,3 @@ def test_same_id_with_another_number_of_views_is_another_meal(phone):
     sent = phone.post(three(), metadata | {"views": 3})
     assert (sent.status_code, sent.json()["code"], sent.json()["fields"]) == (409, "meal_id_reused", ["views"])
     assert phone.post(pair(), metadata | {"views": 2}).status_code == 200  # 2 is what is meant without it
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("views", "tolerance"), [(1, 1.0), (3, 0.2)])
-def test_rendered_meal_is_measured_by_all_of_its_photographs(phone, state, settings, shared_data, views, tolerance):
-    folder = shared_data / "scenes" / "dev" / "views" / "views-01"
-    truth = json.loads((folder / "truth.json").read_text())
-    whole = truth["camera"]
-    camera = {"fx": whole["f"] / 2, "fy": whole["f"] / 2, "distortion": whole["distortion"]}
-    camera |= {"width": 1024, "height": 768, "cx": whole["cx"] / 2, "cy": whole["cy"] / 2}
-    slots = list(three())[:views]
-    photos = {slot: half_size(folder / f"v{number}.jpg") for number, slot in enumerate(slots, start=1)}
-    client_id = phone.post(photos, views=views, camera=camera).json()["id"]
-    estimate(state, settings, client_id, run=estimate_task)
-    meal = phone.get(f"/v1/meals/{client_id}").json()
-    assert meal["failure"] is None
-    assert meal["run"]["parameters"]["views"] == views
-    (item,) = meal["items"]
-    assert item["volume_ml"] == pytest.approx(truth["items"][0]["volume_ml"], rel=tolerance)
-    assert ("single_view" in item["flags"]) == (views == 1)
-
-
-def half_size(path):
-    picture = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()

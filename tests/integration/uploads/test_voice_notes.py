@@ -43,7 +43,7 @@ def test_note_is_kept_given_out_and_known_again(phone, meal):
     assert answer.headers["content-disposition"] == "attachment"
 
 
-@pytest.mark.parametrize(("policy", "stays"), [("drop", False), ("round", False), ("keep", True)])
+@pytest.mark.parametrize(("policy", "stays"), [("round", False), ("keep", True)])
 def test_coordinates_in_a_note_are_kept_only_by_a_study_that_keeps_places(enrol, state, policy, stays):
     place = b"+47.6062-122.3321/"
     content = mp4(b"soun") + box(b"meta", place)

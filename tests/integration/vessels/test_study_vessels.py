@@ -6,10 +6,6 @@ import io
 import pytest
 import sqlalchemy as sa
 
-from app.children.child_pool import ChildResult
-from app.estimates.estimate_meal import EstimateMeal
-from app.estimates.save_estimate import save_estimate
-from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import Run
 from app.people.privacy_models import AuditEvent
@@ -19,7 +15,7 @@ from app.vision.vessel_library import MAX_VESSELS, VESSEL_KINDS, vessels_from_js
 from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import refused
 from tests.integration.people.people import make_staff
-from tests.support.estimates import answer
+from tests.integration.uploads.measuring import estimate
 from tests.support.photographs import pair
 
 ROOT = "/v1/studies/pilot/vessels"
@@ -41,24 +37,15 @@ def owner(client, admin, phone):
 
 @pytest.fixture
 def given(state):
-    """Run a meal's job with a child that keeps what it is asked; (options, answer that is saved)."""
+    """Estimate the newest meal; (what the child was asked, the parameters of the run that is saved)."""
 
     def run():
-        asked = []
-
-        class Child:
-            def run(self, request, on_stage, *, name, is_alone=False):
-                asked.append(request.arguments["options"])
-                return ChildResult("ok", answer())
-
         with state.database.read() as session:
-            job = session.scalars(sa.select(Job).order_by(Job.enqueued_at.desc())).first()
-        worker = EstimateMeal(state.database, state.blobs, Child(), state.settings)
-        result = worker.load(worker.compute(job.id))
-        with state.database.write() as session:
-            save_estimate(session, job.id, result.answer, result.key)
+            meal = session.scalars(sa.select(Meal).order_by(Meal.received_at.desc())).first()
+        children = estimate(state, state.settings, str(meal.client_id))
         with state.database.read() as session:
-            return asked[0], session.get_one(Run, job.id).parameters
+            newest = session.scalars(sa.select(Run).order_by(Run.created_at.desc())).first()
+        return children.options, newest.parameters
 
     return run
 
