@@ -132,9 +132,7 @@ def test_frame_of_tags_leaves_the_food_in_its_middle_off_the_sheet():
 
 OTHERS = {
     "dictionary": "aruco:5x4:20:5:DICT_6X6_250",
-    "turned": "aruco:4x5:20:5:DICT_5X5_100",
     "rows": "aruco:5x3:20:5:DICT_5X5_100",
-    "gap": "aruco:5x4:20:8:DICT_5X5_100",
     "kind": "charuco:5x4:20:14:DICT_5X5_100",
 }
 

@@ -9,7 +9,7 @@ from app.core.errors import Failure
 from app.vision.stereo import printed_stereo
 from app.vision.stereo.epipolar import fundamental_from_projections, projection_matrix
 from app.vision.stereo.features import Matches
-from app.vision.stereo.printed_stereo import match_by_correlation, reconstruct_as_printed
+from app.vision.stereo.printed_stereo import reconstruct_as_printed
 from app.vision.stereo.rectification import rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews
 from tests.unit.vision.stereo.test_epipolar import project
@@ -85,32 +85,3 @@ def test_draws_of_few_matches_with_an_epipole_in_the_photograph_or_swapped_depth
     fundamental = fundamental_from_projections(projection_matrix(views[0]), projection_matrix(ahead))
     monkeypatch.setattr(printed_stereo, "fundamental_from_points", lambda *_: fundamental)
     assert reconstructed((views, matches, pair, mask)).code == "draw_unusable"
-
-
-def test_correlation_finds_a_known_shift_and_no_match_where_nothing_is_seen():
-    rng = np.random.default_rng(0)
-    wide = rng.integers(0, 255, (60, 200)).astype(np.uint8)
-    wide[:, 60:100] = 128
-    low, high, width = -4, 9, 120
-    first = np.repeat(wide[:, 30 : 30 + width, None], 3, axis=2)
-    shift = 3  # x - x'
-    start = 30 + shift - high  # column c of the second is x' = c - high
-    second = np.repeat(wide[:, start : start + width + high - low, None], 3, axis=2)
-    disparity = match_by_correlation(first, second, low, high)
-    textured = np.r_[10:20, 85:110]
-    assert np.allclose(disparity[10:-10, textured], shift, atol=0.1)
-    assert np.isnan(disparity[10:-10, 45:55]).all()
-    reference = _slow_correlation(first, second, low, high, row=30, column=15)
-    assert abs(reference - disparity[30, 15]) <= 0.5
-
-
-def _slow_correlation(first, second, low, high, *, row, column):
-    """The whole disparity of greatest correlation at one pixel, by numpy.corrcoef."""
-    reach = printed_stereo.WINDOW_PX // 2
-    rows = slice(row - reach, row + reach + 1)
-    window = first[rows, column - reach : column + reach + 1, 0].ravel()
-    scores = {}
-    for disparity in range(low, high + 1):
-        at = column + high - disparity
-        scores[disparity] = np.corrcoef(window, second[rows, at - reach : at + reach + 1, 0].ravel())[0, 1]
-    return max(scores, key=scores.get)
