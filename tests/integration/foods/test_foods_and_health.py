@@ -46,7 +46,8 @@ def test_ready_fails_on_an_unwritable_store(client, state, monkeypatch):
 
 def test_formulas_are_neutralised_and_numbers_are_not():
     """Excel computes full-width signs of Chinese and Japanese keyboards, and skips a line feed before a formula."""
-    for text in (*(f"{start}1+1" for start in FORMULA_STARTS), "\n=1+2", "＝1+2", "＋1", "－1", "＠SUM(1)"):
+    signs = ("=1+2", "+x", "-x", "@x", "\tx", "\r=1", "\n=1+2", "＝1+2", "＋1", "－1", "＠SUM(1)")
+    for text in (*(f"{start}1+1" for start in FORMULA_STARTS), *signs):
         assert safe_cell(text) == f"'{text}"
     assert safe_cell(-1.5) == -1.5
     assert safe_cell("P001") == "P001"

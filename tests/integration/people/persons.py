@@ -31,9 +31,10 @@ from app.records.rebuild_records import rebuild_records
 from app.releases.file_runner import FileRunner
 from app.releases.freeze_release import ReleaseFilters
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
-from tests.integration.conftest import meal_metadata
+from tests.integration.conftest import Phone, meal_metadata
 from tests.support import estimates
 from tests.support.estimates import found_item
+from tests.support.filled_databases import fill_once
 from tests.support.photographs import pair
 
 OWNERS = {"participant", "device", "meal", "item", "run", "job", "meal_event"}
@@ -246,6 +247,26 @@ class Person:
         needles += [content[len(content) // 2 :][:64].lower() for content in self.photos.values()]
         needles += [self.vector[:64].lower() if self.state.database.is_sqlite else self.vector[:64].hex().encode()]
         return needles
+
+
+def kept_person(state, enrol, client, admin, mark, seed):
+    """Return Person(state, enrol, mark, seed), made once per worker and copied (SQLite) with its blobs and tokens."""
+    folder = state.settings.data_dir
+
+    def fill(_database):
+        person = Person(state, enrol, mark, seed)
+        files = {path.relative_to(folder): path.read_bytes() for path in folder.glob("blobs/**/*") if path.is_file()}
+        known = {name: value for name, value in vars(person).items() if name not in ("state", "phone")}
+        return known, (person.phone.headers, admin), files
+
+    known, (of_phone, of_admin), files = fill_once(state.database, fill, key=("person", mark, seed))
+    admin.update(of_admin)
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
+    person = Person.__new__(Person)
+    vars(person).update(known, state=state, phone=Phone(client, of_phone))
+    return person
 
 
 def make_files(state):

@@ -29,15 +29,15 @@ from app.privacy.retention import erase_old_pictures
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
 from tests.integration.conftest import meal_metadata
-from tests.integration.people.persons import Person
+from tests.integration.people.persons import kept_person
 from tests.support import estimates
 from tests.support.photographs import pair
 from tests.support.stores import make_old, store_bytes, stored_names
 
 
 @pytest.fixture
-def person(state, enrol):
-    return Person(state, enrol, "somebody-2Wd", seed=1)
+def person(state, enrol, client, admin):
+    return kept_person(state, enrol, client, admin, "somebody-2Wd", seed=1)
 
 
 def test_erasure_that_died_before_its_transaction_is_finished_once_by_the_next_start_unless_it_is_recent(

@@ -32,7 +32,7 @@ from app.privacy.erase import public_digest
 from app.privacy.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
-from tests.integration.people.persons import Person, database_bytes
+from tests.integration.people.persons import Person, database_bytes, kept_person
 from tests.support.deadlocks import deadlock_over_a_meal
 from tests.support.photographs import pair, photograph
 from tests.support.stores import store_bytes
@@ -46,8 +46,8 @@ def set_study(state, **values):
 
 
 @pytest.fixture
-def person(state, enrol):
-    return Person(state, enrol, "somebody-9Qv", seed=1)
+def person(state, enrol, client, admin):
+    return kept_person(state, enrol, client, admin, "somebody-9Qv", seed=1)
 
 
 def test_deleted_meal_has_a_receipt_readable_by_id_alone_and_tombstones_and_each_call_of_it_is_410(

@@ -23,14 +23,6 @@ def with_depth(seed=0, **more):
     return pair(seed) | {"left_depth": depth_png(seed)} | more
 
 
-def test_meal_with_a_depth_map_in_one_request_is_queued(phone):
-    sent = phone.post(with_depth(), depth_camera=CAMERA)
-    assert (sent.status_code, sent.json()["status"]) == (202, "queued")
-    assert (list(sent.json()["images"]), sent.json()["missing"]) == (["left", "right", "left_depth"], [])
-    image = sent.json()["images"]["left_depth"]
-    assert (image["media_type"], image["width_px"], image["height_px"], image["durable"]) == ("image/png", 64, 48, True)
-
-
 def test_meal_waits_for_the_maps_that_it_announced_and_takes_each_again(phone):
     metadata = meal_metadata(depth_camera=CAMERA, depth_maps=ALL)
     path = f"/v1/meals/{metadata.pop('id')}"
@@ -165,9 +157,13 @@ def test_meal_of_a_study_without_a_marker_needs_a_depth_map_of_the_left_photogra
     assert estimate(state, settings, sent.json()["id"]).options["marker"] is None
 
 
-def test_map_is_given_out_exported_and_listed_as_it_is_stored(phone, client, admin):
+def test_map_in_one_request_is_kept_given_out_exported_and_listed_as_it_is_stored(phone, client, admin):
     parts = with_depth()
-    client_id = phone.post(parts, depth_camera=CAMERA).json()["id"]
+    meal = phone.post(parts, depth_camera=CAMERA).json()
+    client_id = meal["id"]
+    assert (meal["status"], list(meal["images"]), meal["missing"]) == ("queued", ["left", "right", "left_depth"], [])
+    image = meal["images"]["left_depth"]
+    assert (image["media_type"], image["width_px"], image["height_px"], image["durable"]) == ("image/png", 64, 48, True)
     served = phone.get(f"/v1/meals/{client_id}/images/left_depth")
     assert (served.status_code, served.content) == (200, parts["left_depth"])
     assert (served.headers["content-type"], served.headers["content-disposition"]) == ("image/png", "attachment")

@@ -5,20 +5,18 @@ import json
 import re
 import threading
 import uuid
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 
 import pytest
 import sqlalchemy as sa
 
 from app.core.errors import Failure
-from app.diary.diary import set_day
 from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.queries import lock_meal
 from app.operations.chores import worker_chores
 from app.outbox.models import ALL_EVENTS, EVENTS, Webhook, WebhookDelivery
-from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
@@ -330,27 +328,13 @@ def test_meal_sent_in_parts_is_announced_with_its_last_part(owner, phone):
     assert [row["event"] for row in owner.call("GET", f"{path}/deliveries").json()["items"]] == ["meal.received"]
 
 
-def test_day_is_announced_when_it_is_closed_and_when_it_is_open_again(phone, state):
-    with state.database.write() as session:
-        participant = session.scalars(sa.select(Participant)).one()
-        hook = Webhook(
-            id=uuid.uuid4(),
-            study_id=participant.study_id,
-            url="https://hooks.example.org/",
-            events=["day.closed", "day.reopened"],
-            secret_sealed="sealed",
-            author="owner",
-            created_at=datetime.now(UTC),
-        )
-        session.add(hook)
-    caller = DeviceCaller(uuid.uuid4(), participant.id, participant.study_id, participant.alias)
-    for version, word in enumerate(("closed", "ate_nothing", "reopened")):
-        set_day(state.database, caller, date(2026, 11, 20), word, expected=frozenset({version}))
-    with state.database.read() as session:
-        rows = session.scalars(sa.select(WebhookDelivery).order_by(WebhookDelivery.created_at))
-        told = [(row.event, row.payload["data"]) for row in rows]
+def test_day_is_announced_when_it_is_closed_and_when_it_is_open_again(owner, phone):
+    path = f"/{owner.made('https://hooks.example.org/a', 'day.closed', 'day.reopened')}"
+    for body in ({"status": "closed"}, {"status": "closed", "ate_nothing": True}, {"status": "open"}):
+        assert phone.put("/v1/me/days/2026-11-20", json=body, headers={"If-Match": "*"}).status_code == 200
+    rows = owner.call("GET", f"{path}/deliveries").json()["items"][::-1]
     about = {"study": "pilot", "participant": "P001", "local_date": "2026-11-20"}
-    assert told == [
+    assert [(row["event"], row["payload"]["data"]) for row in rows] == [
         ("day.closed", {**about, "ate_nothing": False}),
         ("day.closed", {**about, "ate_nothing": True}),
         ("day.reopened", {**about, "ate_nothing": False}),
