@@ -45,7 +45,7 @@ PACKAGES = (
     "vision/shape",
 )
 DRAWN_OF_PACKAGE = 5
-DRAW_SECONDS, RUN_SECONDS = 300.0, 1200.0  # of tests against one mutant
+DRAW_SECONDS, RUN_SECONDS = 80.0, 1200.0  # of tests against one mutant
 BATCH_SECONDS = (4.0, 20.0, 60.0, 120.0)  # recorded seconds of the tests of one pytest; the last of all further ones
 START_SECONDS = 120.0  # of a pytest, beside its tests
 SLOWER = 4.0  # than recorded: a busy machine
