@@ -245,7 +245,7 @@ class Person:
         needles = [text.lower().encode() for text in texts]
         needles += [uuid.UUID(text).hex.encode() for text in texts if len(text) == 36 and text.count("-") == 4]
         needles += [content[len(content) // 2 :][:64].lower() for content in self.photos.values()]
-        needles += [self.vector[:64].lower() if self.state.database.is_sqlite else self.vector[:64].hex().encode()]
+        needles.append(self.vector[:64].lower())
         return needles
 
 

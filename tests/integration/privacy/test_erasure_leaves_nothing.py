@@ -20,7 +20,6 @@ from app.privacy.erase import Eraser
 from app.privacy.reapply_erasures import reapply_erasures
 from app.records.rebuild_records import Rebuilt, rebuild_records
 from app.storage.opening import open_blob_store
-from tests.conftest import postgres_database
 from tests.integration.people.persons import (
     FILE_TABLES,
     OWNERS,
@@ -110,7 +109,7 @@ def test_every_reference_to_rows_that_are_erased_has_an_index():
 
 @pytest.mark.parametrize("what", ["participant", "meal"])
 def test_erased_person_or_meal_leaves_nothing_and_goes_again_from_a_restored_backup_before_anything_is_served(
-    request, what, state, settings, subject, bystander, client, tmp_path
+    what, state, settings, subject, bystander, client, tmp_path
 ):
     """A table that a later version adds must be filled in tests/integration/people/persons.py, and then be erased."""
     assert {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]} == set()
@@ -121,67 +120,60 @@ def test_erased_person_or_meal_leaves_nothing_and_goes_again_from_a_restored_bac
         assert subject.mark.lower().encode() in files_below(state, folder)
     if what == "meal":
         needles = [needle for needle in needles if needle not in of_the_person]
-    with backup(request, state.database, tmp_path) as url:
-        blob_url = copy_of_store(state.blobs, settings, tmp_path / "restored" / "blobs")
-        if what == "meal":
-            answer = client.delete(subject.path, headers=subject.phone.headers)
-        else:
-            answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
-        assert answer.status_code == 200, answer.text
-        settle(state)
-        assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
+    url = backup(state.database, tmp_path)
+    blob_url = copy_of_store(state.blobs, settings, tmp_path / "restored" / "blobs")
+    if what == "meal":
+        answer = client.delete(subject.path, headers=subject.phone.headers)
+    else:
+        answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+    assert answer.status_code == 200, answer.text
+    settle(state)
+    assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
+    assert_nothing_is_left_once_files_are_made(state, needles)
+    left = all_keys(state.database)
+    stays = {table for table in personal_tables() if set(subject.rows[table]) & left[table]}
+    assert stays == (STAYS_WITHOUT_MEAL if what == "meal" else set())
+    if what == "participant":
+        assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
+    assert_bystander_is_untouched(state, bystander)
+    restored = other_settings(
+        settings,
+        {
+            "database_url": url,
+            "blob_url": blob_url,
+            "erasure_url": settings.resolved_erasure_url,
+            "data_dir": tmp_path / "restored",
+        },
+    )
+    assert sum(needle in store_bytes(open_blob_store(blob_url, restored)) for needle in needles) > 3
+    other_key = other_settings(restored, {"secret_key": SecretStr("another key, which made no digest at all")})
+    with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(other_key)):
+        pass
+    with TestClient(create_app(restored)) as again:
+        state = again.app.state.api
+        assert state.database.url != client.app.state.api.database.url
         assert_nothing_is_left_once_files_are_made(state, needles)
-        left = all_keys(state.database)
-        stays = {table for table in personal_tables() if set(subject.rows[table]) & left[table]}
-        assert stays == (STAYS_WITHOUT_MEAL if what == "meal" else set())
-        if what == "participant":
-            assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
-        assert_bystander_is_untouched(state, bystander)
-        restored = other_settings(
-            settings,
-            {
-                "database_url": url,
-                "blob_url": blob_url,
-                "erasure_url": settings.resolved_erasure_url,
-                "data_dir": tmp_path / "restored",
-            },
-        )
-        assert sum(needle in store_bytes(open_blob_store(blob_url, restored)) for needle in needles) > 3
-        other_key = other_settings(restored, {"secret_key": SecretStr("another key, which made no digest at all")})
-        with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(other_key)):
-            pass
-        with TestClient(create_app(restored)) as again:
-            state = again.app.state.api
-            assert state.database.url != client.app.state.api.database.url
-            assert_nothing_is_left_once_files_are_made(state, needles)
-            assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
-            call = again.get(subject.path, headers=subject.phone.headers)
-            assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
-            assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
-            assert reapply_erasures(state.part(Eraser), state.blobs) == 0
+        assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
+        call = again.get(subject.path, headers=subject.phone.headers)
+        assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
+        assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
+        assert reapply_erasures(state.part(Eraser), state.blobs) == 0
 
 
 def other_settings(settings, changes):
     return Settings(**(settings.model_dump() | changes))  # a copy would keep what is resolved already
 
 
-@contextlib.contextmanager
-def backup(request, database, folder):
-    """A copy of the database as it is now: its URL."""
-    if database.is_sqlite:
-        path = folder / "restored" / "tada.sqlite3"
-        path.parent.mkdir(exist_ok=True)
-        with (
-            contextlib.closing(sqlite3.connect(sa.make_url(database.url).database)) as source,
-            contextlib.closing(sqlite3.connect(path)) as target,
-        ):
-            source.backup(target)
-        yield f"sqlite:///{path}"
-        return
-    database.dispose()
-    server = request.getfixturevalue("postgres_server")
-    with postgres_database(server, sa.make_url(database.url).database) as url:
-        yield url
+def backup(database, folder):
+    """Copy the database as it is now; returns the URL of the copy."""
+    path = folder / "restored" / "tada.sqlite3"
+    path.parent.mkdir(exist_ok=True)
+    with (
+        contextlib.closing(sqlite3.connect(sa.make_url(database.url).database)) as source,
+        contextlib.closing(sqlite3.connect(path)) as target,
+    ):
+        source.backup(target)
+    return f"sqlite:///{path}"
 
 
 def keys_of_person_alone(state, person):

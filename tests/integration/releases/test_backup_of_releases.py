@@ -36,16 +36,9 @@ def source(state, settings):
 
 @pytest.fixture
 def machine(request, tmp_path, source):
-    """An empty one of the other kind of database, that shares the ledger."""
+    """An empty one on PostgreSQL, that shares the ledger."""
     (tmp_path / "machine").mkdir()
-    shared = ("s3_endpoint", "s3_region", "s3_access_key_id", "s3_secret_access_key")
-    ledger = {name: getattr(source.settings, name) for name in shared}
-    ledger["erasure_url"] = source.settings.resolved_erasure_url
-    if not source.database.is_sqlite:
-        url = f"sqlite:///{tmp_path / 'machine' / 'tada.sqlite3'}"
-        with deployment(tmp_path / "machine", url, **ledger) as made:
-            yield made
-        return
+    ledger = {"erasure_url": source.settings.resolved_erasure_url}
     with (
         postgres_database(request.getfixturevalue("postgres_server")) as url,
         deployment(tmp_path / "machine", url, **ledger) as made,
