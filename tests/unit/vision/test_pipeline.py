@@ -56,6 +56,7 @@ def swapped(pair):
     return estimate_meal(photographs, OPTIONS, want_artefacts=True), photographs
 
 
+@pytest.mark.slow
 def test_swapped_photographs_give_the_same_volume_and_the_outlines_that_were_measured(
     estimate, swapped, views, scene_of
 ):
@@ -70,6 +71,7 @@ def test_swapped_photographs_give_the_same_volume_and_the_outlines_that_were_mea
     assert overlap(item["right_rings_px"], ball_in(views[0])) > 0.93
 
 
+@pytest.mark.slow
 def test_colours_are_corrected_for_each_photograph_and_do_not_follow_its_light(estimate, swapped, pair):
     other, photographs = swapped
     assert [each.kind for each in estimate.colours] == ["white", "white"]

@@ -11,6 +11,8 @@ from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from tests.unit.vision.synthetic import look_at, render_board
 
+pytestmark = pytest.mark.slow  # six renderings; the gate calibrates in tests/integration/uploads
+
 BOARD = parse_marker("plain:10x7:18")
 CAMERA = Camera(800, 600, 650.0, 650.0, 393.0, 303.0, (0.08, -0.15, 5e-4, -5e-4, 0.0))
 SLANTS = [(60, -90, 0), (50, 0, 20), (55, 120, -30), (80, -90, 90), (45, 60, 10), (50, -150, 45)]
@@ -25,7 +27,6 @@ def photos() -> list[Photo]:
     ]
 
 
-@pytest.mark.slow
 def test_known_camera_comes_back(photos):
     result = calibrate([*photos, Photo(np.full((600, 800, 3), 128, np.uint8))], BOARD)
     camera = result.camera
