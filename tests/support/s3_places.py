@@ -39,9 +39,3 @@ def s3_settings(server: S3Server) -> dict[str, object]:
         "s3_access_key_id": server.access_key_id,
         "s3_secret_access_key": SecretStr(server.secret_access_key),
     }
-
-
-def s3_environment(server: S3Server) -> dict[str, str]:
-    """The same as variables, for a process."""
-    secret = {"s3_secret_access_key": server.secret_access_key}
-    return {f"TADA_{name.upper()}": str(value) for name, value in (s3_settings(server) | secret).items()}
