@@ -24,6 +24,7 @@ def facts(database):
         return facts_of(connection)
 
 
+@pytest.mark.both_stores
 def test_migrated_schema_equals_the_models_fact_by_fact_and_for_alembic(database, made_by_models):
     migrated, models = facts(database), facts(made_by_models)
     assert len({table for table, _, _ in models}) == len(Base.metadata.tables)

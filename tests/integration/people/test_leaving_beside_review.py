@@ -2,6 +2,7 @@
 
 import threading
 
+import pytest
 import sqlalchemy as sa
 
 from app.people import privacy_queries as people_privacy
@@ -15,6 +16,7 @@ from tests.support.photographs import pair
 from tests.support.waiting import wait_for_blocked_transaction
 
 
+@pytest.mark.both_stores
 def test_reviewers_confirmation_waits_for_a_withdrawal_under_way(phone, state, client, admin):
     body = meal_metadata()
     assert phone.post(pair(), body).status_code == 202
