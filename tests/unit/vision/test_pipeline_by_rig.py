@@ -19,7 +19,6 @@ def by_rig(views, pair):
     return estimate_meal(pair, EstimateOptions(None, rig=rig_of(*views)), want_artefacts=True)
 
 
-@pytest.mark.slow
 def test_ball_has_its_volume_without_a_marker_and_colours_stay_as_taken(by_rig):
     assert by_rig.failure is None
     ball = max(by_rig.items, key=lambda item: item.volume_ml)
