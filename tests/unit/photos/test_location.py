@@ -355,3 +355,26 @@ def test_removal_never_raises_never_changes_the_length_and_leaves_the_facts(path
     assert path.stat().st_size == len(data)
     assert inspect_photo(path) == facts
     assert read_location(path, facts) is None
+
+
+def test_heic_metadata_in_idat_go(path):
+    """Construction method 1: the item lies in the meta box itself."""
+    block = b"\0\0\0\6Exif\0\0" + exif_block()
+    data = heic(exif=b"Exif\0\0" + exif_block(gps=False))
+    meta_at = data.index(b"meta") - 4
+    meta_end = meta_at + int.from_bytes(data[meta_at : meta_at + 4])
+    meta = bytearray(data[meta_at:meta_end])
+    iloc = meta.index(b"iloc") + 4
+    count = int.from_bytes(meta[iloc + 6 : iloc + 8])
+    items = [meta[iloc + 8 + index * 18 : iloc + 26 + index * 18] for index in range(count)]
+    old_size, grown = 16 + count * 18, 2 * count + 8 + len(block)
+    moved = bytearray()
+    for item in items:
+        item_id, _, base, extents, offset, length = struct.unpack(">HHLHLL", item)
+        place = (1, 0, 0, extents, 0, len(block)) if item_id == 2 else (0, 0, base + grown, extents, offset, length)
+        moved += struct.pack(">HHHLHLL", item_id, *place)
+    new_iloc = box(b"iloc", b"\1\0\0\0\x44\x40" + count.to_bytes(2) + moved)
+    meta[iloc - 8 : iloc - 8 + old_size] = new_iloc
+    content = bytes(meta[8:]) + box(b"idat", block)
+    data = data[:meta_at] + box(b"meta", content) + data[meta_end:]
+    assert_only_the_location_went(data, cleaned(path, data))

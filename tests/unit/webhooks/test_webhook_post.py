@@ -343,3 +343,17 @@ def test_silent_host_holds_no_other_post_up():
     with raw_receiver(answer_late) as silent, receiver() as hook:
         quick, slow = asyncio.run(send_both())
     assert (quick.status, slow.status) == (204, 200)
+
+
+def test_endless_body_is_not_read():
+    sent = []
+
+    def floods(connection):
+        read_request(connection)
+        connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 100000000000\r\n\r\n")
+        while len(sent) < 5000:
+            connection.sendall(b"x" * 65536)
+            sent.append(65536)
+
+    assert posted_to(floods).status == 200
+    assert sum(sent) < 50_000_000  # the kernel's buffers take some
