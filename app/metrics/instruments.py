@@ -156,6 +156,11 @@ DELIVERIES = Counter(
 BLOBS_DELETED = Counter(
     "tada_blobs_deleted", "Blobs deleted. why: erased, or orphan (no row named it).", ["why"], registry=REGISTRY
 )
+PHOTOGRAPHS_ERASED = Counter(
+    "tada_photographs_erased",
+    "Photographs erased because they were older than their study keeps them.",
+    registry=REGISTRY,
+)
 FILES_MADE = Counter(
     "tada_files_made",
     "Tries to make a file in the background. outcome: done, again, lost (called off or taken over), died, or a code.",
@@ -164,7 +169,7 @@ FILES_MADE = Counter(
 )
 CLOCK_DOUBTED = Gauge(
     "tada_clock_doubted",
-    "1: the clock jumped ahead; until it is steady nothing is erased for its age.",
+    "1: the clock is a day or more off what was last seen; until it is trusted nothing is erased for its age.",
     multiprocess_mode="max",
     registry=REGISTRY,
 )

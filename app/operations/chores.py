@@ -2,14 +2,11 @@
 
 from datetime import UTC, datetime, timedelta
 
-import structlog
-
 from app.core.settings import Settings
 from app.db.session import Database
 from app.diary.day_sums import write_study_sums, write_sums
 from app.jobs.chores import Chore
-from app.metrics import instruments
-from app.operations.clock_jumps import ClockJumps
+from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.privacy import orphan_rounds
 from app.privacy.delete_blobs import BlobDeleter
@@ -26,17 +23,15 @@ from app.uploads.after_windows import AfterWindows
 from app.webhooks.deliver_webhooks import DeliverWebhooks
 from app.webhooks.webhook_post import WebhookPost
 
-log = structlog.get_logger()
-
 HOUR = 3600.0
 UNDER_WAY = timedelta(minutes=10)  # a more recent erasure is still being carried out by the request
 
 
 def worker_chores(
-    database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: ClockJumps | None = None
+    database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: TrustedClock | None = None
 ) -> list[Chore]:
     """Return the chores of one worker. clock: for tests."""
-    clock = clock or ClockJumps()
+    clock = clock or TrustedClock(database)
     deleter = BlobDeleter(database, blobs)
     is_bucket = settings.resolved_blob_url.startswith("s3://")
     orphans = OrphanRounds(database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES)
@@ -47,12 +42,9 @@ def worker_chores(
         return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
 
     def apply_retention() -> int:
-        is_steady = clock.is_steady()
-        instruments.CLOCK_DOUBTED.set(not is_steady)
-        if not is_steady:
-            log.error("clock_jumped", detail="Photographs past their retention stay for a day: is the clock right?")
+        if (now := clock.tick()) is None:
             return 0
-        return erase_old_pictures(database) + erase_sandboxes(eraser)
+        return erase_old_pictures(database, now) + erase_sandboxes(eraser, now)
 
     files = FileProcess(database, settings)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
@@ -63,6 +55,7 @@ def worker_chores(
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),
+        Chore("watch_clock", 60.0, clock.tick),
         Chore("erase_old_pictures", HOUR, apply_retention),
         Chore("delete_orphans", 30.0, orphans.run_slice),
         Chore("tidy", HOUR, deleter.tidy),

@@ -12,6 +12,7 @@ from app.db.base import Base, JsonValue, one_of
 ActorKind = Literal["staff", "device", "system"]
 ACTOR_KINDS: tuple[ActorKind, ...] = get_args(ActorKind)
 TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
+SEEN_CLOCK = 1  # id of the one row
 BACKUP_MADE = "backup.make"  # audit action: a `tada backup` is complete and on disk
 ErasedKind = Literal["participant", "meal", "photographs"]
 ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
@@ -92,6 +93,19 @@ class ErasureReceipt(Base):
     erased_at: Mapped[datetime]
 
     __table_args__ = (one_of("what", ERASED_KINDS),)
+
+
+class SeenClock(Base):
+    """The one row with the clock as a worker last saw it, by which a wrong clock is found before it erases by age.
+
+    doubted_seconds: for which the workers must still run until the clock is trusted.
+    """
+
+    __tablename__ = "seen_clock"
+
+    id: Mapped[int] = mapped_column(primary_key=True)  # SEEN_CLOCK
+    at: Mapped[datetime]
+    doubted_seconds: Mapped[float]
 
 
 class BlobDeletion(Base):

@@ -6,12 +6,17 @@ Measurements stay: items, records, runs without pictures. Of a sandbox study not
 import uuid
 from datetime import UTC, datetime, timedelta
 
+import structlog
+
 from app.db.session import Database
+from app.metrics import instruments
 from app.people.access import audit
 from app.people.privacy_models import ErasureReceipt
 from app.privacy import queries as privacy
 from app.privacy.erase import Eraser, erase_pictures
 from app.privacy.withdraw import carry_out_on_participant
+
+log = structlog.get_logger()
 
 SANDBOX_KEEPS = timedelta(days=1)
 BATCH = 100  # meals per transaction, for which uploads may have to wait
@@ -55,4 +60,6 @@ def _erase_batch(database: Database, study_id: uuid.UUID, before: datetime, now:
         )
         session.add(receipt)
         audit.note(session, None, "photographs.erase", study_id=study_id, receipt=str(receipt.id), counts=counts)
+    instruments.PHOTOGRAPHS_ERASED.inc(counts["photographs"])
+    log.info("photographs_erased", study_id=str(study_id), receipt=str(receipt.id), before=before.isoformat(), **counts)
     return len(meal_ids)

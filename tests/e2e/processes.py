@@ -162,11 +162,11 @@ def new_code(admin, participant="P001", study="pilot", **protocol):
     return admin.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
 
 
-def new_phone(address, admin_token, participant="P001", study="pilot", device_name="phone"):
+def new_phone(address, admin_token, participant="P001", study="pilot", device_name="phone", **protocol):
     """The token of a phone of a new participant."""
     admin = {"Authorization": f"Bearer {admin_token}"}
     with httpx2.Client(base_url=address, headers=admin, timeout=PATIENCE_SECONDS) as client:
-        enrolment = {"code": new_code(client, participant, study), "device_name": device_name}
+        enrolment = {"code": new_code(client, participant, study, **protocol), "device_name": device_name}
         return client.post("/v1/enrolments", json=enrolment).json()["token"]
 
 

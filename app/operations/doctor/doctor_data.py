@@ -17,6 +17,7 @@ from app.operations import doctor_queries as doctor
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
 from app.operations.doctor_queries import PostgresFacts
 from app.operations.figure_queries import database_now
+from app.operations.trusted_clock import doubted_seconds
 from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretKeyError
 from app.privacy.erasure_ledger import KINDS
@@ -80,6 +81,7 @@ def look_at_clock(deployment: Deployment) -> Verdict:
         there = database_now(session)
         here = datetime.now(UTC)
         last_event = doctor.last_event_at(session)
+        doubted = doubted_seconds(session)
     apart = abs((here - there).total_seconds())
     if apart > CLOCKS_APART_SECONDS:
         return bad(
@@ -90,6 +92,11 @@ def look_at_clock(deployment: Deployment) -> Verdict:
         return bad(
             f"the newest event of the audit log is in the future: {last_event.isoformat(timespec='seconds')}.",
             "The clock has gone back, or was ahead: set it by NTP before retention erases by it.",
+        )
+    if doubted > 0:
+        return bad(
+            f"it was more than a day off: nothing is erased for its age for another {doubted / 3600:.0f} h of work.",
+            "Set it by NTP. If it is right: tada doctor --trust-clock.",
         )
     return ok(f"{apart:.1f} s from the database's")
 

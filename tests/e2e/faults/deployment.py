@@ -28,6 +28,7 @@ BUCKET = "faults"
 FILES_MEBIBYTES = 192
 DATABASE_MEBIBYTES = 288
 STUDY = "faults"
+RETENTION_DAYS = 365  # a clock that jumps by more must erase nothing
 SECONDS_FOR_A_JOB = 3.0  # that a worker's death waits for a job that it can hit
 MOST_KILLS = TRIES_ALONE  # of one estimate's children: the try after them is the last
 
@@ -164,7 +165,7 @@ class Deployment:
         """Participants with a phone each, by code: the phone's token."""
         admin_token = self.tada("admin", "create", "admin")
         address = f"http://127.0.0.1:{self.apis[0].port}"
-        return {code: new_phone(address, admin_token, code, STUDY) for code in codes}
+        return {code: new_phone(address, admin_token, code, STUDY, retention_days=RETENTION_DAYS) for code in codes}
 
     def logs(self):
         """Program's name -> its log."""

@@ -14,7 +14,6 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.operations.chores import worker_chores
-from app.operations.clock_jumps import ClockJumps
 from app.people import privacy_queries as people_privacy
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
@@ -241,19 +240,12 @@ def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(ph
     assert list(state.blobs.keys()) == []
 
 
-def test_worker_does_the_chores_of_privacy_and_erases_no_photographs_while_the_clock_is_in_doubt(
-    person, state, settings, client
-):
+def test_worker_does_the_chores_of_privacy(person, state, settings, client):
     with state.database.write() as session:
         session.execute(sa.update(Study).values(retention_days=1))
         session.execute(sa.update(Meal).values(received_at=datetime.now(UTC) - timedelta(days=2)))
-    wall = SimpleNamespace(seconds=0.0)
-    clock = ClockJumps(lambda: wall.seconds, lambda: 0.0)
-    made = worker_chores(state.database, state.blobs, state.part(SecretBox), settings, clock)
+    made = worker_chores(state.database, state.blobs, state.part(SecretBox), settings)
     chores = {chore.name: chore for chore in made}
-    wall.seconds = 1e9
-    assert chores["erase_old_pictures"].run() == 0
-    wall.seconds = 0.0
     assert chores["erase_old_pictures"].run() == 1
     client.delete(person.path, headers=person.phone.headers)
     for name in ("delete_blobs", "finish_erasures", "delete_orphans"):
