@@ -45,13 +45,13 @@ def run_worker(settings: Settings) -> int:
     configure_logging(settings)
     with explained_errors():
         check_stores(settings)
+        box = open_secret_box(settings)
         database = open_database(settings)
         try:
             prepare_patiently(database, settings)
         finally:
             database.dispose()
         blobs = open_blob_store(settings.resolved_blob_url, settings)
-        box = open_secret_box(settings)
 
     metrics = _serve_metrics(settings)
 

@@ -18,18 +18,12 @@ from app.db.migrate import upgrade
 from app.db.session import Database
 
 ColumnType = Literal["uuid", "instant", "date", "json", "bytes", "float", "integer", "boolean", "text"]
-# left out of backups: the schema's revision; leases; the clock as it was seen; sums, which are recomputed; exports,
-# which can be requested again
+# left out of backups: the schema's revision; leases; the key and the clock that were seen; sums, which are recomputed;
+# exports, which can be requested again
 TRANSIENT_TABLES = frozenset(
     {
-        "alembic_version",
-        "worker_lease",
-        "seen_clock",
-        "day_sum",
-        "day_mark",
-        "study_day_sum",
-        "study_day_mark",
-        "export",
+        *("alembic_version", "worker_lease", "deployment", "export"),
+        *("day_sum", "day_mark", "study_day_sum", "study_day_mark"),
     }
 )
 

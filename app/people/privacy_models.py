@@ -12,7 +12,7 @@ from app.db.base import Base, JsonValue, one_of
 ActorKind = Literal["staff", "device", "system"]
 ACTOR_KINDS: tuple[ActorKind, ...] = get_args(ActorKind)
 TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
-SEEN_CLOCK = 1  # id of the one row
+DEPLOYMENT = 1  # id of the one row
 BACKUP_MADE = "backup.make"  # audit action: a `tada backup` is complete and on disk
 ErasedKind = Literal["participant", "meal", "photographs"]
 ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
@@ -95,17 +95,19 @@ class ErasureReceipt(Base):
     __table_args__ = (one_of("what", ERASED_KINDS),)
 
 
-class SeenClock(Base):
-    """The one row with the clock as a worker last saw it, by which a wrong clock is found before it erases by age.
+class Deployment(Base):
+    """The one row about the deployment: by it a wrong secret key and a wrong clock are found before they do harm.
 
-    doubted_seconds: for which the workers must still run until the clock is trusted.
+    key_check: a digest by the secret key, to compare keys by. clock_at: the clock as a worker last saw it.
+    clock_doubted_seconds: for which the workers must still run until the clock is trusted.
     """
 
-    __tablename__ = "seen_clock"
+    __tablename__ = "deployment"
 
-    id: Mapped[int] = mapped_column(primary_key=True)  # SEEN_CLOCK
-    at: Mapped[datetime]
-    doubted_seconds: Mapped[float]
+    id: Mapped[int] = mapped_column(primary_key=True)  # DEPLOYMENT
+    key_check: Mapped[str | None] = mapped_column(sa.String(64))
+    clock_at: Mapped[datetime | None]
+    clock_doubted_seconds: Mapped[float]
 
 
 class BlobDeletion(Base):

@@ -43,6 +43,7 @@ CHECKS = (
     Check("metrics", doctor_settings.look_at_metrics),
     Check("database", doctor_data.look_at_connection),
     Check("schema", doctor_data.look_at_schema, frozenset({"database"})),
+    Check("secret key of the database", doctor_data.look_at_key_of_database, DATABASE),
     Check("blob store", doctor_data.look_at_store),
     Check("disk", doctor_data.look_at_disk, STORE),
     Check("blob store's versions", doctor_data.look_at_versions, STORE),

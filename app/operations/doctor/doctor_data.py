@@ -17,9 +17,9 @@ from app.operations import doctor_queries as doctor
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
 from app.operations.doctor_queries import PostgresFacts
 from app.operations.figure_queries import database_now
-from app.operations.trusted_clock import doubted_seconds
 from app.people import privacy_queries as privacy
-from app.people.access.secret_box import SecretKeyError
+from app.people.access.secret_box import SecretKeyError, require_same_key
+from app.people.deployment_queries import clock_doubted_seconds
 from app.privacy.erasure_ledger import KINDS
 from app.privacy.ledger_gaps import count_missing
 from app.privacy.missing_blobs import find_missing
@@ -75,13 +75,23 @@ def look_at_schema(deployment: Deployment) -> Verdict:
     return ok(revision)
 
 
+def look_at_key_of_database(deployment: Deployment) -> Verdict | None:
+    """Check that the secret key is the one that the database was first used with."""
+    if deployment.box is not None:
+        try:
+            require_same_key(deployment.database, deployment.box)
+        except SecretKeyError as error:
+            return bad(str(error), "If it is lost for good: docs/deployment.md, A lost secret key.")
+    return None
+
+
 def look_at_clock(deployment: Deployment) -> Verdict:
     """Compare this machine's clock with the database's, and with the newest event."""
     with deployment.database.read() as session:
         there = database_now(session)
         here = datetime.now(UTC)
         last_event = doctor.last_event_at(session)
-        doubted = doubted_seconds(session)
+        doubted = clock_doubted_seconds(session)
     apart = abs((here - there).total_seconds())
     if apart > CLOCKS_APART_SECONDS:
         return bad(

@@ -8,7 +8,7 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.jobs.leases import living_workers
 from app.operations.figure_queries import Figures, figures
-from app.people.access.secret_box import KEY_FILE, SecretBox, open_secret_box
+from app.people.access.secret_box import SecretBox, existing_secret_box
 from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
@@ -75,9 +75,7 @@ class Deployment:
     @cached_property
     def box(self) -> SecretBox | None:
         """Return the secret box; None if there is no secret key yet, and so nothing is sealed."""
-        if self.settings.secret_key is None and not (self.settings.data_dir / KEY_FILE).exists():
-            return None
-        return open_secret_box(self.settings)
+        return existing_secret_box(self.settings)
 
     @cached_property
     def ledger(self) -> ErasureLedger | None:

@@ -17,6 +17,8 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from app.core.errors import TadaError
 from app.core.settings import Settings
+from app.db.session import Database
+from app.people import deployment_queries
 
 KEY_FILE = "secret.key"
 
@@ -61,6 +63,31 @@ def open_secret_box(settings: Settings) -> SecretBox:
             "cannot draw and store a key itself."
         )
     return SecretBox(_read_or_create_key(settings.data_dir / KEY_FILE))
+
+
+def existing_secret_box(settings: Settings) -> SecretBox | None:
+    """Create the box of these settings; None if there is no key yet. Creates no key."""
+    if settings.secret_key is None and not (settings.data_dir / KEY_FILE).exists():
+        return None
+    return open_secret_box(settings)
+
+
+def require_same_key(database: Database, box: SecretBox) -> None:
+    """Compare the key with the one that the database was first used with. Raises SecretKeyError if it is another one.
+
+    With another key erased meals would not be recognised, and would be accepted again.
+    """
+    check = box.digest("check", "deployment")
+    with database.read() as session:
+        kept = deployment_queries.key_check(session)
+    if kept is None:
+        with database.write() as session:
+            kept = deployment_queries.keep_key_check(session, check)
+    if kept != check:
+        raise SecretKeyError(
+            "TADA_SECRET_KEY is not the key that this database was first used with: set that one (without the setting "
+            f"it is {KEY_FILE} in TADA_DATA_DIR)."
+        )
 
 
 def _read_or_create_key(path: Path) -> str:

@@ -17,8 +17,11 @@ import app.worker
 from app.cli.serving import serve
 from app.core.errors import StorageFullError, TadaError, UnavailableError
 from app.core.settings import Settings
+from app.db.session import Database
+from app.operations.doctor.doctor import examine
 from app.operations.explain_errors import explain_error, explained_errors
-from app.operations.prepare import prepare_patiently
+from app.operations.prepare import prepare, prepare_patiently
+from app.people.access.secret_box import SecretKeyError
 from app.storage import s3
 from app.worker import run_worker
 from tests.conftest import postgres_database
@@ -90,6 +93,29 @@ def test_ledger_that_is_away_is_told_by_server_and_worker(prepared_database_url,
         with pytest.raises(TadaError, match=r"^s3://ledger/of-erasures at \S+: the file store cannot be reached"):
             begin(settings)
     assert "Traceback" not in caplog.text
+
+
+@pytest.mark.both_stores
+def test_another_key_than_the_databases_is_told_by_server_worker_and_doctor(
+    prepared_database_url, blob_settings, tmp_path, impatient
+):
+    """With it erased meals would not be recognised."""
+    place = {"database_url": prepared_database_url, "data_dir": tmp_path, "port": 0, **blob_settings}
+    first, other = (Settings(secret_key=key, **place) for key in (KEY, "another key, by mistake or after a loss"))
+    database = Database(prepared_database_url)
+    try:
+        prepare(database, first)
+        for begin in (functools.partial(serve, with_worker=False), run_worker):
+            with pytest.raises(SecretKeyError, match="is not the key that this database was first used with"):
+                begin(other)
+        prepare(database, first)
+        right, wrong = (
+            {each.subject for each in examine(database, settings, requeue=False) if each.level == "bad"}
+            for settings in (first, other)
+        )
+    finally:
+        database.dispose()
+    assert "secret key of the database" in wrong - right
 
 
 def test_database_that_is_away_is_told_by_server_and_worker(tmp_path, impatient, caplog):

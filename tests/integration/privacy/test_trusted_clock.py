@@ -14,8 +14,9 @@ from app.meals.models import MealImage
 from app.operations import trusted_clock
 from app.operations.chores import worker_chores
 from app.operations.figure_queries import database_now
-from app.operations.trusted_clock import TrustedClock, doubted_seconds
+from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
+from app.people.deployment_queries import clock_doubted_seconds
 from app.people.models import Study
 from tests.support.photographs import pair
 
@@ -126,7 +127,7 @@ def test_operator_says_that_the_clock_is_right(worker, clocks, state, settings, 
     assert erase() == 0
     assert "--trust-clock" not in finding_of_the_clock("--trust-clock")["advice"]
     with state.database.read() as session:
-        assert doubted_seconds(session) == 0
+        assert clock_doubted_seconds(session) == 0
     assert erase() == 1
 
 
