@@ -43,7 +43,8 @@ class seconds_between(FunctionElement[float]):  # noqa: N801  # named as the SQL
 @compiles(seconds_between, "postgresql")
 def _seconds_postgresql(element: seconds_between, compiler: SQLCompiler, **options: object) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    return f"CAST(EXTRACT(EPOCH FROM ({second} - {first})) AS DOUBLE PRECISION)"
+    seconds = (f"ROUND(EXTRACT(EPOCH FROM {instant}), 3)" for instant in (second, first))  # in milliseconds, as SQLite
+    return f"CAST({' - '.join(seconds)} AS DOUBLE PRECISION)"
 
 
 @compiles(seconds_between, "sqlite")

@@ -73,6 +73,11 @@ def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
     return by_key
 
 
+def known_keys(session: Session, keys: Collection[str]) -> set[str]:
+    """Return those of the keys that any version of a food has, in force or not."""
+    return set(session.scalars(sa.select(Food.key).where(Food.key.in_(keys))))
+
+
 def foods_by_id(session: Session, ids: Collection[int]) -> list[Food]:
     """Return these versions of foods, in force or not."""
     return list(session.scalars(sa.select(Food).where(Food.id.in_(ids))))

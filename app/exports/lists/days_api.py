@@ -17,6 +17,7 @@ from app.diary.schemas import (
     IntakePage,
 )
 from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
+from app.exports.known_filters import require_known
 from app.exports.tables.export_days import day_values
 from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
@@ -97,7 +98,7 @@ def put_day_of_participant(
     response_model=DaySummaryPage,
     responses={
         200: {"content": FILES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 403, 422, 503),
+        **problem_responses(401, 403, 404, 422, 503),
     },
 )
 def get_days(
@@ -112,6 +113,7 @@ def get_days(
     components: ComponentsIn = "headline",
 ) -> Response:
     """One row per participant and day, including days without food, as JSON pages or a file of one moment."""
+    require_known(state.database, caller, chosen)
     spec = file_spec(request, "days", chosen, output, layout, components)
     if spec is not None:
         return answer_file(state, caller, spec, "days")

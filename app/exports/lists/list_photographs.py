@@ -1,31 +1,45 @@
-"""The image manifest in pages: the photographs of `limit` meals at a time, in the order of capture."""
+"""The image manifest in pages of photographs, in the order of capture."""
+
+from dataclasses import replace
 
 from app.db.session import Database
 from app.exports.lists.meal_page_queries import keys_of, search_of
-from app.exports.tables.export_meals import PHOTOGRAPH_READERS, photographs_of
+from app.exports.tables.export_meals import PHOTOGRAPH_READERS, Photograph, photographs_of
 from app.exports.tables.export_table import named_cells
-from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name
+from app.http.paging import ID, INSTANT, Page, Part, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.http.tables.columns import Cell
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
 from app.people.access.caller import Caller, visible_rows
+from app.photos.slots import SLOTS
+from app.records.page_queries import Key
+
+SLOT: Part[str] = Part(lambda text: SLOTS[SLOTS.index(text)])
 
 
 def list_photographs(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
 ) -> Page[dict[str, Cell]]:
-    """Return the photographs of at most `limit` meals, each as column -> value of the manifest.
+    """Return a page, each photograph as column -> value of the manifest.
 
     Raises InvalidInputError for a cursor that is broken or of other filters.
     """
-    chosen = visible_rows(caller, chosen)
+    chosen = replace(visible_rows(caller, chosen), origin="photographed")
     listed = list_name("photographs", chosen)
-    after = decode_cursor(listed, cursor, INSTANT, ID)
+    behind = decode_cursor(listed, cursor, INSTANT, ID, SLOT)
+    photographs: list[Photograph] = []
+    after: Key | None = None
     with database.read() as session:
+        if behind is not None:  # the rest of the meal at which the page before ended
+            captured_at, meal_id, slot = behind
+            after, place = (captured_at, meal_id), SLOTS.index(slot)
+            photographs = [one for one in photographs_of(session, [meal_id]) if SLOTS.index(one[1].slot) > place]
         search = search_of(session, chosen)
-        if search is None:
-            return Page([], None)
-        keys = keys_of(session, search, after, limit + 1, is_newest_first=False)
-        rows = photographs_of(session, [meal_id for _, meal_id in keys[:limit]])
-    photographs = [named_cells(PHOTOGRAPH_PARTS, PHOTOGRAPH_READERS, row) for row in rows]
-    return Page(photographs, encode_cursor(listed, *keys[limit - 1]) if len(keys) > limit else None)
+        while search is not None and (missing := limit + 1 - len(photographs)) > 0:
+            keys = keys_of(session, search, after, missing, is_newest_first=False)
+            photographs += photographs_of(session, [meal_id for _, meal_id in keys])
+            if len(keys) < missing:
+                break
+            after = keys[-1]
+    page = page_of(listed, photographs, limit, lambda one: (one[0].captured_at, one[0].id, one[1].slot))
+    return Page([named_cells(PHOTOGRAPH_PARTS, PHOTOGRAPH_READERS, one) for one in page.rows], page.cursor)

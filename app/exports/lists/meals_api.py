@@ -19,6 +19,7 @@ from app.exports.export_files import (
     file_spec,
     meal_filter,
 )
+from app.exports.known_filters import require_known
 from app.exports.lists.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
 from app.exports.lists.meal_row_queries import MealRow
 from app.exports.lists.meal_schemas import (
@@ -49,7 +50,7 @@ MealVersion = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-F
     response_model=MealPage,
     responses={
         200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 422, 503),
+        **problem_responses(401, 404, 422, 503),
     },
 )
 def get_meals(
@@ -69,6 +70,7 @@ def get_meals(
 
     A file has all matching rows of one moment, the oldest first.
     """
+    require_known(state.database, caller, chosen)
     spec = file_spec(request, "meals", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
         return answer_file(state, caller, spec, "meals")

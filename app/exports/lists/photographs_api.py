@@ -4,6 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from app.exports.export_files import FILES, Format, answer_file, day_filter, file_spec
+from app.exports.known_filters import require_known
 from app.exports.lists.list_photographs import list_photographs
 from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
 from app.http.model_response import ModelResponse
@@ -35,8 +36,9 @@ def get_photographs(
     cursor: Cursor = None,
     output: Format = None,
 ) -> Response:
-    """One row per photograph with its hashes. `limit` counts meals: a page has all photographs of that many."""
+    """One row per photograph with its hashes."""
     chosen = day_filter(study, participant, first_day, last_day)
+    require_known(state.database, caller, chosen)
     spec = file_spec(request, "photographs", chosen, output)
     if spec is not None:
         return answer_file(state, caller, spec, "photographs")

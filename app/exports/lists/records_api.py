@@ -15,6 +15,7 @@ from app.exports.export_files import (
     file_spec,
     record_filter,
 )
+from app.exports.known_filters import require_known
 from app.exports.lists.list_records import list_records
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
@@ -32,7 +33,7 @@ router = APIRouter(prefix="/v1/records", tags=["records"])
     response_model=RecordPage,
     responses={
         200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 422, 503),
+        **problem_responses(401, 404, 422, 503),
     },
 )
 def get_records(
@@ -48,6 +49,7 @@ def get_records(
     provenance: ProvenanceIn = True,
 ) -> Response:
     """Records in the order of capture, as JSON pages or a file of all matching rows of one moment."""
+    require_known(state.database, caller, chosen)
     spec = file_spec(request, "items", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
         return answer_file(state, caller, spec, "records")
