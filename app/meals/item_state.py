@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from app.core.believable import says_nothing
 from app.meals.event_models import LAYERS, MealEvent
 from app.meals.event_values import (
     Add,
@@ -37,6 +38,7 @@ CORRECTIONS = CORRECTED_ITEM | {"split", "merge"}
 ITEM_DECISIONS = CORRECTED_ITEM | {"confirm", "reject"}  # about one item
 MAKES_ITEMS = (Add, Declare, Split, Merge)
 REMEASURING = "remeasuring"
+NOT_MEASURABLE = "not_measurable"
 REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
@@ -304,8 +306,8 @@ class _History:
         ]
         food_assignment = self._newest_food(item)
         food_key = self._parts.food_keys[food_assignment.food_id] if food_assignment is not None else None
-        measured = _measured(self._parts, item, made_by, statements, food_key)
         is_confirmed = any(each.event.kind in ("confirm", "confirm_meal") for each in deciding)
+        measured = _measured(self._parts, item, made_by, statements, food_key, is_confirmed=is_confirmed)
         decision, flags = _decision(deciding), measured.flags
         if item.id in self._replaced_by or REPLACED in pipeline_measure(self._parts, item).flags:
             decision, flags = "rejected", (*(flag for flag in flags if flag != REPLACED), REPLACED)
@@ -366,12 +368,19 @@ PIPELINE_MEASUREMENT = (-1, 0)  # precedence of what the pipeline measured by it
 
 
 def _measured(
-    parts: MealParts, item: Item, made_by: StatedEvent | None, statements: Sequence[StatedEvent], food_key: str | None
+    parts: MealParts,
+    item: Item,
+    made_by: StatedEvent | None,
+    statements: Sequence[StatedEvent],
+    food_key: str | None,
+    *,
+    is_confirmed: bool,
 ) -> _Measured:
     """Return an item's amount and region. food_key: of its assigned food.
 
     The newest drawn region counts. Until it is measured, the amount stays as it was; if it cannot be measured, the
-    amount of the old region is dropped and only a stated amount remains.
+    amount of the old region is dropped and only a stated amount remains. A volume of the pipeline's whose interval says
+    nothing counts only if somebody has confirmed it.
     """
     about = sorted(
         [*([made_by] if made_by is not None else []), *statements], key=lambda stated: stated.precedence, reverse=True
@@ -384,6 +393,8 @@ def _measured(
     measured_at, measured = PIPELINE_MEASUREMENT, _measured_amount(own)
     rings: Sequence[Ring] = own.rings
     flags, run_id = list(own.flags), own.run_id
+    if _says_nothing(own) and not is_confirmed:
+        measured, flags = UNKNOWN_AMOUNT, [*flags, NOT_MEASURABLE]
     if done is not None:
         row = rows.get(done.event.id)
         measured_at = done.precedence
@@ -448,3 +459,10 @@ def _amount_from(amount: AmountValue, stated: StatedEvent, measured: Amount) -> 
 
 def _measured_amount(row: Item | ItemMeasure, layer: str = "automatic") -> Amount:
     return Amount(row.volume_ml, row.volume_low_ml, row.volume_high_ml, row.relative_sd, layer=layer)
+
+
+def _says_nothing(row: Item | ItemMeasure) -> bool:
+    """Return whether an interval is too wide to be believed; runs of earlier versions have such ones."""
+    if row.volume_ml is None or row.volume_low_ml is None or row.volume_high_ml is None:
+        return False
+    return says_nothing(row.volume_ml, row.volume_low_ml, row.volume_high_ml)

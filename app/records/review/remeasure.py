@@ -15,7 +15,15 @@ from app.candidates.save_candidates import save_candidates
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
 from app.meals.event_values import Region
-from app.meals.item_state import ItemState, StatedEvent, drawn_region, fold_meal, read_event, stated_form
+from app.meals.item_state import (
+    NOT_MEASURABLE,
+    ItemState,
+    StatedEvent,
+    drawn_region,
+    fold_meal,
+    read_event,
+    stated_form,
+)
 from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import Meal
@@ -27,7 +35,6 @@ from app.records.item_foods import item_food, weighing_for
 MAX_REGIONS = 40  # hints of one run
 MIN_CORNERS = 3  # of a ring that encloses something
 FAILED = "remeasure_failed"
-NOT_MEASURABLE = "not_measurable"
 
 Hint = Mapping[str, Any]  # as the phone sends it
 

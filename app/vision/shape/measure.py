@@ -4,18 +4,18 @@ Regions of the rectified grid and its points -> measured items. Slices and doubt
 segmentation.py.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.core.believable import says_nothing
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, inward_px
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import support_height_mm
-from app.vision.shape.volume import MOST_SD, Volume, estimate_volume
+from app.vision.shape.volume import Volume, estimate_volume
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -46,16 +46,19 @@ class MeasuredItem:
 
 
 def of_single_view(item: MeasuredItem, hint: Hint | None) -> MeasuredItem:
-    """The item with the flag, and without its volume where one photograph says too little of it ("not_measurable")."""
+    """Return the item with the flag, and without its volume where a vessel holds it: its depth is not seen."""
     flagged = replace(item, flags=(*item.flags, "single_view"))
     if item.volume is None:
         return flagged
     is_held = hint is not None and (
         hint.vessel is not None or bool(HELD_FORMS & {hint.form, hint.lies_as, hint.usual_form})
     )
-    if is_held or math.hypot(*item.volume.relative_sd.values()) > MOST_SD:
-        return replace(flagged, volume=None, flags=(*flagged.flags, "not_measurable"))
-    return flagged
+    return not_measurable(flagged) if is_held else flagged
+
+
+def not_measurable(item: MeasuredItem) -> MeasuredItem:
+    """Return the item without its volume, with the flag."""
+    return replace(item, volume=None, flags=(*item.flags, "not_measurable"))
 
 
 def measure_items(
@@ -82,7 +85,10 @@ def measure_items(
 
 
 def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
-    """The foods that were measured, less what is too small to be one and nobody pointed at; or why there are none."""
+    """Return the measured foods without those too small to be one that nobody pointed at; or why there are none.
+
+    A volume whose interval says nothing is left out.
+    """
     items = [item for item in measured if item is not None and not _is_clutter(item)]
     if not items and all(item is not None for item in measured):
         return Failure(
@@ -91,7 +97,7 @@ def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredIte
             "If food lies there, photograph it at a slant of about 45 degrees with the whole plate in both views, or "
             "mark it.",
         )
-    return items or Failure(
+    return [not_measurable(item) if _says_nothing(item) else item for item in items] or Failure(
         "food_not_measured",
         "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
         "Take both photographs closer together, sharp, in even light, and avoid glare on the food.",
@@ -101,6 +107,10 @@ def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredIte
 def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
     """Whether so little of a food's mask was measured that its volume is flagged. Both (H, W)."""
     return bool(np.count_nonzero(is_measured & mask) < LOW_COVER * np.count_nonzero(mask))
+
+
+def _says_nothing(item: MeasuredItem) -> bool:
+    return item.volume is not None and says_nothing(item.volume.volume_ml, *item.volume.interval_ml)
 
 
 def _is_clutter(item: MeasuredItem) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.core.believable import WIDEST
 from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import Slice, carve, cut_slices, slice_thickness_mm
@@ -21,7 +22,7 @@ SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
 HIDDEN_SD = 0.15  # of the volume that no view shows, relative
 SUPPORT_SD_MM = 1.5  # height of the support under a food
 NORMAL_90 = 1.645
-MOST_SD = math.log(3.0) / NORMAL_90  # relative: the 90 % interval then spans from a third to three times
+MOST_SD = math.log(WIDEST) / NORMAL_90  # relative; beyond, the interval says nothing
 MIN_POINTS = 60
 MIN_SLICES = 3
 TOP_QUANTILE = 0.999  # of heights; higher points are strays

@@ -64,6 +64,7 @@ def test_median_delay_is_in_milliseconds_whichever_database_computes_it(phone, s
         session.execute(sa.update(Meal).values(captured_at=captured_at, received_at=received_at))
     assert rows_of(client, admin)[0]["median_upload_delay_seconds"] == 1.001
 
+
 def test_unmeasured_meal_makes_the_days_coverage_null_and_one_confirmed_without_foods_does_not(
     phone, state, client, admin
 ):

@@ -127,6 +127,17 @@ def test_item_of_which_nobody_spoke_is_as_the_pipeline_found_it_until_its_meal_i
     assert (history.state(item).decision, history.state(later).decision) == ("confirmed", None)
 
 
+@pytest.mark.parametrize(("low", "high", "is_told"), [(34.0, 299.0, True), (33.0, 299.0, False), (34.0, 301.0, False)])
+def test_volume_of_an_earlier_run_whose_interval_says_nothing_counts_only_once_it_is_confirmed(one, low, high, is_told):
+    history, item = one
+    item.volume_low_ml, item.volume_high_ml = low, high
+    state = history.state(item)
+    assert (state.amount.volume_ml, state.flags) == ((100.0, ()) if is_told else (None, ("not_measurable",)))
+    history.say("confirm", item)
+    state = history.state(item)
+    assert (state.amount.volume_ml, state.flags) == (100.0, ())
+
+
 def test_drawn_region_keeps_the_amount_until_it_is_measured_and_an_older_one_does_not_count_again(one):
     history, item = one
     older = history.say("redraw", item, polygon=RING)
