@@ -43,6 +43,7 @@ REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
 OF_REJECTED = "of_rejected"
+IMPLAUSIBLE_AMOUNT = "implausible_amount"  # nobody eats so much of a food, or the photographs show far more or less
 FOOD_IDENTIFIED = "food_identified"  # only the server has identified it
 FOOD_DOUBTFUL = "food_doubtful"  # the index is sure of another food than the hint's
 
@@ -86,6 +87,7 @@ class ItemState:
     decision: a person's: None, "confirmed", "corrected" or "rejected". reviewed: a reviewer's statement counts.
     is_food_confirmed: a person named or confirmed the food; is_food_guessed: only the index identified it. flags: of
     the measurement that counts, and those named above. run_id: the run that saw its current region; None: no run did.
+    measured_ml: by the pipeline, whatever a person has stated; None: not measured.
     """
 
     item: Item
@@ -99,6 +101,7 @@ class ItemState:
     flags: tuple[str, ...]
     is_food_guessed: bool = False
     run_id: uuid.UUID | None = None
+    measured_ml: float | None = None
 
     @property
     def is_live(self) -> bool:
@@ -325,6 +328,7 @@ class _History:
             flags=flags,
             is_food_guessed=not is_confirmed and self._is_guessed(item, food_assignment),
             run_id=measured.run_id,
+            measured_ml=measured.measured_ml,
         )
 
     def _is_guessed(self, item: Item, food_assignment: ItemFood | None) -> bool:
@@ -362,6 +366,7 @@ class _Measured:
     rings: Sequence[Ring]
     flags: tuple[str, ...]
     run_id: uuid.UUID | None
+    measured_ml: float | None
 
 
 PIPELINE_MEASUREMENT = (-1, 0)  # precedence of what the pipeline measured by itself: below every statement
@@ -410,9 +415,9 @@ def _measured(
         if measured.volume_ml is None or stated.precedence > measured_at:
             is_newest = not drawn or stated.precedence >= drawn[0].precedence
             kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
-            return _Measured(_amount_from(amount, stated, measured), rings, tuple(kept), run_id)
+            return _Measured(_amount_from(amount, stated, measured), rings, tuple(kept), run_id, measured.volume_ml)
         break  # only the newest stated amount can count
-    return _Measured(measured, rings, tuple(flags), run_id)
+    return _Measured(measured, rings, tuple(flags), run_id, measured.volume_ml)
 
 
 def _rings(stated: StatedEvent, item: Item) -> Sequence[Ring]:

@@ -16,9 +16,10 @@ from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
 from app.candidates.item_candidates import current_candidates
+from app.core.believable import is_implausible
 from app.db.base import Base
 from app.foods import queries as foods
-from app.foods.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts
+from app.foods.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
 from app.foods.models import Food
 from app.meals import queries as meals
 from app.meals.announce import announce_meal
@@ -26,6 +27,7 @@ from app.meals.identification_models import IndexEntry
 from app.meals.item_state import (
     FOOD_DOUBTFUL,
     FOOD_IDENTIFIED,
+    IMPLAUSIBLE_AMOUNT,
     ItemState,
     LeftoverState,
     MealState,
@@ -128,6 +130,8 @@ class Projector:
         by_index = self._by_index(parts, state)
         of_food = self._food_flags(state, by_index)
         flags = [*state.flags, *leftovers.flags_of(state), *time_flags(meal.origin, meal.captured_at, meal.received_at)]
+        if _is_implausible(state, weighing_of(food_assignment) if food_assignment is not None else None):
+            flags.append(IMPLAUSIBLE_AMOUNT)
         amounts = None
         if food_assignment is not None and food is not None and state.is_live:
             weighing = weighing_of(food_assignment)
@@ -140,7 +144,7 @@ class Projector:
                 left=leftovers.masses(state, weighing),
                 share=state.share,
             )
-        status = _record_status(state, amounts)
+        status = _record_status(state, amounts, is_doubtful=IMPLAUSIBLE_AMOUNT in flags and not state.reviewed)
         columns = {
             "item_id": state.item.id,
             "meal_id": meal.id,
@@ -400,10 +404,25 @@ def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]
     return review_doubt(probability, amounts.consumed_g, amounts.mass.edible_g.value * amounts.share, flags)
 
 
-def _record_status(state: ItemState, amounts: FoodAmounts | None) -> RecordStatus:
+def _is_implausible(state: ItemState, weighing: Weighing | None) -> bool:
+    """Whether a person stated an amount that can hardly be."""
+    stated = state.amount
+    if stated.layer == "automatic":
+        return False
+    if stated.mass is None:
+        return stated.volume_ml is not None and is_implausible(stated.volume_ml, state.measured_ml)
+    served = served_mass(weighing, stated) if weighing is not None else None
+    measured = mass_of(weighing, state.measured_ml, {}) if weighing is not None else None
+    return is_implausible(
+        served.as_seen_g.value if served is not None else stated.mass.mass_g,
+        measured.as_seen_g.value if measured is not None else None,
+    )
+
+
+def _record_status(state: ItemState, amounts: FoodAmounts | None, *, is_doubtful: bool) -> RecordStatus:
     if state.decision == "rejected":
         return "rejected"
-    if amounts is None or amounts.consumed_g is None:
+    if amounts is None or amounts.consumed_g is None or is_doubtful:
         return "needs_review"  # whatever was said of it, how much was eaten is not known
     return state.decision or "proposed"
 

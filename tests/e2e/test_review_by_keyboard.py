@@ -268,6 +268,21 @@ def test_decision_without_a_network_comes_back_and_is_not_lost(queue_of):
     assert ann.shown() != first
 
 
+@pytest.mark.slow
+def test_amount_that_can_hardly_be_is_asked_about_and_saved_if_it_is_meant(queue_of):
+    ann, meals = queue_of("amounts", *[found_item() for _ in range(2)], hints=[{"point": [300, 200], "food": "apple"}])
+    ann.watched.expect("status of 422")
+    ann.page.once("dialog", lambda dialog: dialog.accept())
+    ann.press("m")
+    ann.page.keyboard.type("15000")
+    with ann.page.expect_event("dialog") as asked:
+        meant = ann.decide("Enter")
+    assert "Is the amount right?" in asked.value.message
+    ann.saved()
+    items = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    assert (items[meant]["mass_g"], items[meant]["reviewed"]) == (15000.0, True)
+
+
 def test_item_without_an_amount_asks_for_it_once_its_food_is_chosen(queue_of):
     ann, (meal,) = queue_of("amount", unmeasured_item(), hints=[{"point": [300, 200], "food": "apple"}])
     ann.press("Enter")

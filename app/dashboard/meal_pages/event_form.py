@@ -49,7 +49,7 @@ class EventForm(BaseModel):
 
     id: made with the form, so that sending it twice makes one event. version: of the meal as it was shown. seen: number
     of the last event that the page showed, so that a conflict can show the later ones. q: text of the food search; a
-    food's key if none was chosen from the list.
+    food's key if none was chosen from the list. accepts: not empty: also an amount that can hardly be.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -58,6 +58,7 @@ class EventForm(BaseModel):
     kind: Annotated[str, Field(max_length=32)]
     version: Annotated[int, Field(ge=0)]
     seen: Annotated[int, Field(ge=0)] = 0
+    accepts: Short = ""
     item: Short = ""
     food: Short = ""
     q: Short = ""
@@ -86,7 +87,7 @@ class EventForm(BaseModel):
 
     def filled_fields(self) -> dict[str, str]:
         """Return the fields that are not empty, for a form that sends the event again."""
-        fields: dict[str, str] = self.model_dump(exclude={"id", "version", "seen", "q"})
+        fields: dict[str, str] = self.model_dump(exclude={"id", "version", "seen", "q", "accepts"})
         fields["food"] = self.food or self.q
         return {name: value for name, value in fields.items() if value.strip()}
 
@@ -130,7 +131,7 @@ def _body(form: EventForm) -> dict[str, object]:
     if form.kind == "set_leftover":
         body = {LEFTOVER_FIELDS.get(name, name): value for name, value in body.items()}
         body.setdefault("of", None)
-    return {"id": form.id, **body}
+    return {"id": form.id, "strict": not form.accepts, **body}
 
 
 def _refusal(error: ValidationError) -> InvalidInputError:

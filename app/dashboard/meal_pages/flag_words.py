@@ -45,6 +45,8 @@ FLAGS: Mapping[str, str] = {
     "after_failed": "The after-meal pair could not be measured: the record covers all that was served.",
     "leftover_unmatched": "Something was left, and it is not clear of which item. Assign it.",
     "leftover_ambiguous": "More than one item fits this piece.",
+    "implausible_amount": "Nobody eats so much of one food, or the photographs show far more or less. Was it a slip of "
+    "the finger? Correct the amount, or confirm it.",
     "leftover_not_measurable": "Something was left of it, but the amount is unknown, so what was eaten is unknown.",
     "refuse_assumed": "Taken for peel, core or bone by its amount, and not subtracted. It may be a small piece of "
     "food.",

@@ -10,12 +10,13 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Query
 from starlette.responses import HTMLResponse, Response
 
-from app.core.errors import PreconditionFailedError
+from app.core.errors import InvalidInputError, PreconditionFailedError
 from app.dashboard.meal_pages.event_form import EventForm, event_of
-from app.dashboard.meal_pages.meal import meal_address, render_meal_page
+from app.dashboard.meal_pages.meal import Refused, meal_address, render_meal_page
 from app.dashboard.meal_pages.meal_timeline import TITLES
 from app.dashboard.page import CurrentPage, Page
 from app.foods.search.search_foods import search_foods
+from app.meals.item_state import IMPLAUSIBLE_AMOUNT
 from app.people.access.page_rules import MEAL, PREFIX
 from app.records.review.api import tagged_meal
 from app.records.review.meal_events import MealEvents
@@ -33,12 +34,10 @@ def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: An
         view, is_new = page.state.part(MealEvents).append(
             page.study_caller, meal_id, event, expected=frozenset({form.version}), participant_code=participant
         )
-    except PreconditionFailedError as error:
-        if wants_json(page):
+    except (PreconditionFailedError, InvalidInputError) as error:
+        if wants_json(page) or error.code not in (PreconditionFailedError.code, IMPLAUSIBLE_AMOUNT):
             raise
-        return render_meal_page(
-            page, participant, meal_id, is_section=page.is_fragment, refused=form, status=error.status
-        )
+        return render_meal_page(page, participant, meal_id, is_section=page.is_fragment, refused=Refused(form, error))
     if wants_json(page):
         return tagged_meal(view, 201 if is_new else 200)
     saved = f"{TITLES[event.kind]}: saved."

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypedDict
 from fastapi import APIRouter, Form, Header, Query
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 
-from app.core.errors import InvalidInputError
+from app.core.errors import InvalidInputError, TadaError
 from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.event_form import HAND_LABELS, EventForm
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
@@ -118,6 +118,14 @@ def post_erasure(
     return page.redirect(study_address(page.study_code, "meals"), f"The meal was erased. Receipt {receipt.id}.")
 
 
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A form that was not saved: others had changed the meal, or its amount can hardly be."""
+
+    form: EventForm
+    error: TadaError
+
+
 def meal_address(page: Page, participant: str, meal_id: uuid.UUID) -> str:
     """Return the address of a meal's page in the current study."""
     return study_address(page.study_code, "meals", participant, meal_id)
@@ -129,13 +137,12 @@ def render_meal_page(
     meal_id: uuid.UUID,
     *,
     is_section: bool,
-    refused: EventForm | None = None,
+    refused: Refused | None = None,
     saved: str | None = None,
-    status: int = 200,
 ) -> HTMLResponse:
     """Render a meal's page, or only its section for htmx. Raises NotFoundError, ConflictError.
 
-    refused: a form that came after others had changed the meal. saved: a sentence about the event that was saved.
+    saved: a sentence about the event that was saved.
     """
     story = read_story(page.state.database, page.study_caller, meal_id, participant)
     view, meal = story.view, render_meal(story.view)
@@ -143,7 +150,7 @@ def render_meal_page(
     run, here = view.run, meal_address(page, view.participant_code, meal_id)
     return page.render(
         "meal_body.html" if is_section else "meal.html",
-        status=status,
+        status=refused.error.status if refused is not None else 200,
         story=story,
         meal=meal,
         row=view.meal,
@@ -179,25 +186,29 @@ def render_meal_page(
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """An event that was refused because others had changed the meal. changes: theirs.
+    """An event that was not saved, and can be sent again.
 
-    values: of the refused event, by label. fields: of its form, to send it again.
+    changes: of the meal by others meanwhile. is_doubtful: others changed nothing, but its amount can hardly be.
+    values: of the refused event, by label. fields: of its form.
     """
 
     changes: list[Entry]
+    is_doubtful: bool
     title: str
     values: list[tuple[str, str]]
     fields: dict[str, str]
 
 
-def _conflict(story: MealStory, form: EventForm) -> Conflict:
+def _conflict(story: MealStory, refused: Refused) -> Conflict:
+    form, is_doubtful = refused.form, isinstance(refused.error, InvalidInputError)
     names, fields = food_names(story), form.filled_fields()
     shown = {name: names.get(value, value) for name, value in fields.items() if name in FIELD_LABELS}
     return Conflict(
         changes=[event_entry(row, names) for row in story.events if row.event.sequence > form.seen],
+        is_doubtful=is_doubtful,
         title=TITLES.get(form.kind, form.kind),
         values=[(FIELD_LABELS[name].lower(), value) for name, value in shown.items() if name != "polygon"],
-        fields=fields,
+        fields=fields | ({"accepts": "yes"} if is_doubtful or form.accepts else {}),
     )
 
 

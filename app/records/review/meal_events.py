@@ -15,14 +15,14 @@ from typing import Literal, assert_never
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, NotAllowedError, PreconditionFailedError
+from app.core.errors import ConflictError, InvalidInputError, NotAllowedError, PreconditionFailedError
 from app.db.session import Database
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.event_models import MealEvent
-from app.meals.item_state import fold_meal
+from app.meals.item_state import IMPLAUSIBLE_AMOUNT, fold_meal
 from app.meals.job_models import Job
-from app.meals.meal_parts import MealParts, parts_of
+from app.meals.meal_parts import MealParts, parts_of, records_of
 from app.meals.models import Meal
 from app.meals.record_models import Item
 from app.people.access import audit
@@ -156,8 +156,15 @@ class MealEvents:
                     version=meal.version,
                 )
             parts = parts_of(session, [meal])[0]  # keeps the rows in the session's identity map
+            before = _implausible_items(session, meal)
             self._write(session, caller, parts, event)
             project_meal(session, meal)
+            if event.strict and _implausible_items(session, meal) - before:
+                raise InvalidInputError(
+                    "Nobody eats so much of one food, or the photographs show far more or less. Send it without "
+                    "`strict` to store it all the same.",
+                    code=IMPLAUSIBLE_AMOUNT,
+                )
             return meal_view(session, meal, participant, study), True
 
     def _write(self, session: Session, caller: Caller, parts: MealParts, event: AnyEventIn) -> None:
@@ -216,6 +223,10 @@ def layer_of(caller: Caller) -> Literal["participant", "reviewer"]:
     return "participant" if isinstance(caller, DeviceCaller) else "reviewer"
 
 
+def _implausible_items(session: Session, meal: Meal) -> set[uuid.UUID]:
+    return {item_id for item_id, record in records_of(session, meal.id).items() if IMPLAUSIBLE_AMOUNT in record.flags}
+
+
 def _require_same(stored: MealEvent, meal: Meal, caller: Caller, event: AnyEventIn) -> None:
     """Raise ConflictError unless the stored event is the one that was sent, by the same author."""
     author = caller.device_id if isinstance(caller, DeviceCaller) else caller.staff_id
@@ -234,7 +245,7 @@ def content_sha256(event: AnyEventIn) -> str:
     It is stored: computed in another way, it would refuse repeats of events that were sent before an upgrade.
     """
     item = item_of(event)
-    fields: dict[str, object] = event.model_dump(mode="json", exclude={"id", "kind", "item"})
+    fields: dict[str, object] = event.model_dump(mode="json", exclude={"id", "kind", "item", "strict"})
     if isinstance(event, SetMassIn):
         fields = {"amount": event.amount().model_dump(mode="json")}
     elif isinstance(event, SetVolumeIn):

@@ -82,6 +82,10 @@ class _Event(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     id: uuid.UUID = Field(description="Made by the client, once an event; the same again is the same event.")
+    strict: bool = Field(
+        default=False,
+        description="Refuse an amount that can hardly be (422 `implausible_amount`), rather than flag the item.",
+    )
 
 
 class _OfItem(_Event):

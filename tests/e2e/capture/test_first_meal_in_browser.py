@@ -11,6 +11,7 @@ from tests.e2e.dashboard_server import require
 
 def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, open_phone):
     tab = open_phone()
+    tab.expect("status of 422")  # an amount that can hardly be
     page = enrolled(served, tab)
     photograph(page)
     page.fill("#note", "with my sister")
@@ -21,6 +22,10 @@ def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, op
     page.locator(".search .choices button").first.click()
     page.wait_for_selector("li[data-status=corrected]")
     page.get_by_text("Correct it").click()
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.get_by_label("Grams on the plate", exact=True).fill("4500")
+    with page.expect_event("dialog"):
+        page.get_by_role("button", name="Set the amount").click()
     page.get_by_label("Grams on the plate", exact=True).fill("120")
     page.get_by_role("button", name="Set the amount").click()
     page.get_by_text("120 g").wait_for()

@@ -146,6 +146,20 @@ def test_conflict_shows_what_changed_and_lets_the_reviewer_repeat_the_event(show
     assert (item["food"]["key"], item["mass_g"]) == ("pear", 150.0)
 
 
+def test_amount_that_can_hardly_be_is_asked_about_once(show):
+    ann = show("reviewer", found_item())
+    before = ann.meal()
+    for headers in ({"HX-Request": "true"}, None):
+        answer = ann.say("set_mass", mass_g="15000", headers=headers)
+        assert answer.status_code == 422
+        assert "Is that right?" in text_of(answer.text[answer.text.index('id="conflict"') :])
+    assert ann.meal() == before
+    again = dict(re.findall(r'name="(\w+)" value="([^"]*)"', answer.text.split('id="conflict"')[1].split("</form>")[0]))
+    assert ann.browser.post(f"{ann.path}/events", **again).status_code == 303
+    item = ann.meal()["items"][0]
+    assert (item["mass_g"], "implausible_amount" in item["flags"]) == (15000, True)
+
+
 def test_event_is_answered_with_the_current_section(show):
     seen, headers = show("reviewer", found_item()), {"HX-Request": "true"}
     answer = seen.say("confirm", headers=headers)

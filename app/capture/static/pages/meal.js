@@ -205,9 +205,11 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   async function say(event) {
     alert.textContent = "";
     try {
-      await render(await client.sendEvent(meal, event));
+      await render(await client.sendEvent(meal, { strict: true, ...event }));
     } catch (error) {
-      if (error.code === "precondition_failed") {
+      if (error.code === "implausible_amount") {
+        if (confirm(t("amount_confirm"))) await say({ ...event, strict: false });
+      } else if (error.code === "precondition_failed") {
         alert.textContent = t("changed_meanwhile");
         await reread();
       } else showProblem(error);
