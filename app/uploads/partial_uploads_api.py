@@ -77,9 +77,16 @@ def post_upload(
 
 @router.get("", status_code=204, response_class=Response, responses=problem_responses(401, 403, 404, 410, 412, 422))
 def get_upload(meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None) -> Response:
-    """Return an upload's state in `Upload-Offset`; tus clients ask by HEAD. 404: begin one, or it is complete."""
+    """Return an upload's state in `Upload-Offset`; tus clients ask by HEAD. 404: begin one.
+
+    Of a photograph that is on the server's disk it is the length: the answer to the last piece was lost.
+    """
     _require_version(version)
-    return _answer(204, state.part(PartialUploads).state(_upload_key(state, caller, meal_id, slot)))
+    meal = read_meal(state.database, caller, meal_id)
+    durable = next((image.bytes for image in meal.images if image.slot == slot), None)
+    if durable is not None:
+        return _answer(204, UploadState(durable, durable))
+    return _answer(204, state.part(PartialUploads).state(UploadKey(caller.participant_id, meal_id, slot)))
 
 
 @router.patch(

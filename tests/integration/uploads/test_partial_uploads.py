@@ -75,7 +75,9 @@ def test_photograph_in_three_pieces_is_the_photograph_and_noted_as_a_whole_one_i
     image = images_of(phone, meal)["right"]
     assert image["durable"]
     assert image["received_sha256"] == hashlib.sha256(content).hexdigest()
-    assert upload.head().status_code == 404  # nothing is unfinished
+    complete = upload.head()  # as a phone asks that lost the last answer
+    assert (complete.status_code, complete.headers["upload-offset"]) == (204, str(len(content)))
+    assert complete.headers["upload-length"] == str(len(content))
     assert phone.get(f"/v1/meals/{meal}").json()["status"] == "queued"
     assert actions()[before + len(of_whole) :] == of_whole != []
 
