@@ -163,7 +163,7 @@ class MealEvents:
                 raise InvalidInputError(
                     "Nobody eats so much of one food, or the photographs show far more or less. Send it without "
                     "`strict` to store it all the same.",
-                    code=IMPLAUSIBLE_AMOUNT,
+                    code="implausible_amount",
                 )
             return meal_view(session, meal, participant, study), True
 
