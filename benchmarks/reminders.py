@@ -33,7 +33,7 @@ from app.reminders.web_push import text_of
 from app.webhooks.webhook_post import WebhookPost
 from benchmarks.databases import database_url
 from tests.support.push_services import Browser
-from tests.support.tls_front import Authority
+from tests.support.receivers import certificates
 
 DUE = datetime(2026, 11, 27, 12, 30, tzinfo=UTC)
 RECEIVERS = 50  # different browsers; each message has its own key all the same
@@ -74,7 +74,7 @@ def measured(url: str, folder: Path, services: list[Service], phones: int) -> st
     settings = Settings(data_dir=folder)
     prepare(database, settings)
     subscribe(database, services, phones)
-    tls = ssl.create_default_context(cafile=str(folder / "authority.pem"))
+    tls = ssl.create_default_context(cafile=str(folder / "server.pem"))
     post = WebhookPost(allow_loopback=True, tls=tls)
     chore = SendReminders(database, SecretBox("k" * 40), post, CONTACT, now=lambda: DUE)
     before_mb, before = peak_mb(), time.process_time()
@@ -129,8 +129,8 @@ def subscribe(database: Database, services: list[Service], phones: int) -> None:
 
 @contextlib.contextmanager
 def push_services(arguments: argparse.Namespace, folder: Path) -> Iterator[list[Service]]:
-    """Start the push services; `folder` then holds the certificate of their authority."""
-    Authority(folder).server_context()
+    """Start the push services; `folder` then holds their certificate."""
+    certificates(folder, "127.0.0.1")
     context = multiprocessing.get_context("spawn")
     services, processes = [], []
     for _ in range(arguments.services):
