@@ -127,16 +127,6 @@ def test_refused_field_keeps_its_text_and_says_what_is_wrong(boss, food):
     assert food()["version"] == 1
 
 
-def test_fields_that_are_not_sent_are_unchanged(boss, food):
-    base = Form(boss.page(EDIT)).fields["base"]
-    before = food()
-    assert boss.post(EDIT, base=base, do="save", reason="short", name="Apple, red").status_code == 303
-    after = food()
-    assert after["name"] == "Apple, red"
-    for name in ("nutrients", "aliases", "densities", "portions", "source_ids"):
-        assert after[name] == before[name]
-
-
 def test_earlier_version_is_restored_with_a_reason_if_the_food_is_unchanged(boss, food):
     before = food()
     form = Form(boss.page(EDIT))

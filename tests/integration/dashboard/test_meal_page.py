@@ -146,17 +146,6 @@ def test_conflict_shows_what_changed_and_lets_the_reviewer_repeat_the_event(show
     assert (item["food"]["key"], item["mass_g"]) == ("pear", 150.0)
 
 
-def test_event_is_answered_with_the_current_section(show):
-    seen, headers = show("reviewer", found_item()), {"HX-Request": "true"}
-    answer = seen.say("confirm", headers=headers)
-    assert answer.status_code == 200
-    assert answer.text.lstrip().startswith('<div id="meal"')
-    assert f'name="version" value="{seen.meal()["version"]}"' in answer.text
-    assert "status-confirmed" in answer.text
-    refused = seen.say("set_mass", mass_g="heavy", headers=headers)
-    assert (refused.status_code, refused.headers["hx-retarget"]) == (422, "#problem")
-
-
 def test_form_makes_the_same_event_as_the_api(show):
     reviewed = show("reviewer", found_item(hint=0))
     corners = [[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]]
@@ -198,17 +187,6 @@ def test_impossible_value_is_refused_with_a_sentence_and_changes_nothing(show):
         assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input"), answer.text
         assert words.lower() in answer.json()["detail"].lower()
     assert reviewed.meal() == before
-
-
-def test_form_sent_twice_makes_one_event_and_one_of_a_changed_meal_none(show):
-    reviewed = show("reviewer", found_item(hint=0))
-    seen, once = reviewed.meal()["version"], str(uuid.uuid4())
-    assert reviewed.say("confirm", headers=JSON, id=once).status_code == 201
-    assert reviewed.say("confirm", headers=JSON, id=once, version=seen).status_code == 200
-    answer = reviewed.say("comment", headers=JSON, text="late", version=seen)
-    assert (answer.status_code, answer.json()["code"]) == (412, "precondition_failed")
-    assert answer.json()["version"] == reviewed.meal()["version"]
-    assert [event["kind"] for event in reviewed.history()] == ["confirm"]
 
 
 def test_foods_are_offered_as_options_with_escaped_names(client, admin, sign_in_browser):

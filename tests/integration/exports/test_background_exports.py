@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import io
-import json
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -92,15 +91,6 @@ def test_file_made_in_the_background_is_the_one_that_is_streamed(viewer, run, st
     assert [event.actor for event in events(state, "export.download")] == ["vera"]
 
 
-def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
-    export = made(viewer, run, format="ndjson", filters={"participant": "P002", "from": "2026-11-02"})
-    lines = [json.loads(line) for line in viewer.get(export["file"]).content.splitlines()]
-    pages = viewer.get("/v1/records?study=pilot&participant=P002&from=2026-11-02").json()["items"]
-    assert [line["id"] for line in lines] == [row["id"] for row in pages]
-    assert len(lines) == 2
-    assert export["filters"] == {"participant": "P002", "from": "2026-11-02"}
-
-
 def test_impossible_export_is_refused_at_once(viewer):
     for body, code in (
         ({"rows": "photographs", "layout": "long"}, "export_not_offered"),
@@ -119,16 +109,6 @@ def test_impossible_export_is_refused_at_once(viewer):
     ):
         assert refusal(ask(viewer, **body)) == (422, code), body
     assert viewer.get(PATH).json()["items"] == []
-
-
-def test_all_components_of_unnamed_foods_are_none(client, admin, enrol, state, run):
-    enrol("P009", study="unnamed")
-    add_meal(state, "P009", "2026-11-01", eaten_item(100.0), study="unnamed")
-    viewer = make_staff(client, admin, "vera", unnamed="viewer")
-    asked = viewer.post("/v1/studies/unnamed/exports", json={"rows": "items", "components": "all"})
-    assert run().outcome == "done"
-    rows = list(csv.DictReader(io.StringIO(viewer.get(asked.headers["location"] + "/file").text)))
-    assert [row["consumed_g"] for row in rows] == ["100.0"]
 
 
 def test_interrupted_download_resumes_and_a_range_that_is_none_gives_the_whole_file(viewer, run):

@@ -5,16 +5,6 @@ import pytest
 from tests.integration.foods.editing import refused
 
 
-def test_a_measured_density_goes_before_the_tables(staff):
-    specimens = specimens_of((200, 168), (250, 204), (100, 82))
-    body = {"state": "raw, whole", "kind": "solid", "method": "water", "reason": "r"}
-    made = staff.post("/v1/foods/apple/densities", body | {"specimens": specimens, "volume_step_ml": 10})
-    assert made.status_code == 201, made.json()
-    chosen = made.json()["density"]["chosen"]
-    assert (chosen["g_per_ml"], chosen["basis"], chosen["source"]) == (0.82, "measured", "water: median of 3 specimens")
-    assert chosen["sd_g_per_ml"] == pytest.approx(10 / 12**0.5 / (550 / 3) * 0.82)
-
-
 def specimens_of(*pairs):
     return [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in pairs]
 

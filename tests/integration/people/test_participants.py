@@ -72,15 +72,6 @@ def test_profile_that_cannot_be_is_refused(owner, participant):
             assert (answer.status_code, answer.json()["code"]) == (422, code), profile
 
 
-def test_participants_page_by_code_without_their_profiles(owner):
-    for code in ("P3", "P1", "P2"):
-        owner.post(PEOPLE, json={"code": code, "profile": PROFILE})
-    first = owner.get(f"{PEOPLE}?limit=2").json()
-    assert [row["code"] for row in first["items"]] == ["P1", "P2"]
-    assert "profile" not in first["items"][0]
-    assert [row["code"] for row in owner.get(first["next"]).json()["items"]] == ["P3"]
-
-
 def test_withdrawn_participant_stays_listed_gets_no_code_and_no_change(owner, participant, state, client):
     def enrol(code):
         return client.post("/v1/enrolments", json={"code": code, "device_name": "x"}).status_code

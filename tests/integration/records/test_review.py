@@ -184,21 +184,6 @@ def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
     assert participant.meal()["run"] == meal["run"]
 
 
-def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
-    apple, milk, _ = participant.items()
-    ring_and_hole = [
-        [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0], [5.0, 80.0]],
-        [[30.0, 30.0], [50.0, 30.0], [50.0, 50.0]],
-    ]
-    redrawn = participant.say("redraw", item=apple["id"], polygon=ring_and_hole)["items"][0]
-    assert redrawn["polygon"] == ring_and_hole
-    again = participant.say("redraw", item=apple["id"], polygon=redrawn["polygon"])["items"][0]
-    assert again["polygon"] == ring_and_hole
-    parts = [{"polygon": ring_and_hole}, {"polygon": ring_and_hole[1]}]
-    split = participant.say("split", item=milk["id"], parts=parts)["items"]
-    assert [item["polygon"] for item in split if item["parent"] == milk["id"]] == [ring_and_hole, ring_and_hole[1:]]
-
-
 def test_outline_that_encloses_nothing_or_too_much_is_refused(participant):
     apple = participant.items()[0]
     for polygon in (

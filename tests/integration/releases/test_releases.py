@@ -248,18 +248,6 @@ def test_viewer_downloads_parts_and_what_is_not_there_is_not_found(client, admin
         assert owner.get(PATH + path).status_code == 404
 
 
-def test_check_finds_a_damaged_or_missing_file(owner, run, state):
-    frozen(owner, run, "baseline")
-    [key] = [name for name in stored_names(state.blobs) if "/items.csv/" in name]
-    state.blobs.delete(key)
-    checked = owner.get(f"{PATH}/baseline/check").json()
-    assert (checked["is_whole"], checked["checksum"]) == (False, None)
-    assert [one["name"] for one in checked["files"] if one["found"] == "missing"] == ["items.csv"]
-    state.blobs.put_bytes(key, b"other bytes")
-    checked = owner.get(f"{PATH}/baseline/check").json()
-    assert [one["name"] for one in checked["files"] if one["found"] == "damaged"] == ["items.csv"]
-
-
 def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
     owner, run, state
 ):
@@ -563,17 +551,6 @@ def test_last_meal_is_found_by_instants_with_and_without_fractions():
     after = meal | {"meal_id": "b", "received_at": "2026-11-01T20:00:00.500000Z"}
     assert day_without(day, [before], [after], [], expects_after_pair=False)["meals_after_closing"] == 0
     assert day_without(day, [after], [before], [], expects_after_pair=False)["meals_after_closing"] == 1
-
-
-def test_day_recomputed_without_erasure_equals_the_frozen_day(owner, run):
-    release = frozen(owner, run, "baseline")
-    items, meals, days = (typed(owner, release, table) for table in ("items", "meals", "days"))
-    meals = [row | {"received_at": row["received_at"].isoformat()} for row in meals]
-    assert len(days) == 6
-    for day in days:
-        key = (day["participant"], day["local_date"])
-        of_day = [[row for row in table if (row["participant"], row["local_date"]) == key] for table in (meals, items)]
-        assert day_without(day, of_day[0], [], of_day[1], expects_after_pair=False) == day
 
 
 def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_differ(

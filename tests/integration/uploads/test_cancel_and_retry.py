@@ -110,16 +110,6 @@ def test_meal_or_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, 
     assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
 
 
-def test_cancelled_after_pair_leaves_the_meal_as_it_is(phone, state, reviewer):
-    table = Table(phone, state).measured().send_after()
-    before = table.get()["status"]
-    assert reviewer.post(f"/v1/meals/{table.id}/cancel").status_code == 200
-    meal = table.get()
-    assert meal["status"] == before
-    assert (meal["after"]["status"], meal["after"]["failure"]["code"]) == ("failed", "cancelled")
-    assert all("after_failed" in item["flags"] for item in meal["items"])
-
-
 def test_failed_meal_is_queued_again_with_a_new_job_and_its_new_run_counts(phone, state, reviewer, meal):
     estimates.save(state, meal, **NO_MARKER)
     assert phone.get(f"/v1/meals/{meal}").json()["status"] == "failed"
