@@ -5,7 +5,6 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from app.exports.fhir import queries as fhir_intakes
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.support.fhir_models import bundle, error_of, link, valid
@@ -57,15 +56,6 @@ def test_pages_hold_every_record_once_in_the_order_of_capture_and_100_at_most(cl
         add_meal(state, "P001", f"2026-12-{day:02d}", *(eaten_item() for _ in range(45)))
     assert [len(page) for page in crawl(client, admin, "_count=1000")] == [100, 17]
     assert len(crawl(client, admin)[0]) == 50
-
-
-@pytest.mark.usefixtures("two_studies")
-def test_more_studies_than_a_statement_has_branches_give_the_same(client, admin, monkeypatch):
-    before = crawl(client, admin, "_count=4")
-    monkeypatch.setattr(fhir_intakes, "MOST_BRANCHES", 1)
-    assert crawl(client, admin, "_count=4") == before
-    viewer = make_staff(client, admin, "eve", pilot="viewer")
-    assert ids(viewer.get(URL)) == record_ids(client, viewer.headers)
 
 
 DAYS = [

@@ -8,7 +8,6 @@ import uuid
 from app.http import flat_list
 from app.http.flat_list import ListRoute
 from app.http.tables.flat_rows import flat_paths
-from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.uploads.answers import refusal
 
 
@@ -77,33 +76,8 @@ def test_nested_values_are_columns_and_null_is_an_empty_cell(client, admin, enro
     assert study["camera_fx"] == ""
 
 
-def test_accept_header_chooses_the_file(client, admin, enrol):
-    enrol()
-    answer = client.get("/v1/staff", headers=admin | {"Accept": "text/csv"})
-    assert answer.headers["content-type"].startswith("text/csv")
-    assert 'filename="staff.csv"' in answer.headers["content-disposition"]
-    assert answer.headers["cache-control"] == "private, no-store"
-    assert client.get("/v1/staff", headers=admin).json()["items"]
-
-
 def test_empty_list_still_has_its_header(client, admin, enrol):
     enrol()
     answer = client.get("/v1/studies/pilot/densities?format=csv", headers=admin)
     assert answer.text.splitlines()[0].startswith("id,food,g_per_ml")
     assert client.get("/v1/studies/pilot/densities?format=ndjson", headers=admin).content == b""
-
-
-def test_intakes_have_a_column_a_component(client, admin, state, enrol, phone):
-    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
-    phone.put("/v1/me/days/2026-11-01", json={"status": "closed"}, headers={"If-Match": "*"})
-    (row,) = table(client, admin, "/v1/studies/pilot/intakes")
-    assert float(row["components_energy_kcal_mean"]) == 52.0
-    assert row["plausibility_verdict"] == "unknown"
-
-
-def test_audit_log_leaves_as_ndjson_too(client, admin, enrol):
-    enrol()
-    told = client.get("/v1/studies/pilot/audit?limit=1000", headers=admin).json()["items"]
-    assert table(client, admin, "/v1/studies/pilot/audit", "ndjson") == told
-    rows = table(client, admin, "/v1/studies/pilot/audit")
-    assert [json.loads(row["details"]) for row in rows] == [event["details"] for event in told]

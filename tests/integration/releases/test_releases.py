@@ -170,18 +170,6 @@ def test_frozen_tables_are_the_exports_of_the_same_moment_with_the_foods_of_thei
     assert {row["food_key"] for row in rows(owner, release, "food_densities")} == {"apple", "banana"}
 
 
-def test_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
-    first, second = frozen(owner, run, "first"), frozen(owner, run, "second")
-    assert first["checksum"] == second["checksum"]
-    with state.database.write() as session:
-        session.execute(sa.update(EffectiveRecord).values(change_seq=EffectiveRecord.change_seq + 1000))
-    assert frozen(owner, run, "third")["checksum"] == first["checksum"]
-    with state.database.write() as session:
-        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
-        one.consumed_g = 80.00000000000001
-    assert frozen(owner, run, "fourth")["checksum"] != first["checksum"]
-
-
 def test_sums_of_days_do_not_depend_on_the_order_in_which_a_database_adds(owner, run, state):
     """PostgreSQL adds rows as they lie, and gives another last digit once they lie otherwise."""
     add_meal(
@@ -246,25 +234,6 @@ def test_viewer_downloads_parts_and_what_is_not_there_is_not_found(client, admin
     assert [one["name"] for one in viewer.get(PATH).json()["items"]] == ["baseline"]
     for path in ("/baseline/files/nothing.csv", "/other"):
         assert owner.get(PATH + path).status_code == 404
-
-
-def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
-    owner, run, state
-):
-    frozen(owner, run, "baseline")
-    path = owner.post("/v1/studies/pilot/exports", json={"rows": "meals"}).headers["location"]
-    assert run().outcome == "done"
-    made = [name for name in stored_names(state.blobs) if "/releases/" in name or "/exports/" in name]
-    assert len(made) == 2 * len(TABLES) + 3
-    with state.database.read() as session:
-        studies = set(map(str, session.scalars(sa.select(Study.id))))
-    assert not {name.split("/")[0] for name in made} & studies  # below a study 0.2 deletes what it has no row of
-    with state.database.write() as session:
-        session.execute(sa.delete(ReleaseFile).where(ReleaseFile.name == "items.csv"))
-    make_old(state.blobs)
-    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
-    assert {*made} - {*stored_names(state.blobs)} == {name for name in made if "/items.csv/" in name}
-    assert owner.get(path + "/file").status_code == 200
 
 
 def live_days(owner):

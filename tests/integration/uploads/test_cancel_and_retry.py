@@ -16,7 +16,7 @@ from app.meals.record_models import Run
 from app.people import privacy_queries as privacy
 from app.people.privacy_models import AuditEvent
 from app.uploads.job_list_queries import FailedFilter
-from app.uploads.look_after_jobs import failed_pairs, retry_failed
+from app.uploads.look_after_jobs import retry_failed
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table, left_of_apple
@@ -132,17 +132,6 @@ def say(phone, meal, kind, **fields):
     return phone.client.post(f"/v1/meals/{meal}/events", headers=phone.headers | {"If-Match": "*"}, json=event)
 
 
-def test_comment_on_a_meal_that_is_retried_does_not_move_its_status_back(phone, state, reviewer, meal):
-    """Its last run has failed, and says nothing of the one to come."""
-    estimates.save(state, meal, **NO_MARKER)
-    reviewer.post(f"/v1/meals/{meal}/retry")
-    answer = say(phone, meal, "comment", text="cold")
-    assert (answer.status_code, answer.json()["status"]) == (201, "queued")
-    estimates.save(state, meal, **NO_MARKER)
-    body = phone.get(f"/v1/meals/{meal}").json()
-    assert (body["status"], body["failure"]["code"]) == ("failed", "marker_not_found")
-
-
 def test_retries_at_once_queue_one_job(state, reviewer, meal):
     fail(state, meal)
     answers = at_once(*[lambda: reviewer.post(f"/v1/meals/{meal}/retry").status_code] * 4)
@@ -203,17 +192,6 @@ def test_jobs_list_tells_what_waits_and_what_failed(phone, enrol, state, meal, t
     assert tada("jobs", "list", "--study", "none").returncode == 2
     assert tada("jobs", "list", "--code", "x").returncode == 2
     assert "--limit" in tada("jobs", "list", "--limit", "1").stderr
-
-
-def test_failed_meals_are_listed_the_last_first_and_those_without_a_time_behind_all(phone, state):
-    meals = [phone.post(pair(seed), meal_metadata()).json()["id"] for seed in (1, 2, 3)]
-    for meal in meals:
-        fail(state, meal)
-    with state.database.write() as session:
-        session.delete(session.get_one(Job, jobs_of(state, meals[1])[-1].id))
-    listed = [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=10)]
-    assert listed == [meals[2], meals[0], meals[1]]
-    assert [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=2)] == listed[:2]
 
 
 def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, state, meal):
