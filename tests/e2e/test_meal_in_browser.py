@@ -98,21 +98,6 @@ def test_outline_is_drawn_by_keys_and_by_mouse(served, meal, opened):
     assert len(second(served, meal)["polygon"][0]) == 6
 
 
-def test_conflict_is_told_and_the_word_can_be_said_all_the_same(served, meal, opened):
-    page, item = opened.page, second(served, meal)
-    opened.expect("412")
-    served.say(meal, "set_food", item=item["id"], food="orange")
-    page.click(f"#change-{item['id']} summary")
-    page.fill(f"#mass-{item['id']}", "120")
-    page.click(f"#change-{item['id']} button:text('Set mass')")
-    expect(page.locator("#conflict")).to_contain_text("boss")
-    expect(page.locator("#conflict")).to_contain_text("Orange")
-    assert second(served, meal)["mass_g"] != 120.0
-    page.click("#conflict button:text('Apply it nevertheless')")
-    page.wait_for_selector("#conflict", state="detached")
-    assert second(served, meal)["mass_g"] == 120.0
-
-
 @pytest.mark.slow
 def test_page_follows_a_meal_and_keeps_what_is_being_typed(served, phone, open_page):
     waiting = served.send_meal(phone)

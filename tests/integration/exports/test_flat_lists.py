@@ -7,7 +7,6 @@ import uuid
 
 from app.http import flat_list
 from app.http.flat_list import ListRoute
-from app.http.tables.flat_rows import flat_paths
 from tests.integration.uploads.answers import refusal
 
 
@@ -17,35 +16,6 @@ def table(client, headers, path, output="csv", **params):
     if output == "ndjson":
         return [json.loads(line) for line in answer.content.splitlines()]
     return list(csv.DictReader(io.StringIO(answer.text, newline="")))
-
-
-def list_routes(app):
-    """(path, its rows' model) of every list that leaves by the small mechanism."""
-    found = {}
-    pending = [app.router]
-    while pending:
-        for route in pending.pop().routes:
-            if isinstance(route, ListRoute) and route._row is not None:
-                found[route.path] = route._row
-            inner = getattr(route, "original_router", None) or getattr(route, "router", None)
-            if inner is not None:
-                pending.append(inner)
-    return found
-
-
-def test_every_list_of_the_issue_leaves_as_a_table_whose_columns_differ(app):
-    routes = list_routes(app)
-    for path in (
-        "/v1/studies", "/v1/staff", "/v1/tokens", "/v1/foods", "/v1/studies/{study}/participants",
-        "/v1/studies/{study}/devices", "/v1/studies/{study}/members", "/v1/studies/{study}/densities",
-        "/v1/studies/{study}/webhooks/{webhook}/deliveries", "/v1/studies/{study}/review-queue",
-        "/v1/studies/{study}/intakes", "/v1/studies/{study}/adequacy",
-    ):  # fmt: skip
-        assert path in routes
-    assert "/v1/days" not in routes  # written in another way
-    for path, row in routes.items():
-        names = ["_".join(one) for one in flat_paths(row)]
-        assert len(set(names)) == len(names), path
 
 
 def test_file_has_the_whole_list_however_long_its_pages(client, admin, enrol, monkeypatch):

@@ -79,12 +79,6 @@ def packed(value):
     return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
 
 
-def test_every_list_is_asked_in_these_tests(client, ask):
-    lists = lists_of(client)
-    assert len(lists) >= 14
-    assert {path: ask(path).status_code for path in lists} == dict.fromkeys(lists, 200)
-
-
 def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
     monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]

@@ -220,18 +220,6 @@ def test_answered_probe_is_an_item_of_its_own_or_names_the_food_and_is_not_asked
     assert "drained" not in after[-1]["open_probes"]
 
 
-def test_reviewers_share_of_an_added_food_stands_over_the_participants(participant, reviewer):
-    told, untold = (
-        reviewer.say("add", food="potatoes-boiled", amount={"mass_g": 200}, **share)["items"][-1]["id"]
-        for share in ({"share": 0.5}, {})
-    )
-    for item in (told, untold):
-        participant.say("set_share", item=item, share=0.25)
-    assert [item["share"] for item in participant.items()[-2:]] == [0.5, 0.25]
-    reviewer.say("set_share", item=told, share=0.75)
-    assert participant.items()[-2]["share"] == 0.75
-
-
 def test_what_was_declared_of_a_shared_dish_is_shared_as_the_dish_is(participant):
     for order in ("declared_then_shared", "shared_then_declared"):
         declare_and_share(participant, order)
