@@ -1,4 +1,4 @@
-"""The storms' own tools: the checker sees what is wrong, the clock moves, the disk is full, the proxy loses answers."""
+"""The checker of the storms sees what is wrong, and tells a part that was away from a bug."""
 
 import hashlib
 import json

@@ -35,12 +35,10 @@ def counts(prepared_database_url):
     return count
 
 
-def release(path, **changed):
+def release(path):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in APPLE.items():
-            content = changed.get(name.removesuffix(".txt"), text)
-            if content is not None:
-                archive.writestr(f"sr28asc/{name}", content if isinstance(content, bytes) else content.encode("cp1252"))
+            archive.writestr(f"sr28asc/{name}", text.encode("cp1252"))
     return path
 
 
