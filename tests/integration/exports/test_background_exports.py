@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import json
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -88,6 +89,15 @@ def test_file_made_in_the_background_is_the_one_that_is_streamed(viewer, run, st
     assert run() is None
     assert [event.actor for event in events(state, "export.request")] == ["vera"]
     assert [event.actor for event in events(state, "export.download")] == ["vera"]
+
+
+def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
+    export = made(viewer, run, format="ndjson", filters={"participant": "P002", "from": "2026-11-02"})
+    lines = [json.loads(line) for line in viewer.get(export["file"]).content.splitlines()]
+    pages = viewer.get("/v1/records?study=pilot&participant=P002&from=2026-11-02").json()["items"]
+    assert [line["id"] for line in lines] == [row["id"] for row in pages]
+    assert len(lines) == 2
+    assert export["filters"] == {"participant": "P002", "from": "2026-11-02"}
 
 
 def test_impossible_export_is_refused_at_once(viewer):

@@ -307,6 +307,15 @@ def test_failed_pair_ends_the_wait_until_another_is_sent_and_the_window_ends_ove
     assert not waiting.record("apple")["provisional"]
 
 
+def test_windows_end_in_bounded_batches(enrol, state, monkeypatch):
+    phone = enrol("P004", "many", expects_after_pair=True)
+    for seed in range(3):
+        Table(phone, state, seed=seed).measured()
+    monkeypatch.setattr("app.uploads.after_windows.BATCH", 2)
+    chore = AfterWindows(state.database)
+    assert [chore.close_due(), chore.close_due(), chore.close_due()] == [2, 1, 0]
+
+
 def test_leftovers_of_a_meal_whose_food_is_not_known_are_matched_all_the_same(table):
     table.measured(apple(hint=None), banana()).send_after().after_measured(left_of_apple(100.0))
     meal = table.get()

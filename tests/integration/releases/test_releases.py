@@ -236,6 +236,25 @@ def test_viewer_downloads_parts_and_what_is_not_there_is_not_found(client, admin
         assert owner.get(PATH + path).status_code == 404
 
 
+def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
+    owner, run, state
+):
+    frozen(owner, run, "baseline")
+    path = owner.post("/v1/studies/pilot/exports", json={"rows": "meals"}).headers["location"]
+    assert run().outcome == "done"
+    made = [name for name in stored_names(state.blobs) if "/releases/" in name or "/exports/" in name]
+    assert len(made) == 2 * len(TABLES) + 3
+    with state.database.read() as session:
+        studies = set(map(str, session.scalars(sa.select(Study.id))))
+    assert not {name.split("/")[0] for name in made} & studies  # below a study 0.2 deletes what it has no row of
+    with state.database.write() as session:
+        session.execute(sa.delete(ReleaseFile).where(ReleaseFile.name == "items.csv"))
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+    assert {*made} - {*stored_names(state.blobs)} == {name for name in made if "/items.csv/" in name}
+    assert owner.get(path + "/file").status_code == 200
+
+
 def live_days(owner):
     text = owner.get("/v1/days?study=pilot&format=csv").text
     return [

@@ -132,6 +132,17 @@ def say(phone, meal, kind, **fields):
     return phone.client.post(f"/v1/meals/{meal}/events", headers=phone.headers | {"If-Match": "*"}, json=event)
 
 
+def test_comment_on_a_meal_that_is_retried_does_not_move_its_status_back(phone, state, reviewer, meal):
+    """Its last run has failed, and says nothing of the one to come."""
+    estimates.save(state, meal, **NO_MARKER)
+    reviewer.post(f"/v1/meals/{meal}/retry")
+    answer = say(phone, meal, "comment", text="cold")
+    assert (answer.status_code, answer.json()["status"]) == (201, "queued")
+    estimates.save(state, meal, **NO_MARKER)
+    body = phone.get(f"/v1/meals/{meal}").json()
+    assert (body["status"], body["failure"]["code"]) == ("failed", "marker_not_found")
+
+
 def test_retries_at_once_queue_one_job(state, reviewer, meal):
     fail(state, meal)
     answers = at_once(*[lambda: reviewer.post(f"/v1/meals/{meal}/retry").status_code] * 4)

@@ -13,6 +13,16 @@ from tests.support.estimates import found_item
 from tests.support.photographs import pair
 
 
+def test_app_learns_what_the_server_can_do_before_it_has_a_token(client, settings):
+    told = client.get("/v1/server").json()
+    assert told["api_versions"] == ["v1"]
+    assert {"captured_at", "time_zone", "hints", "complete"} <= set(told["metadata_fields"])
+    assert {"point", "box", "polygon", "food"} <= set(told["hint_fields"])
+    assert told["limits"]["photo_bytes"] == settings.max_photo_bytes
+    assert "image/jpeg" in told["image_types"]
+    assert abs(datetime.fromisoformat(told["time"]) - datetime.now(UTC)) < timedelta(minutes=1)
+
+
 def test_field_that_the_server_does_not_know_is_kept_aside_and_told(phone, state, client):
     hints = [{"point": [30, 20], "food": "apple", "chewed": True}]
     new = meal_metadata(hints=hints, mood="\x00 happy", depth={"unit": "mm", "max": 1e300})
@@ -27,6 +37,16 @@ def test_field_that_the_server_does_not_know_is_kept_aside_and_told(phone, state
     assert phone.post(pair(), new).status_code == 200
     updated = {name: value for name, value in new.items() if name not in {"mood", "depth"}}
     assert phone.post(pair(), updated).status_code == 200  # the app was replaced while the meal waited
+
+
+def test_field_of_the_after_meal_pair_that_is_not_known_is_kept_aside(phone, client, state):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    estimates.save(state, body["id"], found_item(hint=None))
+    told = {"captured_at": "2026-11-20T13:00:00+08:00", "mood": "full"}
+    answer = client.put(f"/v1/meals/{body['id']}/after", headers=phone.headers, json=told)
+    assert (answer.status_code, answer.json()["after"]["ignored"]) == (202, ["mood"])
+    assert client.put(f"/v1/meals/{body['id']}/after", headers=phone.headers, json=told).status_code == 200
 
 
 def test_parameter_that_is_not_known_or_given_twice_is_refused_and_a_list_is_not(phone, client, monkeypatch):
