@@ -118,16 +118,10 @@ def test_shape_is_closed_and_holds_the_volume(name, heap_mm):
         assert found.slices[-1].high_mm == pytest.approx(40.0 - FLOOR_MM, abs=0.5)  # the level, as it was measured
 
 
-def test_too_few_points_are_no_measurement():
-    bowl = straight()
-    points = bowl.top(40.0)
-    assert measured(bowl, points[:20]) is None
-    assert measured(bowl, np.empty((0, 3))) is None
-
-
-def test_points_beyond_the_rim_do_not_count():
+def test_too_few_points_are_no_measurement_and_those_beyond_the_rim_do_not_count():
     bowl = straight()
     outside = bowl.top(40.0) + np.array([200.0, 0.0, 0.0])
     assert measured(bowl, outside) is None
+    assert measured(bowl, bowl.top(40.0)[:20]) is None
     both = np.concatenate([bowl.top(40.0), outside])
     assert measured(bowl, both).volume_ml == measured(bowl, bowl.top(40.0)).volume_ml
