@@ -301,6 +301,20 @@ def test_two_concurrent_writers_leave_no_outdated_sum(database, people, monkeypa
     assert compare_days(database, write=False) == ComparedDays(1, 0)
 
 
+def test_sums_that_cannot_be_written_raise_and_stay_marked(database, people, monkeypatch):
+    """The worker logs a chore that fails; if it failed silently, pages would only get slow."""
+    for n in range(2):
+        with database.write() as session:
+            session.add(new_meal(people[0], FIRST_DAY))
+        if n == 0:
+            write_all_sums(database)
+    monkeypatch.setattr(day_sums, "delete_sums", lambda *_: None)
+    with pytest.raises(sa.exc.IntegrityError):
+        write_all_sums(database)
+    assert marked(database) == {(people[0], FIRST_DAY)}
+    assert [row.meals for row in read_figures(database)[0]] == [2]
+
+
 def test_participant_erased_by_an_older_server_leaves_neither_sums_nor_marks(database, people):
     person = people[0]
     with database.write() as session:

@@ -44,16 +44,6 @@ def viewer(client, admin, eaten):
     return make_staff(client, admin, "vera", pilot="viewer")
 
 
-@pytest.fixture
-def run(state):
-    def run(**times):
-        return FileRunner(
-            state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), **times
-        ).run_one()
-
-    return run
-
-
 def ask(person, **body):
     return person.post(PATH, json={"rows": "items", "format": "csv"} | body)
 

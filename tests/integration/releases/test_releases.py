@@ -20,13 +20,12 @@ from app.meals.day_models import DiaryDay
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.access.last_use import LastUse
-from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.privacy.delete_blobs import BlobDeleter
 from app.releases import compare_release as compare
 from app.releases import release_runner
 from app.releases.compare_release import compare_release
-from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
+from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES
 from app.releases.release_days import NOT_DERIVABLE, day_without
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
@@ -85,15 +84,6 @@ def eaten(enrol, state):
 @pytest.fixture
 def owner(client, admin, eaten):
     return make_staff(client, admin, "olga", pilot="owner")
-
-
-@pytest.fixture
-def run(state):
-    def run():
-        runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
-        return runner.run_one()
-
-    return run
 
 
 def frozen(owner, run, name, **body):
