@@ -9,8 +9,9 @@ from app.identification.kernel_classifier import (
     RIDGE,
     WIDTH,
     fit_classifier,
+    likeness,
 )
-from tests.unit.identification.clouds import clouds
+from tests.unit.identification.clouds import MIDDLES, clouds
 
 
 def direct_scores(examples: np.ndarray, labels: np.ndarray, classes: int, asked: np.ndarray) -> np.ndarray:
@@ -41,3 +42,13 @@ def test_scores_are_those_of_a_direct_dense_solve_whatever_the_order_of_examples
     asked = clouds((2, 2, 2), seed=8)[0]
     one = fit_classifier(examples, labels, 3).scores(asked)
     assert fit_classifier(examples[order], labels[order], 3).scores(asked) == pytest.approx(one, abs=1e-9)
+
+
+def test_likeness_and_score_are_near_1_amid_a_class_and_near_0_far_from_all():
+    examples, _ = clouds((5, 5))
+    assert np.diag(likeness(examples, examples)) == pytest.approx(1.0)
+    assert likeness(examples, examples + 50.0) == pytest.approx(0.0)
+    examples, labels = clouds((30, 30, 30))
+    classifier = fit_classifier(examples, labels, 3)
+    assert classifier.scores(MIDDLES) == pytest.approx(np.eye(3), abs=0.2)
+    assert classifier.scores(np.full((1, 3), 30.0)) == pytest.approx(0.0)

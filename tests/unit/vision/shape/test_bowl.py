@@ -90,14 +90,11 @@ def test_heap_counts_by_its_mean_height():
     assert heaped.volume_ml - flat.volume_ml == pytest.approx(heap_ml, rel=0.15)  # its foot lifts the level at the wall
 
 
-def test_unseen_wall_makes_the_doubt_grow():
+def test_unseen_wall_and_uncertain_floor_make_the_doubt_grow():
     bowl = conical()
     seen, unseen = (measured(bowl, bowl.top(45.0), seen_share=share) for share in (0.9, 0.0))
     assert unseen.sd_ml > 1.3 * seen.sd_ml
     assert is_in_interval(unseen, bowl.volume_ml(45.0))
-
-
-def test_uncertain_floor_makes_the_doubt_grow():
     bowl = straight()
     sure, unsure = (measured(bowl, bowl.top(45.0), floor_sd_mm=sd) for sd in (0.0, 8.0))
     assert unsure.volume_ml == sure.volume_ml
