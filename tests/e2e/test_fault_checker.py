@@ -1,14 +1,7 @@
-"""The storms' own tools: the checker sees what is wrong, the clock moves, the disk is full, the proxy loses answers."""
+"""The checker of the storms sees what is wrong, and tells a part that was away from a bug."""
 
-import contextlib
-import errno
 import hashlib
 import json
-import os
-import socket
-import subprocess
-import sys
-import threading
 import uuid
 from datetime import UTC, datetime
 
@@ -19,14 +12,9 @@ from app.db.session import Database
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.storage.opening import open_blob_store
-from tests.e2e.faults.disk import Disk
 from tests.e2e.faults.invariants import Checker, unexpected_errors
-from tests.e2e.faults.launch import faulty_fsync
 from tests.e2e.faults.phones import Journal, Planned
-from tests.e2e.faults.programs import Clock
-from tests.e2e.faults.proxy import Network
 from tests.integration.jobs.fakes import new_meal
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 AUTOFLUSH = (
     "(raised as a result of Query-invoked autoflush; consider using a session.no_autoflush block if this flush is "
@@ -167,85 +155,3 @@ def test_traceback_of_a_bug_is_told_and_one_of_a_database_that_is_away_is_not():
 def test_checker_tells_a_database_that_is_away_from_a_statement_that_is_wrong(words, is_bug):
     exception = f"Traceback (most recent call last):\n  x\n{words}\n[SQL: SELECT"
     assert bool(unexpected_errors({"api0": json.dumps({"exception": exception})})) == is_bug
-
-
-def test_clock_of_a_running_process_jumps_and_its_monotonic_time_goes_on(tmp_path):
-    clock = Clock(tmp_path / "clock")
-    program = "import sys, time\nfor _ in sys.stdin:\n    print(time.time(), time.monotonic(), flush=True)"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program],
-        env=os.environ | clock.environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-    def ask():
-        process.stdin.write("\n")
-        process.stdin.flush()
-        return [float(word) for word in process.stdout.readline().split()]
-
-    with process:
-        clock.jump(0)
-        wall, running = ask()
-        clock.jump(-7200)
-        wait_until(lambda: ask()[0] < wall - 3600, "the clock to jump", interval_seconds=0.2)
-        later_wall, later_running = ask()
-    assert later_wall - wall == pytest.approx(-7200 + (later_running - running), abs=60)  # it asks one after the other
-    assert 0 <= later_running - running < 600
-
-
-def test_disk_that_was_filled_takes_nothing_until_it_is_freed(tmp_path):
-    switches = tmp_path / "switches"
-    switches.mkdir()
-    disk = Disk(tmp_path / "disk", switches, 8)
-    fsync = faulty_fsync(os.fsync, switches)
-
-    def write():
-        with (disk.folder / "file").open("wb") as file:
-            file.write(b"x" * 100_000)
-            file.flush()
-            fsync(file.fileno())
-
-    try:
-        disk.fill()
-        with pytest.raises(OSError) as refused:  # noqa: PT011  # its errno tells
-            write()
-        assert refused.value.errno == errno.ENOSPC
-        disk.free()
-        write()
-    finally:
-        disk.close()
-
-
-def test_proxy_that_loses_answers_still_passes_on_what_is_asked():
-    listening = socket.create_server(("127.0.0.1", 0))
-    asked = []
-
-    def serve():
-        connection, _ = listening.accept()
-        with connection, contextlib.suppress(ConnectionResetError):  # by the cut, unless it comes later
-            while piece := connection.recv(100):
-                asked.append(piece)
-                connection.sendall(b"answer to " + piece)
-
-    serving = threading.Thread(target=serve, daemon=True)
-    serving.start()
-    network = Network()
-    try:
-        link = network.link("test", listening.getsockname()[1])
-        with socket.create_connection(("127.0.0.1", link.port)) as caller:
-            caller.settimeout(PATIENCE_SECONDS)
-            caller.sendall(b"one")
-            assert caller.recv(100) == b"answer to one"
-            link.loses_answers = True
-            caller.sendall(b"two")
-            wait_until(lambda: len(asked) == 2, "what is asked")
-            assert asked == [b"one", b"two"]
-            link.cut()
-            with contextlib.suppress(ConnectionResetError):
-                assert caller.recv(100) == b""
-    finally:
-        network.close()
-        serving.join(10)
-        listening.close()

@@ -32,22 +32,6 @@ def second(served, meal):
     return served.meal(meal)["items"][1]
 
 
-def test_outline_and_card_light_up_together_and_a_rejection_is_taken_back(served, meal, opened):
-    page, item = opened.page, second(served, meal)["id"]
-    page.hover(f"#item-{item} h3")
-    expect(page.locator(f'svg a[data-item="{item}"].lit')).to_have_count(1)
-    page.focus(f'svg[data-photograph="left"] a[data-item="{item}"]')
-    expect(page.locator(f"#item-{item}.lit")).to_have_count(1)
-    page.keyboard.press("Enter")
-    page.wait_for_url(f"**#item-{item}")
-    first = served.meal(meal)["items"][0]["id"]
-    page.click(f"#item-{first} button:text('Reject')")
-    page.wait_for_selector(f"#item-{first} .status-rejected")
-    page.click(".timeline button:text('Take back') >> nth=0")
-    page.wait_for_selector(f"#item-{first} .status-proposed")
-    assert served.meal(meal)["items"][0]["status"] == "proposed"
-
-
 def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     page.focus(f"#change-{item} summary")
@@ -112,21 +96,6 @@ def test_outline_is_drawn_by_keys_and_by_mouse(served, meal, opened):
     page.keyboard.press("Enter")  # the form's button has the focus
     page.wait_for_selector(f"#item-{item} .flag >> text=remeasuring")
     assert len(second(served, meal)["polygon"][0]) == 6
-
-
-def test_conflict_is_told_and_the_word_can_be_said_all_the_same(served, meal, opened):
-    page, item = opened.page, second(served, meal)
-    opened.expect("412")
-    served.say(meal, "set_food", item=item["id"], food="orange")
-    page.click(f"#change-{item['id']} summary")
-    page.fill(f"#mass-{item['id']}", "120")
-    page.click(f"#change-{item['id']} button:text('Set mass')")
-    expect(page.locator("#conflict")).to_contain_text("boss")
-    expect(page.locator("#conflict")).to_contain_text("Orange")
-    assert second(served, meal)["mass_g"] != 120.0
-    page.click("#conflict button:text('Apply it nevertheless')")
-    page.wait_for_selector("#conflict", state="detached")
-    assert second(served, meal)["mass_g"] == 120.0
 
 
 @pytest.mark.slow

@@ -166,14 +166,3 @@ def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_p
     page.unroute("**/foods?list=*")
     page.press("#meals-food", "Enter")
     page.wait_for_url("**food=apple")
-
-
-@pytest.mark.slow
-def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, open_page):
-    tab = open_page(served.address, java_script_enabled=False)
-    tab.sign_in("vic", PASSWORD, MEALS)
-    assert not tab.page.is_visible("#meals-food")
-    tab.page.fill("#food", "apples")
-    tab.page.press("#food", "Enter")
-    tab.page.wait_for_url("**food=apples*")
-    expect(tab.page.locator("main")).to_contain_text("No food of the tables has the key “apples”", use_inner_text=True)

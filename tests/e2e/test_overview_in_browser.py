@@ -109,12 +109,3 @@ def test_map_shows_neighbours_across_the_180th_meridian_and_moves_by_keys(opened
     page.click("button[data-map-do=fit]")
     expect_start(told, "3 of 3 places seen")
     assert page.locator("table[data-of=places] tbody tr").count() == 3
-
-
-@pytest.mark.slow
-def test_overview_tells_all_without_scripts(served, study, open_page):
-    tab = open_page(served.address, java_script_enabled=False)
-    tab.sign_in("oda", PASSWORD, PATH)
-    assert not tab.page.locator("figure[data-chart=meals]").is_visible()
-    tab.page.locator("section[aria-labelledby=meals] summary").click()
-    assert "2026-11-06" in tab.page.inner_text("table[data-of=meals]")

@@ -156,16 +156,6 @@ def test_form_is_shaped_by_keys_alone(open_form, served, meal):
     assert served.meal(meal)["items"][0]["volume_ml"] == pytest.approx(volume_ml)
 
 
-def test_meal_without_a_scene_says_why_no_form_can_be_given(served, phone, open_page):
-    meal = served.send_meal(phone, found_item(hint=None))
-    tab = open_page(served.address)
-    tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{meal}")
-    item = served.meal(meal)["items"][0]["id"]
-    tab.page.click(f"#change-{item} > summary")
-    expect(tab.page.locator(f"#change-{item}")).to_contain_text("needs the scene of the run")
-    expect(tab.page.locator("[data-reshape]")).to_have_count(0)
-
-
 def test_page_with_the_form_is_accessible_on_a_phone_in_the_dark(open_form):
     page = open_form(color_scheme="dark", viewport={"width": 390, "height": 800})[0].page
     assert violations(page) == []

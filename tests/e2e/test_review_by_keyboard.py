@@ -139,22 +139,6 @@ def test_reflex_takes_no_candidate_where_none_is_likely_and_two_keys_take_the_fi
     assert [foods[item] for item in by_keys.values()] == ["pear", "pear", "apple", "apple"]
 
 
-@pytest.mark.slow
-def test_reflex_does_not_confirm_a_hint_that_the_server_is_sure_is_wrong(queue_of):
-    hints = [{"point": [300, 200], "food": "pear"}]
-    ann, (meal, _) = queue_of("disagree", *[round_item({"apple": 0.97}, n, hint=0) for n in range(2)], hints=hints)
-    first = ann.shown()
-    ann.press("Enter")
-    ann.expect_status("The phone and the server disagree: choose by number, or search (/).")
-    assert not ann.item(meal)["reviewed"]
-    assert ann.decide("1") == first
-    second = ann.decide("2")
-    ann.saved()
-    items = {ann.item(one)["id"]: ann.item(one) for one in ann.meals}
-    assert (items[first]["status"], items[first]["food"]["key"]) == ("confirmed", "pear")
-    assert (items[second]["status"], items[second]["food"]["key"]) == ("corrected", "apple")
-
-
 def hold(page, pattern):
     """Requests to these addresses wait from now on, until what this returns is called."""
     held = []

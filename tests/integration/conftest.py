@@ -25,6 +25,7 @@ from app.people.participants import create_participant
 from app.people.schemas import StudyIn
 from app.people.studies import create_study
 from app.people.studies_api import protocol_columns
+from app.releases.file_runner import FileRunner
 from tests.integration.http.declared_answers import declared_answers
 from tests.integration.kept_children import KeptChildren
 from tests.support.commands import run_tada
@@ -187,6 +188,16 @@ def tada(settings, client):
     """Commands on the server's own database."""
     places = {"TADA_DATABASE_URL": settings.database_url, "TADA_DATA_DIR": settings.data_dir}
     return partial(run_tada, **places, TADA_SECRET_KEY=settings.secret_key.get_secret_value())
+
+
+@pytest.fixture
+def run(state):
+    """Make the next export or release, as a worker's side process does."""
+
+    def run():
+        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
+
+    return run
 
 
 @pytest.fixture

@@ -156,35 +156,3 @@ def test_kubernetes_page_has_settings_and_metrics_that_there_are_and_pods_run_as
     source = "".join(path.read_text() for path in pathlib.Path(instruments.__file__).parents[1].rglob("*.py"))
     assert names
     assert all(name in source for name in names)
-
-
-def test_network_of_the_cluster_is_closed_but_for_what_each_pod_needs():
-    policies = {one["metadata"]["name"]: one["spec"] for one in kubernetes() if one["kind"] == "NetworkPolicy"}
-    assert policies["tada-nothing"] == {"podSelector": {}, "policyTypes": ["Ingress", "Egress"]}
-    labels = {
-        one["spec"]["template"]["metadata"]["labels"]["app"]: one["spec"]["template"]["spec"]
-        for one in kubernetes()
-        if one["kind"] == "Deployment"
-    }
-    for name, pod in labels.items():
-        (rule,) = policies[name]["ingress"]
-        assert policies[name]["podSelector"]["matchLabels"] == {"app": name}
-        ports = {port.get("name"): port["containerPort"] for port in pod["containers"][0]["ports"]}
-        assert {port["port"] for port in rule["ports"]} <= {*ports, *ports.values()}
-        assert rule["from"]
-    assert {port["port"] for rule in policies["tada-out"]["egress"] for port in rule["ports"]} == {53, 443, 5432}
-
-
-def test_unit_of_systemd_has_settings_that_there_are():
-    page = (ROOT / "docs" / "deployment.md").read_text()
-    unit = re.search(r"```ini\n(.*?)```", page, re.DOTALL)[1]
-    settings = re.search(r"```text\n(TADA_.*?)```", page, re.DOTALL)[1]
-    names = set(re.findall(r"^(TADA_[A-Z_]+)=", settings, re.MULTILINE))
-    assert {"TADA_DATA_DIR", "TADA_ERASURE_URL", "TADA_METRICS_TOKEN"} <= names <= KNOWN
-    assert "Restart=always" in unit
-    (file,) = re.findall(r"^EnvironmentFile=(.+)$", unit, re.MULTILINE)
-    assert page.count(file) >= 4  # what is in it, the unit, whose it is, and commands
-    backup = (ROOT / "docs" / "backup.md").read_text()
-    assert f"EnvironmentFile={file}\n" in backup
-    folder = re.search(r"^TADA_ERASURE_URL=file://(.+)$", settings, re.MULTILINE)[1]
-    assert f"ReadWritePaths={folder}\n" in unit

@@ -97,20 +97,6 @@ def test_what_is_left_is_photographed_or_nothing_is(served, open_phone):
     assert served.meal(meal)["after"]["status"] == "queued"
 
 
-def test_all_eaten_takes_the_place_of_a_pair_that_was_begun(served, open_phone):
-    tab = open_phone()
-    page, meal = tab.page, sent_meal(served, tab)
-    open_estimated(served, page, meal)
-    page.get_by_role("button", name="Photograph what is left").click()
-    first_photograph(page)
-    page.goto(f"{served.address}/capture/#meal/{meal}")
-    page.get_by_role("button", name="I ate all of it").click()
-    page.get_by_role("button", name="I ate all of it").wait_for(state="detached")
-    page.get_by_role("button", name="Erase this meal").wait_for()  # shown again once it was sent
-    assert served.meal(meal)["after"]["status"] == "nothing_left"
-    assert served.meal(meal)["after"]["images"] == {}
-
-
 def test_refused_pair_gives_way_to_another_answer_once_the_person_agrees(served, open_phone):
     tab = open_phone()
     page, meal = tab.page, sent_meal(served, tab)

@@ -164,14 +164,6 @@ def test_large_photograph_whose_last_answer_is_lost_is_not_sent_again(server, la
     assert meal["images"]["left"]["received_sha256"] == hashlib.sha256(short).hexdigest()
 
 
-def test_other_bytes_in_pieces_are_refused_as_whole_ones_are(large_meal):
-    phone, meal_id = large_meal
-    phone.put_photograph(meal_id, "left", LARGE)
-    with pytest.raises(Problem, match="meal_id_reused"):
-        phone.put_photograph(meal_id, "left", LARGE + b"1")
-    assert phone.put_photograph(meal_id, "left", LARGE)["images"]["left"]["durable"]
-
-
 OTHER = random.Random(2).randbytes(4 * 1024**2) + LARGE[4 * 1024**2 :]  # of the same length, and no photograph
 
 

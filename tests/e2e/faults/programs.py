@@ -25,7 +25,6 @@ from tests.support.waiting import wait_until
 
 LIBFAKETIME = pathlib.Path(libfaketime.__file__).parent / "vendor" / "libfaketime" / "src" / "libfaketime.so.1"
 RESTART_SECONDS = 0.3  # between an end and the next start, as systemd's RestartSec
-LEASE_LOST = 75
 libc = ctypes.CDLL(None)  # loaded before any fork
 
 

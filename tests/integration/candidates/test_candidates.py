@@ -121,17 +121,6 @@ def test_one_call_confirms_what_the_index_found_or_chooses_another_and_an_amount
     meal.say("confirm", item=meal.items()[0]["id"])
     (item,) = meal.items()
     assert (item["status"], item["food"]["key"], item["flags"]) == ("confirmed", "apple", [])
-    meal = meal_of(identified_item(UNSURE))
-    (item,) = meal.items()
-    meal.say("set_food", item=item["id"], food=item["candidates"][1]["food"]["key"])
-    (item,) = meal.items()
-    assert (item["status"], item["food"]["key"], item["flags"]) == ("corrected", "pear", [])
-
-
-def test_hint_names_the_food_and_the_index_stands_beside_it(meal_of):
-    (item,) = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "food": "pear"}]).items()
-    assert shown(item) == [("pear", None, "hint"), ("apple", 0.9, "index"), ("pear", 0.05, "index")]
-    assert (item["food"]["key"], item["flags"]) == ("pear", [])
 
 
 def test_hint_that_the_index_is_sure_against_is_doubtful_until_somebody_vouches(meal_of, rows):
@@ -139,24 +128,13 @@ def test_hint_that_the_index_is_sure_against_is_doubtful_until_somebody_vouches(
     meal_of(identified_item({"apple": 0.94, "pear": 0.05}, hint=0), hints=hints)
     meal = meal_of(identified_item({"apple": 0.96, "pear": 0.02}, hint=0), hints=hints)
     (item,) = meal.items()
+    assert shown(item) == [("pear", None, "hint"), ("apple", 0.96, "index"), ("pear", 0.02, "index")]
     assert (item["food"]["key"], item["flags"]) == ("pear", ["food_doubtful"])
     believed, doubtful = sorted(record.doubt for record in rows(EffectiveRecord))
     assert believed < 0.3
     assert 1 - doubtful == pytest.approx(0.02 * (1 - believed))
     meal.say("confirm", item=item["id"])
     assert meal.items()[0]["flags"] == []
-
-
-def test_hint_of_a_food_that_is_gone_by_now_is_not_overruled(phone, state, client):
-    body = meal_metadata(hints=[{"point": [3, 3], "food": "apple"}])
-    assert phone.post(pair(), body).status_code == 202
-    with state.database.write() as session:
-        meal = session.scalars(sa.select(Meal)).one()
-        meal.details = meal.details | {"hints": [{"point": [3, 3], "food": "no-such-food"}]}
-    estimates.save(state, body["id"], identified_item(SURE, hint=0))
-    (item,) = Speaker(client, phone.headers, body["id"]).items()
-    assert (item["food"], item["status"]) == (None, "needs_review")
-    assert [key for key, *_ in shown(item)] == ["apple", "pear"]
 
 
 def test_candidates_are_ten_at_most_none_next_to_impossible_and_none_that_no_table_has(meal_of, client, admin):
@@ -170,21 +148,6 @@ def test_candidates_are_ten_at_most_none_next_to_impossible_and_none_that_no_tab
     assert shown(item) == [("apple", 0.03, "index")]
     assert item["none_of_these"] == pytest.approx(0.97)
     assert item["food"] is None
-
-
-def test_redrawn_region_is_identified_anew_and_undone_as_it_was(meal_of, remeasure, rows):
-    meal = meal_of(identified_item(UNSURE, none=0.1))
-    (item,) = meal.items()
-    meal.say("redraw", item=item["id"], polygon=RING)
-    remeasure(meal, identified_item({"peach": 0.7, "plum": 0.2}, none=0.05, hint=0, index_version="test 2"))
-    (after,) = meal.items()
-    assert shown(after) == [("peach", 0.7, "index"), ("plum", 0.2, "index")]
-    assert (after["none_of_these"], after["index_version"], after["food"]) == (0.05, "test 2", None)
-    kept = rows(ItemCandidate, ItemCandidate.position)
-    assert [one.position for one in kept] == [0, 1, 2, 3, 4]
-    meal.say("undo", event=meal.history()["items"][-1]["id"])
-    (undone,) = meal.items()
-    assert (shown(undone), undone["index_version"]) == (shown(item), "test 1")
 
 
 def test_redrawn_region_that_is_surely_something_is_taken_for_it_as_long_as_nobody_has_said(meal_of, remeasure):
@@ -320,8 +283,11 @@ def test_candidates_of_a_network_follow_a_redrawn_region(meal_of, remeasure):
     meal = meal_of(identified_item(UNSURE, none=0.1, **by_model({"plum": 0.97})))
     (item,) = meal.items()
     meal.say("redraw", item=item["id"], polygon=RING)
-    remeasure(meal, identified_item({"peach": 0.7}, hint=0, **by_model({"pear": 0.6})))
-    assert shown(meal.items()[0]) == [("peach", 0.7, "index"), ("pear", 0.6, "model")]
+    found = {"none": 0.05, "hint": 0, "index_version": "test 2"}
+    remeasure(meal, identified_item({"peach": 0.7}, **found, **by_model({"pear": 0.6})))
+    (after,) = meal.items()
+    assert shown(after) == [("peach", 0.7, "index"), ("pear", 0.6, "model")]
+    assert (after["none_of_these"], after["index_version"], after["food"]) == (0.05, "test 2", None)
     meal.say("redraw", item=item["id"], polygon=RING[::-1])
     remeasure(meal, identified_item({"apple": 0.6}, hint=0))  # the network failed: what it said before is gone
     assert shown(meal.items()[0]) == [("apple", 0.6, "index")]

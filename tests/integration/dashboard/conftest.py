@@ -1,13 +1,10 @@
 """The dashboard as a browser without scripts uses it: cookies, forms, the origin of requests."""
 
 import re
-import uuid
 from html.parser import HTMLParser
 
 import pytest
 
-from app.people.access.secret_box import SecretBox
-from app.releases.file_runner import FileRunner
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import PASSWORD, make_staff
 from tests.support import estimates
@@ -96,16 +93,6 @@ def owner(enrol, sign_in_browser):
 def viewer(enrol, sign_in_browser):
     enrol()
     return sign_in_browser("vera", pilot="viewer")
-
-
-@pytest.fixture
-def run(state):
-    """Make the next export or release, as a worker's side process does."""
-
-    def run():
-        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
-
-    return run
 
 
 @pytest.fixture

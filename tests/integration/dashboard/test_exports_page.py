@@ -54,24 +54,6 @@ def test_download_is_the_file_of_the_api_with_the_same_filters(client, admin, vi
             assert here.headers[name] == there.headers[name]
 
 
-def test_page_shows_number_of_rows_and_dictionary_of_the_chosen_columns(client, admin, viewer):
-    page = viewer.page(PATH, rows="items", components="all")
-    told = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot", headers=admin).json()
-    assert figures_of(page)[:2] == [3, len(told["columns"])]
-    table = page[page.index("Meaning of each column") :]
-    assert re.findall(r'<th scope="row"><code>(\w+)</code>', table) == [one["name"] for one in told["columns"]]
-    (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Data dictionary', page)
-    api = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot&format=csv", headers=admin)
-    assert follow(viewer, address).content == api.content
-    page = viewer.page(PATH, rows="items", provenance="false")
-    (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Table Schema', page)
-    schema = follow(viewer, address).json()
-    assert schema["primaryKey"] == ["id"]
-    header = viewer.get(f"{PATH}/table", rows="items", provenance="false").text.splitlines()[0]
-    assert [field["name"] for field in schema["fields"]] == header.split(",")
-    assert "pipeline_version" not in header
-
-
 def test_figures_of_the_list_are_those_of_the_api(client, admin, viewer, run):
     answer = viewer.post(PATH, rows="items", format="parquet", status="confirmed", **{"from": "2026-11-01"})
     assert answer.status_code == 303

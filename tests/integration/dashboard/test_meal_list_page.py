@@ -6,14 +6,10 @@ import io
 import json
 import re
 import uuid
-from datetime import UTC, datetime
 
 import pytest
-import sqlalchemy as sa
 
-from app.meals.models import MealImage
 from app.people.access.page_rules import POLLED
-from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal
 from tests.integration.records.reviewing import Speaker
@@ -200,17 +196,3 @@ def test_polling_reveals_nothing_of_another_participant_or_study(enrol, meal_of,
         assert told.split() == f"A meal of {known[:4]} no longer exists.".split()
     assert browser.get(CHANGED, headers=HTMX, meal=f"P001:{meal_id}:9").status_code == 200
     assert browser.get(CHANGED, headers=HTMX, meal="P001:x:1").status_code == 422
-
-
-def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_of, sign_in_browser):
-    phone = enrol("P009")
-    meal_of(found_item())
-    with state.database.write() as session:
-        session.execute(sa.update(MealImage).values(erased_at=datetime.now(UTC)))
-    words = meal_metadata(items=[{"food": "apple"}])
-    assert client.post("/v1/declared-meals", headers=phone.headers, json=words).status_code == 201
-    half = meal_metadata()
-    assert phone.put(f"/v1/meals/{half.pop('id')}", json=half).status_code == 202
-    page = sign_in_browser("ann", pilot="viewer").page(PAGE)
-    assert "<img src=" not in page.split("<main")[1]
-    assert all(word in page for word in ("photograph erased", "entered as text", "no photograph yet"))

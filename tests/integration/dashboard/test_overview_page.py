@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
-from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.dashboard.conftest import figures_of
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item
 
 PATH = "/dashboard/studies/pilot"
@@ -144,18 +144,6 @@ def test_files_of_the_page_have_the_rows_of_the_api_and_are_audited(client, admi
     assert {event["details"]["part"] for event in log} == set(parts)
 
 
-def test_waiting_counts_link_to_their_meals_and_reviewers_to_the_queue(html, sign_in_browser):
-    now = html.split('id="window"')[0]
-    assert f'href="{PATH}/meals?status=failed&amp;failure=marker_not_found"' in now
-    assert f'href="{PATH}/meals?status=needs_review"' in now
-    reviewer = sign_in_browser("rita", pilot="reviewer")
-    assert f'<dd><a href="{PATH}/review">' in reviewer.page(PATH)
-    part = reviewer.page(f"{PATH}/waiting")
-    assert "<html" not in part
-    assert figures_of(part) == figures_of(now)
-    assert 'hx-trigger="every 10s"' in part, "a meal is queued"
-
-
 def test_window_is_chosen_by_a_number_of_days_or_by_its_ends(eaten, sign_in_browser):
     viewer = sign_in_browser("vera", pilot="viewer")
 
@@ -184,11 +172,3 @@ def test_page_shows_no_dropped_place_and_no_code_that_ends_a_script(eaten, state
     assert "48.2" not in page
     assert "alert(" in page
     assert "<script>alert" not in page
-
-
-def test_empty_study_is_described_as_empty(enrol, sign_in_browser):
-    enrol()
-    page = sign_in_browser("vera", pilot="viewer").page(PATH)
-    assert "there is no meal" in text_of(page)
-    assert charts_of(page) == {}
-    assert set(figures_of(page)) == {0.0, 1.0}, "one participant, and nothing else"

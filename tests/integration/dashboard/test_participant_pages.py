@@ -90,16 +90,6 @@ def test_intakes_and_adequacy_are_those_of_the_api_and_of_its_files(client, admi
         assert "female, 31 to 50" in shown
 
 
-def test_adequacy_with_impossible_parameters_is_refused_by_the_page(enrol, viewer):
-    reversed_days = {"from": "2026-11-02", "to": "2026-11-01"}
-    for path in ("adequacy", "adequacy/figures"):
-        for asked, code in (({"component": "GOLD"}, "component_unknown"), (reversed_days, "days_reversed")):
-            answer = viewer.get(f"/dashboard/studies/pilot/{path}", **asked)
-            assert answer.status_code == 422
-            assert code in answer.text
-            assert "hx-get" not in answer.text
-
-
 def test_reviewer_closes_a_day_unless_it_changed_meanwhile(client, admin, eaten, sign_in_browser):
     reviewer = sign_in_browser("rita", pilot="reviewer")
     day = DAYS[3]

@@ -98,21 +98,6 @@ def test_erasure_is_shown_with_the_former_checksum(client, admin, meals, owner, 
     assert "altered" in text_of(owner.page(PATH))
 
 
-def test_refused_form_keeps_its_text_and_a_name_is_used_once(client, admin, owner, ready):
-    for fields, sentence in (
-        ({"name": "Has Blanks"}, "Small letters a-z, digits, dot"),
-        ({"name": "2026-baseline"}, "has a release"),
-        ({"name": "two", "from": "2026-11-03", "to": "2026-11-02"}, "The first day lies after the last"),
-        ({"name": "three", "statuses": "eaten"}, "There is no such choice; choose: proposed, needs review"),
-    ):
-        answer = owner.post(PATH, note=NOTE, **fields)
-        assert answer.status_code in (409, 422)
-        assert sentence in text_of(answer.text)
-        assert f'value="{fields["name"]}"' in answer.text
-        assert "<script>alert" not in answer.text
-    assert [one["name"] for one in client.get(API, headers=admin).json()["items"]] == ["2026-baseline"]
-
-
 def test_viewer_reads_and_does_not_freeze_and_another_study_has_none_of_it(enrol, sign_in_browser, ready):
     enrol("X1", study="other")
     viewer = sign_in_browser("vera", pilot="viewer", other="owner")

@@ -39,6 +39,8 @@ def fill_tables(database):
     """A row in each table, with references to the others' rows."""
     with database.write() as session:
         for table in Base.metadata.sorted_tables:
+            if table.name == "deployment":  # the migration made its only row
+                continue
             values = {column.name: fitting(session, column) for column in table.columns if is_needed(column)}
             values |= ALSO.get(table.name, {})
             session.execute(sa.insert(table).values(values))

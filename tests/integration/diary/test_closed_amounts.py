@@ -116,10 +116,3 @@ def test_amounts_from_sums_equal_those_from_records(database, people, seed):
                     cases.add((len(amounts) == days, sum(amount > 0.0 for amount in amounts) > 1))
         (write_sums, write_all_sums)[turn % 2](database)  # the next round begins with some marked days, or none
     assert cases >= {(True, True), (False, True)}  # participants with and without unknown days, some of them eaten
-
-
-def test_participants_without_a_closed_day_are_left_out(database, people):
-    with database.write() as session:
-        session.add(DiaryDay(participant_id=people[0][0], local_date=FIRST_DAY, study_id=STUDY, change_seq=1,
-                             changed_at=NOW, status="open", ate_nothing=False))  # fmt: skip
-    assert both_ways(database, 0.9) == [[], []]

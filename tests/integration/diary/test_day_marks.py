@@ -335,24 +335,6 @@ def test_participant_erased_by_an_older_server_leaves_neither_sums_nor_marks(dat
     assert marked_of_study(database) == set()
 
 
-def test_change_of_expected_days_marks_the_affected_study_days(database, people):
-    with database.write() as session:
-        session.add_all(new_meal(person, FIRST_DAY + n * ONE_DAY) for person in people for n in range(5))
-    write_all_sums(database)
-    before = [day.counts.told for day in read_figures(database)[3]]
-    with database.write() as session:
-        session.get(Participant, people[0]).starts_on = FIRST_DAY + ONE_DAY
-        session.get(Participant, people[1]).withdrawn_at = datetime(2026, 10, 3, 23, 59, tzinfo=UTC)
-    assert marked_of_study(database) == {FIRST_DAY + n * ONE_DAY for n in (0, 3, 4)}
-    after = [day.counts.told for day in read_figures(database)[3]]
-    write_all_sums(database)
-    assert (before, after) == ([2, 2, 2, 2, 2], [1, 2, 2, 1, 1])
-    assert [day.counts.told for day in read_figures(database)[3]] == after
-    with database.write() as session:
-        session.get(Participant, people[0]).code = "other"
-    assert marked_of_study(database) == set()
-
-
 @pytest.mark.both_stores
 def test_study_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
     with database.write() as session:

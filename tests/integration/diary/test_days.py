@@ -111,22 +111,6 @@ def test_pages_lead_through_all_days_of_all_participants_and_each_sees_its_own(e
     assert rows_of(client, phones[1].headers, participant="P001") == []
 
 
-def test_filters_choose_days(enrol, state, client, admin):
-    for study, code, day in (("one", "P001", 1), ("one", "P002", 1), ("two", "P001", 2)):
-        enrol(code, study)
-        add_meal(state, code, f"2026-11-0{day}", study=study)
-    for filters, count in (
-        ({}, 3),
-        ({"study": "one"}, 2),
-        ({"study": "none"}, 0),
-        ({"participant": "P001"}, 2),
-        ({"study": "two", "participant": "P002"}, 0),
-        ({"from": "2026-11-02"}, 1),
-        ({"to": "2026-11-01"}, 2),
-    ):
-        assert len(rows_of(client, admin, **filters)) == count, filters
-
-
 def test_days_energy_is_flagged(phone, state, client, admin):
     add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=2500.0))
     set_profile(state, **MAN)

@@ -11,7 +11,7 @@ from app.meals.meal_time import latest_day
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
-from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.diary.eaten_days import add_meal
 from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair
 
@@ -156,15 +156,6 @@ def test_meal_before_the_studys_day_start_is_on_the_day_before(enrol, state):
     assert phone.post(pair(), body).json()["local_date"] == "2026-11-19"
     assert phone.post(pair(), body).status_code == 200  # the same again
     assert days_of(phone)[0]["date"] == "2026-11-19"
-
-
-def test_study_day_counts_from_the_start_or_the_first_day(phone, state):
-    send_and_delete(phone, "2026-11-17")
-    add_meal(state, "P001", "2026-11-18", eaten_item())
-    add_meal(state, "P001", "2026-11-20")
-    assert [day["study_day"] for day in days_of(phone)] == [1, 3]
-    set_profile(state, starts_on=datetime(2026, 11, 19, tzinfo=UTC).date())
-    assert [day["study_day"] for day in days_of(phone)] == [0, 2]
 
 
 def test_day_of_a_withdrawn_participant_cannot_be_changed(phone, state, review):

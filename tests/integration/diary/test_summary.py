@@ -131,17 +131,6 @@ def test_day_with_a_provisional_record_is_left_out_of_the_comparison(feedback, s
     assert left_out in body["sentences"]
 
 
-def test_unknown_leftovers_are_reported_where_a_pair_is_expected(feedback, state):
-    items = eaten_item(100.0, origin="added"), eaten_item(50.0, origin="added", left_g=5.0), eaten_item(30.0)
-    add_meal(state, "P001", "2026-11-19", *items)
-    assert feedback.get(PATH).json()["leftovers_unknown_items"] == 0
-    with state.database.write() as session:
-        session.execute(sa.update(Study).values(expects_after_pair=True))
-    body = feedback.get(PATH).json()
-    assert body["leftovers_unknown_items"] == 1
-    assert "Foods counted as eaten up, since it is not known what was left of them: 1." in body["sentences"]
-
-
 def test_day_with_nothing_eaten_has_zeros_and_a_sentence(feedback):
     body = {"status": "closed", "ate_nothing": True}
     feedback.put("/v1/me/days/2026-11-19", json=body, headers={"If-Match": '"0"'})

@@ -26,7 +26,6 @@ from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.integration.uploads.answers import refusal
 from tests.support.stores import make_old, stored_names
-from tests.support.waiting import wait_until
 
 PATH = "/v1/studies/pilot/exports"
 
@@ -43,16 +42,6 @@ def eaten(enrol, state):
 @pytest.fixture
 def viewer(client, admin, eaten):
     return make_staff(client, admin, "vera", pilot="viewer")
-
-
-@pytest.fixture
-def run(state):
-    def run(**times):
-        return FileRunner(
-            state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), **times
-        ).run_one()
-
-    return run
 
 
 def ask(person, **body):
@@ -107,28 +96,12 @@ def test_impossible_export_is_refused_at_once(viewer):
         ({"rows": "days", "format": "geojson"}, "export_not_offered"),
         ({"filters": {"from": "2026-11-03", "to": "2026-11-02"}}, "days_reversed"),
         ({"rows": "everything"}, "invalid_input"),
-        ({"layout": "tall"}, "invalid_input"),
-        ({"format": "xlsx"}, "invalid_input"),
-        ({"components": "some"}, "invalid_input"),
         ({"filters": {"status": ["eaten"]}}, "invalid_input"),
-        ({"filters": {"origin": "drawn"}}, "invalid_input"),
-        ({"filters": {"needs": "sleep"}}, "invalid_input"),
-        ({"filters": {"after_status": ["eaten"]}}, "invalid_input"),
         ({"filters": {"colour": "red"}}, "invalid_input"),
         ({"filters": {"participant": "\0"}}, "invalid_input"),
     ):
         assert refusal(ask(viewer, **body)) == (422, code), body
     assert viewer.get(PATH).json()["items"] == []
-
-
-def test_all_components_of_unnamed_foods_are_none(client, admin, enrol, state, run):
-    enrol("P009", study="unnamed")
-    add_meal(state, "P009", "2026-11-01", eaten_item(100.0), study="unnamed")
-    viewer = make_staff(client, admin, "vera", unnamed="viewer")
-    asked = viewer.post("/v1/studies/unnamed/exports", json={"rows": "items", "components": "all"})
-    assert run().outcome == "done"
-    rows = list(csv.DictReader(io.StringIO(viewer.get(asked.headers["location"] + "/file").text)))
-    assert [row["consumed_g"] for row in rows] == ["100.0"]
 
 
 def test_interrupted_download_resumes_and_a_range_that_is_none_gives_the_whole_file(viewer, run):
@@ -358,19 +331,6 @@ def test_future_heartbeat_does_not_keep_a_claim_alive(viewer, run, state):
         file_work.claim_next(session, uuid.uuid4())
         session.execute(sa.update(Export).values(heartbeat_at=datetime.now(UTC) + timedelta(days=1)))
     assert run().outcome == "done"
-
-
-def test_progress_is_shown_while_the_file_is_written(viewer, run, state, during, monkeypatch):
-    path = ask(viewer).headers["location"]
-    seen = []
-
-    def look():
-        wait_until(lambda: seen.append(viewer.get(path).json()) or seen[-1]["bytes"], "progress", interval_seconds=0)
-
-    during(look)
-    assert run(beat_seconds=0.01).outcome == "done"
-    assert seen[-1]["state"] == "running"
-    assert seen[-1]["rows_estimated"] == 3
 
 
 def test_transient_fault_is_retried_and_a_lasting_one_fails_the_export(viewer, run, state, monkeypatch):

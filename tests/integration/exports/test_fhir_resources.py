@@ -190,16 +190,6 @@ def test_what_a_person_adds_is_reported_and_a_change_of_a_record_is_a_new_versio
     assert (record["origin"], reviewed["valueBoolean"]) == ("added", record["reviewed"])
 
 
-def test_a_code_too_long_for_a_logical_id_is_referred_to_by_identifier_alone(enrol, state):
-    phone = enrol("P" * 60, "a-study")
-    add_meal(state, "P" * 60, "2026-11-01", eaten_item(), study="a-study")
-    (intake,) = intakes_of(phone).values()
-    subject = intake["subject"]
-    assert "reference" not in subject
-    token = f"{subject['identifier']['system']}|{subject['identifier']['value']}"
-    assert set(intakes_of(phone, **{"subject:identifier": token})) == {intake["id"]}
-
-
 def test_what_the_server_says_of_itself_is_valid_and_needs_no_token(client):
     statement = valid(client.get("/fhir/metadata"))
     assert (statement["fhirVersion"], statement["kind"]) == ("5.0.0", "instance")

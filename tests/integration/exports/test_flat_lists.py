@@ -7,8 +7,6 @@ import uuid
 
 from app.http import flat_list
 from app.http.flat_list import ListRoute
-from app.http.tables.flat_rows import flat_paths
-from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.uploads.answers import refusal
 
 
@@ -18,35 +16,6 @@ def table(client, headers, path, output="csv", **params):
     if output == "ndjson":
         return [json.loads(line) for line in answer.content.splitlines()]
     return list(csv.DictReader(io.StringIO(answer.text, newline="")))
-
-
-def list_routes(app):
-    """(path, its rows' model) of every list that leaves by the small mechanism."""
-    found = {}
-    pending = [app.router]
-    while pending:
-        for route in pending.pop().routes:
-            if isinstance(route, ListRoute) and route._row is not None:
-                found[route.path] = route._row
-            inner = getattr(route, "original_router", None) or getattr(route, "router", None)
-            if inner is not None:
-                pending.append(inner)
-    return found
-
-
-def test_every_list_of_the_issue_leaves_as_a_table_whose_columns_differ(app):
-    routes = list_routes(app)
-    for path in (
-        "/v1/studies", "/v1/staff", "/v1/tokens", "/v1/foods", "/v1/studies/{study}/participants",
-        "/v1/studies/{study}/devices", "/v1/studies/{study}/members", "/v1/studies/{study}/densities",
-        "/v1/studies/{study}/webhooks/{webhook}/deliveries", "/v1/studies/{study}/review-queue",
-        "/v1/studies/{study}/intakes", "/v1/studies/{study}/adequacy",
-    ):  # fmt: skip
-        assert path in routes
-    assert "/v1/days" not in routes  # written in another way
-    for path, row in routes.items():
-        names = ["_".join(one) for one in flat_paths(row)]
-        assert len(set(names)) == len(names), path
 
 
 def test_file_has_the_whole_list_however_long_its_pages(client, admin, enrol, monkeypatch):
@@ -77,33 +46,8 @@ def test_nested_values_are_columns_and_null_is_an_empty_cell(client, admin, enro
     assert study["camera_fx"] == ""
 
 
-def test_accept_header_chooses_the_file(client, admin, enrol):
-    enrol()
-    answer = client.get("/v1/staff", headers=admin | {"Accept": "text/csv"})
-    assert answer.headers["content-type"].startswith("text/csv")
-    assert 'filename="staff.csv"' in answer.headers["content-disposition"]
-    assert answer.headers["cache-control"] == "private, no-store"
-    assert client.get("/v1/staff", headers=admin).json()["items"]
-
-
 def test_empty_list_still_has_its_header(client, admin, enrol):
     enrol()
     answer = client.get("/v1/studies/pilot/densities?format=csv", headers=admin)
     assert answer.text.splitlines()[0].startswith("id,food,g_per_ml")
     assert client.get("/v1/studies/pilot/densities?format=ndjson", headers=admin).content == b""
-
-
-def test_intakes_have_a_column_a_component(client, admin, state, enrol, phone):
-    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
-    phone.put("/v1/me/days/2026-11-01", json={"status": "closed"}, headers={"If-Match": "*"})
-    (row,) = table(client, admin, "/v1/studies/pilot/intakes")
-    assert float(row["components_energy_kcal_mean"]) == 52.0
-    assert row["plausibility_verdict"] == "unknown"
-
-
-def test_audit_log_leaves_as_ndjson_too(client, admin, enrol):
-    enrol()
-    told = client.get("/v1/studies/pilot/audit?limit=1000", headers=admin).json()["items"]
-    assert table(client, admin, "/v1/studies/pilot/audit", "ndjson") == told
-    rows = table(client, admin, "/v1/studies/pilot/audit")
-    assert [json.loads(row["details"]) for row in rows] == [event["details"] for event in told]

@@ -23,6 +23,7 @@ KEYED_BY_TEXT = {  # any text is a place in such a list
     "/v1/studies/{study}/vessels",
 }
 NO_FILTERS = {"limit", "cursor", "format", "layout", "components", "provenance"}  # the last three are of files
+THERE = {"study": "pilot", "participant": "P001", "food": "apple"}  # one that is not is refused as such
 ID = uuid.UUID(int=7)
 NO_CURSORS = ("", "x", "%%%", "é", "\0", "=", "/" * 500, "e30", "W10")
 NO_PAIRS = (None, True, 1, 1e400, float("nan"), "x", [], {}, ["key"], ["key", "right", "more"], [[["key"]], "right"])
@@ -79,12 +80,6 @@ def packed(value):
     return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
 
 
-def test_every_list_is_asked_in_these_tests(client, ask):
-    lists = lists_of(client)
-    assert len(lists) >= 14
-    assert {path: ask(path).status_code for path in lists} == dict.fromkeys(lists, 200)
-
-
 def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
     monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]
@@ -117,7 +112,8 @@ def test_cursor_of_every_list_binds_each_of_its_filters(client, ask, monkeypatch
         for parameter in operation["parameters"]:
             if parameter["in"] != "query" or parameter["name"] in NO_FILTERS or "{meal_id}" in path:
                 continue
-            answer = ask(path, cursor=cursor, **{parameter["name"]: something(parameter["schema"])})
+            value = THERE.get(parameter["name"]) or something(parameter["schema"])
+            answer = ask(path, cursor=cursor, **{parameter["name"]: value})
             assert answer.json()["code"] == "cursor_of_other_filters", (path, parameter["name"], answer.text)
             assert asked[-1] != plain, (path, parameter["name"])
 

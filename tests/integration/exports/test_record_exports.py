@@ -139,25 +139,6 @@ def test_ndjson_and_parquet_have_the_values_of_the_pages_and_csv_is_that_of_a_pl
     assert table.schema.field("energy_kcal").metadata[b"unit"] == b"kcal"
 
 
-@pytest.mark.usefixtures("eaten")
-def test_filters_choose_the_same_rows_in_pages_and_files(client, admin):
-    for params, count in (
-        ({"study": "pilot", "food": "apple"}, 2),
-        ({"food": "banana", "status": "rejected"}, 1),
-        ({"food": ["apple", "banana"]}, 3),
-        ({"status": ["rejected", "needs_review"]}, 2),
-        ({"from": "2026-11-02", "to": "2026-11-02"}, 2),
-        ({"participant": "P001"}, 1),
-        ({"study": "none"}, 0),
-    ):
-        expected = [row["id"] for row in pages(client, admin, **params)]
-        assert len(expected) == count
-        assert [json.loads(line)["id"] for line in fetch(client, admin, "ndjson", **params).splitlines()] == expected
-        table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet", **params)))
-        assert table.column("id").to_pylist() == expected
-        assert table.column_names == FILE_NAMES
-
-
 def exporter(state, staff_id):
     caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
     parts = state.database, state.blobs, state.settings, state.part(ExportPlaces)

@@ -19,7 +19,6 @@ from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.records import page_queries as record_pages
 from app.records.page_queries import search_of
-from app.records.queries import page_of_records
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, page_of_queue, queue_keys
 from tests.integration.exports.page_data import FIRST_DAY, FOODS, NOW, lay_ground, plan_of, some_id
@@ -116,16 +115,6 @@ def test_any_filters_leave_what_a_slow_reference_finds(database, eaten, monkeypa
             assert sorted(keys) == expected, chosen
             found += len(keys)
     assert found > 200  # the filters do leave something
-
-
-def test_pages_follow_each_other_without_gap_or_repeat(database, eaten):
-    chosen = RowFilter(food_keys=("apple", "pear"))
-    seen, after = [], None
-    with database.read() as session:
-        while page := page_of_records(session, chosen, after=after, limit=3):
-            after = (page[-1].record.captured_at, page[-1].record.item_id)
-            seen += [(row.record.captured_at, row.record.item_id) for row in page]
-    assert seen == reference(eaten, chosen)
 
 
 @pytest.mark.both_stores

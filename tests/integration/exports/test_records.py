@@ -8,13 +8,11 @@ import sqlalchemy as sa
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
-from app.people.models import Study
-from app.records.rebuild_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.eating import APPLE_HINT, eaten
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
-from tests.support.estimates import found_item, unmeasured_item
+from tests.support.estimates import found_item
 from tests.support.photographs import pair
 
 
@@ -55,15 +53,6 @@ def test_food_without_fat_by_its_table_has_no_interval_of_fat(phone, state):
         assert next(each for each in rows if each["tagname"] == "ENERC_KCAL")["interval"] is not None
 
 
-def test_apple_cut_into_slices_is_weighed_as_a_heap_and_all_of_it_is_eaten(phone, state):
-    hints = [{"point": [1, 2], "food": "apple", "lies_as": "heap"}]
-    item = phone.get(f"/v1/meals/{eaten(phone, state, hints=hints)}").json()["items"][0]
-    assert item["lies_as"] == "heap"
-    assert 0.4 < item["density_g_per_ml"] < 0.6  # SR28's cups of slices and of pieces; a whole apple has 0.79
-    assert (item["density_basis"], item["edible_share"]) == ("portion", 1.0)
-    assert item["edible_g"] == item["mass_g"] == pytest.approx(185 * item["density_g_per_ml"])
-
-
 def test_meal_without_an_item_or_with_a_food_that_the_table_lacks_by_now_needs_review(phone, state):
     body, empty = meal_metadata(hints=APPLE_HINT), meal_metadata(captured_at="2026-11-21T12:30:00+08:00")
     for one in (body, empty):
@@ -92,15 +81,6 @@ def test_hint_that_cannot_be_is_refused_and_one_that_leans_over_the_border_is_ta
         assert session.scalars(sa.select(Meal)).all() == []
     hints = [{"box": [-20, -20, 100, 100]}, {"polygon": [[-5, -5], [30, 0], [30, 30]]}]
     assert phone.post(pair(), meal_metadata(hints=hints)).status_code == 202
-
-
-def test_hint_that_hit_nothing_is_an_item_without_amount_that_keeps_its_food(phone, state):
-    missed = unmeasured_item() | {"polygon": [], "flags": ["not_measurable", "hint_missed"]}
-    meal = phone.get(f"/v1/meals/{eaten(phone, state, found_item(hint=None), missed)}").json()
-    item = next(each for each in meal["items"] if "hint_missed" in each["flags"])
-    assert (item["food"]["key"], item["volume_ml"], item["status"]) == ("apple", None, "needs_review")
-    assert item["polygon"] == []
-    assert meal["totals"]["unmeasured_items"] == 2
 
 
 def test_phone_says_that_its_hints_are_all_that_there_is(phone, state):
@@ -141,23 +121,3 @@ def test_participant_sees_own_records_only(enrol, state):
     assert (
         other.get("/v1/records").json()["items"] == other.get("/v1/records", participant="P001").json()["items"] == []
     )
-
-
-def test_change_numbers_count_up_in_a_study(phone, state):
-    for seed in range(3):
-        eaten(phone, state, seed=seed)
-    numbers = [record["change_seq"] for record in phone.get("/v1/records").json()["items"]]
-    assert sorted(numbers) == [1, 2, 3]
-    with state.database.read() as session:
-        assert session.query(Study).one().change_seq == 3
-
-
-def test_rebuild_finds_nothing_to_mend_and_mends_what_was_spoilt(phone, state):
-    eaten(phone, state)
-    assert rebuild_records(state.database, write=False).different == 0
-    with state.database.write() as session:
-        session.query(EffectiveRecord).one().energy_kcal = 1.0
-    assert rebuild_records(state.database, write=False).different == 1
-    assert rebuild_records(state.database, write=True).different == 1
-    assert rebuild_records(state.database, write=False).different == 0
-    assert phone.get("/v1/records").json()["items"][0]["energy_kcal"] > 50

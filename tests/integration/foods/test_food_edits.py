@@ -42,24 +42,6 @@ def test_a_key_that_is_taken_is_a_conflict(staff):
     refused(staff.food(), 409, "food_exists")
 
 
-def test_a_correction_is_a_version_that_goes_before_the_table_and_leaves_it_as_it_is(staff):
-    unchanged = staff.patch("apple", form="whole")
-    assert (unchanged.status_code, unchanged.json()["version"]) == (200, 1)
-    assert staff.get("/v1/foods/apple/changes").json()["items"] == []
-    before = staff.get("/v1/foods/apple").json()
-    done = staff.patch("apple", name="Apple of our orchard", nutrients={"VITC": {"per_100_g": 12, "unit": "mg"}})
-    assert done.status_code == 200, done.json()
-    after = staff.get("/v1/foods/apple").json()
-    assert (after["name"], after["version"], after["release"]) == ("Apple of our orchard", 2, "local 1")
-    changed = {name for name in before if before[name] != after[name]}
-    assert changed == {"name", "version", "release", "nutrients"}
-    (change,) = staff.get("/v1/foods/apple/changes").json()["items"]
-    names = ["Apple, raw, with skin", "Apple of our orchard"]
-    assert change["differences"] == {"name": names, "nutrients.401": [4.6, 12.0]}
-    assert (change["version"], change["previous_version"]) == (2, 1)
-    assert change["previous_release"] == before["release"]
-
-
 @pytest.mark.both_stores
 def test_null_takes_a_figure_away_and_a_corrected_density_is_not_undone_by_the_row_that_it_corrects(staff):
     assert "401" in staff.nutrients("apple")

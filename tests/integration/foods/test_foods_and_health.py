@@ -16,13 +16,6 @@ def test_food_shows_nutrients_densities_and_sources_by_its_key_or_number(phone):
     assert (answer.status_code, answer.json()["code"]) == (404, "food_not_found")
 
 
-def test_health_needs_no_token_and_may_be_asked_by_head(client):
-    answer = client.get("/healthz")
-    assert answer.json() == {"status": "ok"}
-    assert len(answer.headers["x-request-id"]) == 32
-    assert (client.head("/healthz").status_code, client.head("/readyz").status_code) == (200, 200)
-
-
 def test_ready_without_a_worker_tells_so_and_stays_ready(client):
     answer = client.get("/readyz")
     assert answer.status_code == 200

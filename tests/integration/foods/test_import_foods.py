@@ -189,15 +189,6 @@ def test_foods_of_one_data_set_and_class_take_no_densities_from_each_other_and_a
         read_food(database, "sr_legacy_food")
 
 
-@pytest.mark.both_stores
-def test_same_food_of_two_tables_shares_what_was_measured(database):
-    """An SR28 apple is weighed by the starter's measured density: they share the NDB number."""
-    apple = food(1, key="sr28:09003", source_ids={"sr28_ndb": "09003"}, densities=(), state="raw")
-    import_foods(database, table_of(apple, name="sr28", kind="sr28"), "me")
-    choice = read_food(database, "sr28:09003").density
-    assert (choice.chosen.basis, choice.chosen.g_per_ml) == ("measured", 0.789)
-
-
 def test_starters_judgement_stands_for_what_the_tables_that_it_is_made_from_say(database):
     """SR28's cup of milk would come back behind a density that the starter's selection put in its place."""
     cup = Density(2.0, 0.1, "raw", "solid", "portion", "USDA SR28, a cup that cannot be")

@@ -5,16 +5,6 @@ import pytest
 from tests.integration.foods.editing import refused
 
 
-def test_a_measured_density_goes_before_the_tables(staff):
-    specimens = specimens_of((200, 168), (250, 204), (100, 82))
-    body = {"state": "raw, whole", "kind": "solid", "method": "water", "reason": "r"}
-    made = staff.post("/v1/foods/apple/densities", body | {"specimens": specimens, "volume_step_ml": 10})
-    assert made.status_code == 201, made.json()
-    chosen = made.json()["density"]["chosen"]
-    assert (chosen["g_per_ml"], chosen["basis"], chosen["source"]) == (0.82, "measured", "water: median of 3 specimens")
-    assert chosen["sd_g_per_ml"] == pytest.approx(10 / 12**0.5 / (550 / 3) * 0.82)
-
-
 def specimens_of(*pairs):
     return [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in pairs]
 
@@ -49,25 +39,20 @@ def test_a_density_that_cannot_be_is_refused_and_specimens_of_one_that_can_are_k
     sound = {"g_per_ml": 1.0, "sd_g_per_ml": 0.1}
     for change in (
         {"g_per_ml": 0.7},
-        {"sd_g_per_ml": 0.1},
         {"specimens": []},
         {"specimens": specimens_of((1, 1))},
-        {"specimens": specimens_of((10, 100)) * 2},
         {"specimens": specimens_of((0, 1)) * 2},
         {"specimens": specimens_of((1e6, 1e-320)) * 2},
-        {"specimens": specimens_of((1e6, 0.01)) * 2},
         {"specimens": specimens_of((100, 1), (100, 290), (100, 9))},
         {"specimens": specimens_of((1, 1)) * 2, "volume_step_ml": 100},
         sound | {"specimens": specimens_of((10, 9)) * 2},
         sound | {"g_per_ml": 0.1, "sd_g_per_ml": 0.2},
-        sound | {"g_per_ml": 1e-320, "sd_g_per_ml": 0.0},
         sound | {"g_per_ml": 9.0},
         sound | {"sd_g_per_ml": -0.1},
         sound | {"kind": "fluffy"},
         sound | {"measured_at": "2999-01-01T00:00:00Z"},
         sound | {"measured_at": "2026-01-01T00:00:00"},
         sound | {"g_per_ml": True},
-        sound | {"g_per_ml": "1"},
     ):
         assert staff.post(path, body | change).status_code == 422, change
     assert staff.get(path).json() == {"items": []}

@@ -1,7 +1,5 @@
 """Fair between studies: in which order workers take what waits, as their own claims do."""
 
-from itertools import pairwise
-
 import pytest
 import sqlalchemy as sa
 
@@ -63,28 +61,6 @@ def test_first_meal_of_a_study_is_next_whatever_waits_and_two_backlogs_take_turn
     assert sum(job_id in second for job_id in order) == pytest.approx(12, abs=1)
     of_first = [job_id for job_id in order if job_id in backlog]
     assert of_first == backlog[26 : 26 + len(of_first)]  # first come, first served within the study
-
-
-def test_study_beside_one_that_sends_without_end_does_not_starve_and_neither_does_the_other(line, jobs):
-    """The greedy one sends two for each that is taken, and a third study whenever its last one was taken."""
-    greedy, small, third = jobs.new_study(), jobs.new_study(), jobs.new_study()
-    mine = line.send(small, 12)
-    of_third, taken = line.send(third)[0], []
-    for _ in range(200):
-        line.send(greedy, 2)
-        taken.append(line.take())
-        if taken[-1] == of_third:
-            of_third = line.send(third)[0]
-        if set(mine) <= set(taken):
-            break
-    assert set(mine) <= set(taken)
-    places = [taken.index(job_id) for job_id in mine]
-    assert places == sorted(places)  # first come, first served within the study
-    gaps = [later - earlier for earlier, later in pairwise(places)]
-    assert sum(gaps) / len(gaps) == pytest.approx(3, abs=0.3)  # a third of what three studies share
-    assert max(gaps) <= 5  # first of a round, then last of the next
-    newcomer = line.send(jobs.new_study())[0]  # at most one of each other study goes before it
-    assert line.take_up_to(newcomer) <= 2
 
 
 @pytest.mark.both_stores

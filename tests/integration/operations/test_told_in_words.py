@@ -132,23 +132,6 @@ def test_file_that_is_no_database_is_told(tmp_path, impatient):
         run_worker(Settings(data_dir=tmp_path))
 
 
-def test_fault_of_the_program_at_the_start_keeps_its_traceback(
-    prepared_database_url, tmp_path, impatient, monkeypatch, caplog
-):
-    def mistaken(*_, **__):
-        raise KeyError("a mistake of ours")
-
-    for module in (app.main, app.worker):
-        monkeypatch.setattr(module, "prepare_patiently", mistaken)
-    settings = Settings(database_url=prepared_database_url, data_dir=tmp_path, secret_key=KEY, port=0)
-    with pytest.raises(SystemExit) as ended:
-        serve(settings, with_worker=False)
-    assert ended.value.code != 0
-    assert "a mistake of ours" in caplog.text
-    with pytest.raises(KeyError):
-        run_worker(settings)
-
-
 def test_fault_of_a_worker_that_works_keeps_its_traceback(prepared_database_url, tmp_path, impatient, monkeypatch):
     settings = Settings(database_url=prepared_database_url, data_dir=tmp_path, secret_key=KEY)
 

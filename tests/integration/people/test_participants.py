@@ -26,16 +26,6 @@ def participant(owner):
     return f"{PEOPLE}/P1"
 
 
-def test_participant_is_created_with_profile_and_first_day(owner):
-    body = {"code": "P1", "starts_on": "2026-11-20", "profile": PROFILE}
-    made = owner.post(PEOPLE, json=body)
-    assert (made.status_code, made.headers["location"]) == (201, f"{PEOPLE}/P1")
-    found = owner.get(f"{PEOPLE}/P1").json()
-    assert found == made.json()
-    assert found["starts_on"] == "2026-11-20"
-    assert {key: value for key, value in found["profile"].items() if value is not None} == PROFILE
-
-
 def test_profile_changes_by_key_null_takes_one_away_and_the_first_day_moves_when_it_is_named(owner, participant, state):
     owner.patch(participant, json={"profile": PROFILE, "starts_on": "2026-11-20"})
     changed = owner.patch(participant, json={"profile": {"weight_kg": 60, "activity": None}}).json()
@@ -70,15 +60,6 @@ def test_profile_that_cannot_be_is_refused(owner, participant):
         for profile in profiles:
             answer = owner.patch(participant, json={"profile": profile})
             assert (answer.status_code, answer.json()["code"]) == (422, code), profile
-
-
-def test_participants_page_by_code_without_their_profiles(owner):
-    for code in ("P3", "P1", "P2"):
-        owner.post(PEOPLE, json={"code": code, "profile": PROFILE})
-    first = owner.get(f"{PEOPLE}?limit=2").json()
-    assert [row["code"] for row in first["items"]] == ["P1", "P2"]
-    assert "profile" not in first["items"][0]
-    assert [row["code"] for row in owner.get(first["next"]).json()["items"]] == ["P3"]
 
 
 def test_withdrawn_participant_stays_listed_gets_no_code_and_no_change(owner, participant, state, client):

@@ -88,13 +88,11 @@ def test_protocol_that_cannot_be_is_refused_and_nothing_changes(owner):
         {"location_decimals": 2},
         {"location_policy": "round", "location_decimals": 5},
         {"day_starts": "12:01"},
-        {"day_starts": "4:00"},
         {"retention_days": 0},
         {"locale": "fr"},
         {"name": None},
         {"name": ""},
         {"expects_after_pair": None},
-        {"shares_index": None},
         {"code": "other"},
         {"camera": {"width": 0}},
     ):

@@ -284,16 +284,6 @@ def change_seqs(state):
         return sorted(row.change_seq for row in session.query(EffectiveRecord))
 
 
-def test_records_are_provisional_until_the_pair_is_measured_whatever_the_window(waiting, state):
-    assert (waiting.record("apple")["provisional"], waiting.after["status"]) == (True, None)
-    assert waiting.after["due_at"] is not None
-    waiting.send_after()
-    assert close_windows_in(state, hours=9) == 0
-    assert waiting.record("apple")["provisional"]
-    waiting.after_measured(left_of_apple(100.0))
-    assert (waiting.record("apple")["provisional"], waiting.after["due_at"]) == (False, None)
-
-
 def test_window_ends_and_the_records_are_counted_as_changed_and_a_late_pair_is_still_taken(waiting, state):
     assert close_windows_in(state, hours=1) == 0
     before = change_seqs(state)

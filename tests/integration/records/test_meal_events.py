@@ -14,7 +14,7 @@ from app.meals.event_models import MealEvent
 from app.meals.identification_models import IndexEntry
 from app.meals.job_models import Job
 from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item, ItemFood, ItemMeasure
+from app.meals.record_models import EffectiveRecord, Item
 from app.people.access.caller import DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Staff
 from app.records.rebuild_records import rebuild_records
@@ -195,32 +195,3 @@ def test_one_event_sent_thrice_at_the_same_time_is_one(table):
     news = at_once(*[lambda: append(table.participant, table.client_id, event, expected=None)[1]] * 3)
     assert sorted(news) == [False, False, True]
     assert len(table.rows(MealEvent)) == 1
-
-
-def test_density_of_the_time_of_the_word_is_kept_with_it(table):
-    table.lay()
-    item = table.items()[0].id
-    table.send(table.participant, "set_food", item=item, food="banana")
-    with table.state.database.read() as session:
-        rows = list(session.scalars(sa.select(ItemFood).where(ItemFood.item_id == item).order_by(ItemFood.version)))
-    assert [(row.version, row.layer) for row in rows] == [(1, "automatic"), (2, "participant")]
-    assert rows[1].event_id == table.rows(MealEvent)[0].id
-
-
-def test_failed_remeasure_job_leaves_the_meals_own_answer_and_a_flag(table):
-    table.lay()
-    item = table.items()[0].id
-    table.send(table.participant, "redraw", item=item, polygon=RING)
-    estimates.save(
-        table.state,
-        table.client_id,
-        purpose="remeasure",
-        regions=[str(item)],
-        failure={"code": "estimate_timed_out", "message": "", "advice": ""},
-    )
-    record = next(row for row in table.rows(EffectiveRecord) if row.item_id == item)
-    assert (record.flags, record.volume_ml, record.status) == (["remeasure_failed"], None, "needs_review")
-    meal = table.phone.get(f"/v1/meals/{table.client_id}").json()
-    assert (meal["status"], meal["failure"]) == ("needs_review", None)
-    with table.state.database.read() as session:
-        assert len(list(session.scalars(sa.select(ItemMeasure)))) == 1

@@ -77,18 +77,6 @@ def test_width_is_kept_to_and_never_enlarged_and_what_is_no_photograph_is_not_fo
     assert phone.get(f"/v1/meals/{uuid.uuid4()}/images/left").status_code == 404
 
 
-def test_what_the_caller_has_already_is_not_sent_and_not_noted_again(phone, state):
-    path = sent(phone)
-    first = phone.get(f"{path}/right")
-    tag = first.headers["etag"]
-    again = phone.client.get(f"{path}/right", headers=phone.headers | {"If-None-Match": f'"x", W/{tag}'})
-    assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
-    assert len(readings(state)) == 1
-    smaller = phone.client.get(f"{path}/right", params={"width": 64}, headers=phone.headers | {"If-None-Match": tag})
-    assert smaller.status_code == 200
-    assert "private" in first.headers["cache-control"]
-
-
 def test_only_its_own_phone_and_staff_see_a_photograph(phone, enrol, client, admin, state):
     path = sent(phone)
     for other in (enrol("P002"), enrol("P001", study="another")):

@@ -105,21 +105,6 @@ def test_records_are_made_anew_and_the_old_ones_stay(phone, state):
     assert rebuild_records(state.database, write=False).different == 0
 
 
-@pytest.mark.usefixtures("meal_id")
-def test_going_back_to_the_old_table_gives_the_old_figures_in_new_rows(phone, state):
-    before = record_of(phone)
-    correct_apple(state, per_100_g={"208": 104.0})
-    recompute(state)
-    use_release(state.database, "local", None, "me")
-    assert recompute(state)[0].changed == 2
-    changing = {"change_seq"}
-    assert [{name: one[name] for name in one.keys() - changing} for one in record_of(phone)] == [
-        {name: one[name] for name in one.keys() - changing} for one in before
-    ]
-    with state.database.read() as session:
-        assert session.scalar(sa.select(sa.func.max(ItemFood.version))) == 3
-
-
 @pytest.mark.parametrize(
     ("kinds", "measured", "unmeasured"),
     [

@@ -80,13 +80,6 @@ def test_history_has_the_form_and_its_volume_and_undo_brings_the_estimate_back(r
 
 
 @pytest.mark.usefixtures("measured")
-def test_each_section_has_its_volume_whatever_its_lean(reviewer):
-    for section, share in (("slab", 1.0), ("prism", math.pi / 4), ("ellipsoid", math.pi / 6)):
-        item = reshape(reviewer, section=section, lean_deg=-60)
-        assert item["volume_ml"] == pytest.approx(share * 180.0)
-
-
-@pytest.mark.usefixtures("measured")
 def test_newer_statement_of_the_amount_counts_and_a_narrower_spread_is_taken(reviewer):
     item_id = reviewer.items()[0]["id"]
     wide = reshape(reviewer)["volume_interval_ml"]

@@ -184,21 +184,6 @@ def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
     assert participant.meal()["run"] == meal["run"]
 
 
-def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
-    apple, milk, _ = participant.items()
-    ring_and_hole = [
-        [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0], [5.0, 80.0]],
-        [[30.0, 30.0], [50.0, 30.0], [50.0, 50.0]],
-    ]
-    redrawn = participant.say("redraw", item=apple["id"], polygon=ring_and_hole)["items"][0]
-    assert redrawn["polygon"] == ring_and_hole
-    again = participant.say("redraw", item=apple["id"], polygon=redrawn["polygon"])["items"][0]
-    assert again["polygon"] == ring_and_hole
-    parts = [{"polygon": ring_and_hole}, {"polygon": ring_and_hole[1]}]
-    split = participant.say("split", item=milk["id"], parts=parts)["items"]
-    assert [item["polygon"] for item in split if item["parent"] == milk["id"]] == [ring_and_hole, ring_and_hole[1:]]
-
-
 def test_outline_that_encloses_nothing_or_too_much_is_refused(participant):
     apple = participant.items()[0]
     for polygon in (
@@ -233,18 +218,6 @@ def test_answered_probe_is_an_item_of_its_own_or_names_the_food_and_is_not_asked
     after = participant.say("declare", item=canned["id"], probe="drained", answer="no", food="peach")["items"]
     assert (len(after), after[-1]["food"]["key"]) == (len(meal["items"]) + 1, "peach")
     assert "drained" not in after[-1]["open_probes"]
-
-
-def test_reviewers_share_of_an_added_food_stands_over_the_participants(participant, reviewer):
-    told, untold = (
-        reviewer.say("add", food="potatoes-boiled", amount={"mass_g": 200}, **share)["items"][-1]["id"]
-        for share in ({"share": 0.5}, {})
-    )
-    for item in (told, untold):
-        participant.say("set_share", item=item, share=0.25)
-    assert [item["share"] for item in participant.items()[-2:]] == [0.5, 0.25]
-    reviewer.say("set_share", item=told, share=0.75)
-    assert participant.items()[-2]["share"] == 0.75
 
 
 def test_what_was_declared_of_a_shared_dish_is_shared_as_the_dish_is(participant):

@@ -52,28 +52,6 @@ def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, clie
     assert [row["meal"] for row in queue()["items"]] == [kept.meal_id]
 
 
-def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
-    meals = {meal_of(phone, doubtful(sd)) for sd in (0.1, 0.1, 0.2, 0.3, 0.1)}
-    page = queue(limit=2)
-    rows = page["items"]
-    while page["next"]:
-        page = client.get(page["next"], headers=admin).json()
-        rows += page["items"]
-    assert (len(rows), {row["meal"] for row in rows}) == (5, meals)
-    assert [row["doubt"] for row in rows] == sorted((row["doubt"] for row in rows), reverse=True)
-
-
-def test_filters_leave_out_what_they_name(queue, enrol, meal_of):
-    first, second = enrol("P001"), enrol("P002")
-    meal_of(first, doubtful(0.1))
-    wide = meal_of(second, doubtful(0.5), unmeasured_item())
-    assert {row["participant"] for row in queue(participant="P002")["items"]} == {"P002"}
-    assert [row["status"] for row in queue(status="needs_review")["items"]] == ["needs_review"]
-    assert [row["meal"] for row in queue(min_doubt=0.45, status="proposed")["items"]] == [wide]
-    assert queue(food="banana")["items"] == []
-    assert len(queue(provisional=False)["items"]) == 3
-
-
 def test_question_of_a_reviewer_is_open_to_its_participant_until_it_is_answered(client, enrol, admin, meal_of):
     phone, other = enrol("P001"), enrol("P002")
     meal_id = meal_of(phone, found_item())

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import uuid
 
 import pytest
 
@@ -10,11 +9,8 @@ from app.cli.demo import show_meal
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.records.meal_schemas import MealOut
 from app.records.rebuild_records import rebuild_records
-from tests.integration.conftest import meal_metadata
 from tests.integration.records.eating import eaten
-from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
-from tests.support.photographs import pair
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}]
 VOLUME = ("volume_ml", "volume_low_ml", "volume_high_ml")
@@ -57,17 +53,3 @@ def test_records_have_nulls_in_json_and_empty_cells_in_csv_also_when_they_are_re
     assert {row[name] for name in (*VOLUME, *DERIVED)} == {""}
     assert row["food_key"] == "milk-whole"
     assert rebuild_records(state.database, write=False).different == 0
-
-
-def test_meal_that_is_not_measured_has_no_total_and_one_without_foods_has_nothing(phone, state):
-    body = meal_metadata()
-    phone.post(pair(), body)
-    path = f"/v1/meals/{body['id']}"
-    assert phone.get(path).json()["totals"]["consumed_g"] is None
-    estimates.save(state, body["id"], failure={"code": "no_food_found", "message": "no food"})
-    failed = phone.get(path).json()
-    assert (failed["status"], failed["totals"]["consumed_g"]) == ("failed", None)
-    event = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
-    headers = phone.headers | {"If-Match": "*"}
-    confirmed = phone.client.post(f"{path}/events", headers=headers, json=event).json()
-    assert (confirmed["status"], confirmed["totals"]["consumed_g"]) == ("confirmed", 0.0)

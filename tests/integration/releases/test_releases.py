@@ -20,13 +20,12 @@ from app.meals.day_models import DiaryDay
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.access.last_use import LastUse
-from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.privacy.delete_blobs import BlobDeleter
 from app.releases import compare_release as compare
 from app.releases import release_runner
 from app.releases.compare_release import compare_release
-from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
+from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES
 from app.releases.release_days import NOT_DERIVABLE, day_without
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
@@ -85,15 +84,6 @@ def eaten(enrol, state):
 @pytest.fixture
 def owner(client, admin, eaten):
     return make_staff(client, admin, "olga", pilot="owner")
-
-
-@pytest.fixture
-def run(state):
-    def run():
-        runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
-        return runner.run_one()
-
-    return run
 
 
 def frozen(owner, run, name, **body):
@@ -170,18 +160,6 @@ def test_frozen_tables_are_the_exports_of_the_same_moment_with_the_foods_of_thei
     assert {row["food_key"] for row in rows(owner, release, "food_densities")} == {"apple", "banana"}
 
 
-def test_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
-    first, second = frozen(owner, run, "first"), frozen(owner, run, "second")
-    assert first["checksum"] == second["checksum"]
-    with state.database.write() as session:
-        session.execute(sa.update(EffectiveRecord).values(change_seq=EffectiveRecord.change_seq + 1000))
-    assert frozen(owner, run, "third")["checksum"] == first["checksum"]
-    with state.database.write() as session:
-        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
-        one.consumed_g = 80.00000000000001
-    assert frozen(owner, run, "fourth")["checksum"] != first["checksum"]
-
-
 def test_sums_of_days_do_not_depend_on_the_order_in_which_a_database_adds(owner, run, state):
     """PostgreSQL adds rows as they lie, and gives another last digit once they lie otherwise."""
     add_meal(
@@ -246,18 +224,6 @@ def test_viewer_downloads_parts_and_what_is_not_there_is_not_found(client, admin
     assert [one["name"] for one in viewer.get(PATH).json()["items"]] == ["baseline"]
     for path in ("/baseline/files/nothing.csv", "/other"):
         assert owner.get(PATH + path).status_code == 404
-
-
-def test_check_finds_a_damaged_or_missing_file(owner, run, state):
-    frozen(owner, run, "baseline")
-    [key] = [name for name in stored_names(state.blobs) if "/items.csv/" in name]
-    state.blobs.delete(key)
-    checked = owner.get(f"{PATH}/baseline/check").json()
-    assert (checked["is_whole"], checked["checksum"]) == (False, None)
-    assert [one["name"] for one in checked["files"] if one["found"] == "missing"] == ["items.csv"]
-    state.blobs.put_bytes(key, b"other bytes")
-    checked = owner.get(f"{PATH}/baseline/check").json()
-    assert [one["name"] for one in checked["files"] if one["found"] == "damaged"] == ["items.csv"]
 
 
 def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
@@ -563,17 +529,6 @@ def test_last_meal_is_found_by_instants_with_and_without_fractions():
     after = meal | {"meal_id": "b", "received_at": "2026-11-01T20:00:00.500000Z"}
     assert day_without(day, [before], [after], [], expects_after_pair=False)["meals_after_closing"] == 0
     assert day_without(day, [after], [before], [], expects_after_pair=False)["meals_after_closing"] == 1
-
-
-def test_day_recomputed_without_erasure_equals_the_frozen_day(owner, run):
-    release = frozen(owner, run, "baseline")
-    items, meals, days = (typed(owner, release, table) for table in ("items", "meals", "days"))
-    meals = [row | {"received_at": row["received_at"].isoformat()} for row in meals]
-    assert len(days) == 6
-    for day in days:
-        key = (day["participant"], day["local_date"])
-        of_day = [[row for row in table if (row["participant"], row["local_date"]) == key] for table in (meals, items)]
-        assert day_without(day, of_day[0], [], of_day[1], expects_after_pair=False) == day
 
 
 def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_differ(

@@ -17,7 +17,6 @@ from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
 from app.remeasurements.feed_workers import FeedWorkers
 from tests.integration.conftest import meal_metadata
-from tests.integration.records.after_pairs import Table
 from tests.integration.records.at_once import at_once
 from tests.integration.records.eating import eaten
 from tests.integration.remeasurements.measuring_again import PATH, Again
@@ -80,23 +79,6 @@ def test_progress_is_counted_and_the_table_is_a_file_too(again, meals):
     ]
     listed = again.client.get(PATH, headers=again.headers).json()["items"]
     assert listed == [ended]
-
-
-def test_plan_tells_what_would_be_measured_of_both_pairs_and_changes_nothing(again, meals, phone, state):
-    def plan(**params):
-        path = "/v1/studies/pilot/remeasurement-plan"
-        return again.client.get(path, headers=again.headers, params=params).json()
-
-    phone.client.post("/v1/declared-meals", headers=phone.headers, json=meal_metadata(items=[{"food": "apple"}]))
-    assert plan() == {"pairs": 4, "would_measure": 3, "would_skip": {"no_photographs": 1}}
-    assert plan(meal=meals[1:], limit=1) == {"pairs": 1, "would_measure": 1, "would_skip": {}}
-    table = Table(phone, state).measured().send_after()
-    skipped = {"no_photographs": 1, "waits_for_estimate": 1}
-    assert plan() == {"pairs": 6, "would_measure": 4, "would_skip": skipped}
-    table.after_measured()
-    assert plan()["would_measure"] == 5
-    assert again.client.get(PATH, headers=again.headers).json()["items"] == []
-    assert again.feed(3) == 0
 
 
 def test_meals_with_nothing_to_measure_are_skipped_with_the_reason(again, meals, phone, state, enrol):

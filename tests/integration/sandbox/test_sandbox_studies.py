@@ -160,13 +160,3 @@ def test_pages_of_a_sandbox_say_so(client, admin, sandbox_phone, enrol):
     assert "is a sandbox" in olga.page("/dashboard/studies/try")
     assert "sandbox" not in olga.page("/dashboard/studies/pilot")
     assert olga.page("/dashboard").count("sandbox") == 1
-
-
-def test_form_of_a_new_study_makes_a_sandbox(client, admin, enrol):
-    enrol("P001", "pilot")
-    make_staff(client, admin, "ada", is_admin=True)
-    ada = Browser(client, "ada")
-    ada.post("/dashboard/new-study", code="try", name="Try", marker="plain:9x7:11", sandbox="true")
-    ada.post("/dashboard/new-study", code="real", name="Real", marker="plain:9x7:11")
-    made = {code: client.get(f"/v1/studies/{code}", headers=admin).json()["sandbox"] for code in ("try", "real")}
-    assert made == {"try": True, "real": False}

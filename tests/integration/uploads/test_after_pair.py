@@ -1,7 +1,6 @@
 """An after-meal pair comes in: slots, words about it, idempotency, its own status."""
 
 import json
-import threading
 import uuid
 
 import pytest
@@ -10,13 +9,11 @@ from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
 from app.people.privacy_models import BlobDeletion
-from app.uploads.waiting import MealWaiter
 from tests.integration.records.after_pairs import Table, left_of_apple
 from tests.integration.records.at_once import at_once
 from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.photographs import photograph
-from tests.support.waiting import wait_until
 
 FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
 
@@ -125,22 +122,6 @@ def test_pair_is_measured_also_where_the_meal_has_failed(table):
     meal = table.get()
     assert (meal["status"], meal["after"]["status"]) == ("failed", "needs_review")
     assert meal["after"]["leftovers"][0]["class"] == "unmatched"
-
-
-def test_wait_comes_back_when_the_pair_moves(table, state):
-    tag = table.measured().send_after().phone.get(f"/v1/meals/{table.id}").headers["etag"]
-
-    def measure():
-        wait_until(lambda: state.part(MealWaiter)._waiting, "the call to wait")
-        table.after_measured(left_of_apple())
-
-    thread = threading.Thread(target=measure)
-    thread.start()
-    answer = table.phone.client.get(
-        f"/v1/meals/{table.id}?wait=25", headers=table.phone.headers | {"If-None-Match": tag}
-    )
-    thread.join()
-    assert answer.json()["after"]["status"] == "estimated"
 
 
 def test_after_run_saved_twice_is_one_and_its_artefacts_are_served_apart(table, state):

@@ -9,13 +9,10 @@ import zlib
 from datetime import UTC, datetime, timedelta
 
 import pillow_heif
-import pytest
-import sqlalchemy as sa
 from PIL import Image
 from starlette.requests import Request
 
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
+from app.meals.models import Meal
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair, photograph
@@ -140,27 +137,6 @@ def test_meal_of_the_day_after_tomorrow_is_not_refused_for_good_since_the_server
     assert_nothing_kept(state)
 
 
-@pytest.mark.parametrize("keeps", [False, True])
-def test_location_and_gps_tags_are_cut_before_sealing_unless_the_study_keeps_them(enrol, state, keeps):
-    phone = enrol("P001", study="s", location_policy="keep" if keeps else "drop")
-    exif = Image.Exif()
-    exif[0x010F] = "Maker"
-    exif.get_ifd(0x8825).update({1: "N", 2: (31.0, 13.0, 48.77), 3: "E", 4: (121.0, 28.0, 25.31)})
-    left = photograph(exif=exif)
-    body = phone.post(pair() | {"left": left}, location={"latitude": 31.23, "longitude": 121.47}).json()
-    with state.database.read() as session:
-        image = session.query(MealImage).filter_by(slot="left").one()
-        location = session.query(Meal).one().details["location"]
-    assert (location["latitude"] == 31.23) if keeps else (location is None)
-    sealed = state.blobs.read(image.blob_key)
-    found = Image.open(io.BytesIO(sealed)).getexif()
-    assert bool(found.get_ifd(0x8825)) is keeps
-    assert found[0x010F] == "Maker"
-    assert (sealed == left) is keeps
-    assert (image.received_sha256 == image.stored_sha256) is keeps
-    assert body["images"]["left"]["received_sha256"] == image.received_sha256
-
-
 def test_full_or_nearly_full_disk_is_told_and_the_same_request_works_later(phone, state, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -186,22 +162,6 @@ def test_full_or_nearly_full_disk_is_told_and_the_same_request_works_later(phone
             assert int(answer.headers["retry-after"]) >= 30
         assert_nothing_kept(state)
     assert phone.post(photos, metadata).status_code == 202
-
-
-def test_backlog_refuses_no_meal(phone, state):
-    """With ten thousand that wait, and no worker alive, the next one is taken, and the server says that it is ready."""
-    first = phone.post(pair(), meal_metadata()).json()["id"]
-    with state.database.write() as session:
-        meal = session.query(Meal).filter_by(client_id=uuid.UUID(first)).one()
-        now = datetime.now(UTC)
-        rows = [
-            {"id": uuid.uuid4(), "meal_id": meal.id, "study_id": meal.study_id, "state": "queued", "turn": turn}
-            | {"purpose": "remeasure", "attempts": 0, "enqueued_at": now}
-            for turn in range(2, 10_002)
-        ]
-        session.execute(sa.insert(Job), rows)
-    assert phone.post(pair(2), meal_metadata()).status_code == 202
-    assert phone.get("/readyz").status_code == 200
 
 
 def test_large_body_on_another_route_is_refused(client, admin):

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from app.children.api_children import ApiChildren
-from app.estimates.camera_choice import choose_camera, median_camera
+from app.estimates.camera_choice import choose_camera
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study
-from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.answers import refusal
@@ -181,12 +180,6 @@ def test_single_phone_of_the_model_stands_for_it_and_other_models_and_studies_do
     with state.database.write() as session:
         session.get(Device, first.id).model = "Phone 8"
     assert chosen(state, first).chosen_from == "exif"
-
-
-def test_median_of_one_camera_is_that_camera():
-    camera = camera_from_mapping(kept_camera(focal=901.0, k1=0.05))
-    assert median_camera([camera], (1200, 900)) == camera
-    assert median_camera([], (1200, 900)) is None
 
 
 def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone, state, settings):

@@ -16,7 +16,7 @@ from app.meals.record_models import Run
 from app.people import privacy_queries as privacy
 from app.people.privacy_models import AuditEvent
 from app.uploads.job_list_queries import FailedFilter
-from app.uploads.look_after_jobs import failed_pairs, retry_failed
+from app.uploads.look_after_jobs import retry_failed
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import Table, left_of_apple
@@ -108,16 +108,6 @@ def test_meal_or_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, 
     assert (answer["status"], answer["failure"]["code"]) == ("failed", "cancelled")
     assert cancel(phone, table.id).status_code == 200
     assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
-
-
-def test_cancelled_after_pair_leaves_the_meal_as_it_is(phone, state, reviewer):
-    table = Table(phone, state).measured().send_after()
-    before = table.get()["status"]
-    assert reviewer.post(f"/v1/meals/{table.id}/cancel").status_code == 200
-    meal = table.get()
-    assert meal["status"] == before
-    assert (meal["after"]["status"], meal["after"]["failure"]["code"]) == ("failed", "cancelled")
-    assert all("after_failed" in item["flags"] for item in meal["items"])
 
 
 def test_failed_meal_is_queued_again_with_a_new_job_and_its_new_run_counts(phone, state, reviewer, meal):
@@ -213,17 +203,6 @@ def test_jobs_list_tells_what_waits_and_what_failed(phone, enrol, state, meal, t
     assert tada("jobs", "list", "--study", "none").returncode == 2
     assert tada("jobs", "list", "--code", "x").returncode == 2
     assert "--limit" in tada("jobs", "list", "--limit", "1").stderr
-
-
-def test_failed_meals_are_listed_the_last_first_and_those_without_a_time_behind_all(phone, state):
-    meals = [phone.post(pair(seed), meal_metadata()).json()["id"] for seed in (1, 2, 3)]
-    for meal in meals:
-        fail(state, meal)
-    with state.database.write() as session:
-        session.delete(session.get_one(Job, jobs_of(state, meals[1])[-1].id))
-    listed = [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=10)]
-    assert listed == [meals[2], meals[0], meals[1]]
-    assert [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=2)] == listed[:2]
 
 
 def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, state, meal):

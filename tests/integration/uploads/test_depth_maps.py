@@ -40,14 +40,6 @@ def test_meal_waits_for_the_maps_that_it_announced_and_takes_each_again(phone):
     assert (sent.status_code, sent.json()["status"], sent.json()["missing"]) == (202, "queued", [])
 
 
-def test_same_meal_again_is_the_same_and_another_depth_camera_is_not(phone):
-    metadata = meal_metadata(depth_camera=CAMERA)
-    assert phone.post(with_depth(), metadata).status_code == 202
-    assert phone.post(with_depth(), metadata).status_code == 200
-    sent = phone.post(with_depth(), metadata | {"depth_camera": CAMERA | {"fx": 60.0}})
-    assert (sent.status_code, sent.json()["fields"]) == (409, ["depth_camera"])
-
-
 def test_impossible_announcement_is_refused(phone):
     for changes in (
         {"depth_maps": ["left_depth"]},

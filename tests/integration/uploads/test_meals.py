@@ -150,9 +150,3 @@ def test_waiting_on_an_older_etag_answers_at_once_and_on_the_same_gives_304(phon
     for tag, wait, status in (('"0"', 60, 200), (meal.headers["etag"], 0.3, 304)):
         answer = phone.client.get(url, headers=phone.headers | {"If-None-Match": tag}, params={"wait": wait})
         assert answer.status_code == status
-
-
-def test_meal_without_any_marker_is_refused(enrol):
-    phone = enrol("P009", study="nomarker", marker=None)
-    assert refusal(phone.post(pair())) == (422, "marker_missing")
-    assert phone.post(pair(), marker="plain:9x7:11").status_code == 202

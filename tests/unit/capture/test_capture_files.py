@@ -24,15 +24,6 @@ def test_every_answer_has_the_page_s_headers(client, path):
     assert {name: answer.headers[name] for name in HEADERS} == dict(HEADERS)
 
 
-def test_address_without_a_slash_leads_to_the_page_which_runs_no_script_but_its_own(client):
-    answer = client.get(PATH)
-    assert answer.status_code == 200
-    assert "<main" in answer.text
-    page = (STATIC / "index.html").read_text()
-    assert re.findall(r"<script[^>]*>", page) == ['<script type="module" src="main.js">']
-    assert not re.search(r"style=|<style| on[a-z]+=", page)
-
-
 @pytest.mark.parametrize(
     "path",
     [

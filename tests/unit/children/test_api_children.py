@@ -1,6 +1,5 @@
 """The API's children: what goes wrong in one is told as an error of its request; a crowd is turned away."""
 
-import threading
 import uuid
 
 import pytest
@@ -8,7 +7,6 @@ import pytest
 from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 TASKS = "tests.unit.children.fake_tasks:TASKS"
 
@@ -31,24 +29,6 @@ def describe(children, word):
     return children.run("describe", {"word": word}, seconds=30, whose=somebody())["echo"]["word"]
 
 
-class Holder(threading.Thread):
-    """Whoever holds a child until it is let go."""
-
-    def __init__(self, children, folder):
-        super().__init__()
-        self._children, self._end = children, folder / "end"
-        self._arguments = {"until": str(self._end), "begun": str(folder / "begun")}
-        self.start()
-        wait_until((folder / "begun").exists, "the child to begin")
-
-    def run(self):
-        self._children.run("hold", self._arguments, seconds=PATIENCE_SECONDS, whose=somebody())
-
-    def let_go(self):
-        self._end.touch()
-        self.join()
-
-
 @pytest.mark.parametrize(
     ("task", "error", "code", "status", "is_retryable"),
     [
@@ -69,12 +49,10 @@ def test_bad_end_is_an_error_of_the_request_and_the_next_one_is_answered(
     assert describe(children, "next") == "next"
 
 
-def test_request_that_waits_too_long_is_told_to_come_back(children, tmp_path):
-    busy = Holder(children, tmp_path)
-    with pytest.raises(UnavailableError) as caught:
+def test_request_that_waits_too_long_is_told_to_come_back(children):
+    with children._line.place("a study", "a caller"), pytest.raises(UnavailableError) as caught:
         describe(children, "too much")
     assert (caught.value.code, caught.value.retryable) == ("server_busy", True)
-    busy.let_go()
     assert describe(children, "next") == "next"
 
 

@@ -81,11 +81,6 @@ def test_control_groups_limit_cores_and_memory(tmp_path, sixteen_cores, files, c
     assert (usable_cores(root), usable_memory_bytes(root)) == (cores_found, memory_found)
 
 
-def test_affinity_limits_the_cores(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5}, raising=False)
-    assert usable_cores(machine(tmp_path, {})) == 2
-
-
 @pytest.mark.parametrize(
     ("cores_usable", "memory_bytes", "changes", "expected"),
     [

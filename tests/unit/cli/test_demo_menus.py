@@ -4,9 +4,6 @@ import csv
 import importlib.resources
 import io
 
-import pytest
-from PIL import Image
-
 from app.cli import demo_menus
 from app.cli.demo_menus import OCCASIONS
 from app.cli.demo_study import PHOTOGRAPHED
@@ -23,15 +20,3 @@ def test_every_food_of_the_sample_study_is_in_the_starter_table_and_every_bundle
     assert told | seen <= known
     folders = {entry.name for entry in BUNDLED.iterdir() if entry.is_dir()}
     assert folders | {""} == {meal.plate.folder for meal in PHOTOGRAPHED} == set(PLATES)
-
-
-@pytest.mark.parametrize("folder", PLATES)
-def test_bundled_pair_shows_its_points(folder):
-    plate = PLATES[folder]
-    slots = ["left", "right"] + (["after_left", "after_right"] if plate.left_over else [])
-    sizes = {slot: Image.open(io.BytesIO((BUNDLED / folder / f"{slot}.jpg").read_bytes())).size for slot in slots}
-    assert len(set(sizes.values())) == 1
-    width, height = sizes["left"]
-    for (x, y), _ in plate.points + plate.left_over:
-        assert 0 < x < width
-        assert 0 < y < height

@@ -95,7 +95,6 @@ BAD = {
     ),
     "time_zones: of the account": ("time_zones", put_meal(metadata=METADATA | {"time_zone": "Europe/Vienna"})),
     "time_zones: no name": ("time_zones", put_meal(metadata=METADATA | {"time_zone": "CST+8"})),
-    "time_zones: none": ("time_zones", put_meal(metadata={"captured_at": METADATA["captured_at"]})),
     "time_zones: no offset": ("time_zones", put_meal(metadata=METADATA | {"captured_at": "2026-11-20T12:30:00"})),
     "time_zones: no time": ("time_zones", put_meal(metadata=METADATA | {"captured_at": "noon"})),
     "tokens: in an address": ("tokens", call("GET", "/v1/me", has_secret_in_url=True)),

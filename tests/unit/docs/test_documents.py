@@ -4,9 +4,12 @@ import ast
 import pathlib
 import re
 
+import pytest
+
 from app.core.settings import Settings
 from app.meals import item_state
 from app.meals.meal_time import CLOCK_DOUBTFUL
+from app.records.meal_schemas import HintIn, NewMealMetadataIn
 
 DOCS = pathlib.Path(__file__).parents[3] / "docs"
 
@@ -107,3 +110,13 @@ def test_every_flag_stands_in_the_documents_and_no_other():
     of_foods = {value for name, value in vars(item_state).items() if name.startswith("FOOD_")}
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
     assert flags_in_the_source() | of_foods | {CLOCK_DOUBTFUL, item_state.IMPLAUSIBLE_AMOUNT} == listed
+
+
+@pytest.mark.parametrize(
+    ("model", "heading"), [(NewMealMetadataIn, "| field | needed |"), (HintIn, "| field | meaning |")]
+)
+def test_page_for_apps_has_every_field_that_a_phone_may_send(model, heading):
+    text = (DOCS / "apps.md").read_text()
+    table = text[text.index(heading) :].split("\n\n")[0]
+    named = re.findall(r"^\| `(\w+)`", table, re.MULTILINE)
+    assert sorted(named) == sorted(model.model_fields)

@@ -89,8 +89,9 @@ def test_requests_of_all_processes_count_for_an_address_until_their_process_is_d
 
     pid = in_child(begin_two)
     with limits.under_way("192.0.2.1", "call"):
-        with pytest.raises(RateLimitedError), limits.under_way("192.0.2.1", "call"):
+        with pytest.raises(RateLimitedError) as caught, limits.under_way("192.0.2.1", "call"):
             pass
+        assert caught.value.facts["limit_at_once"] == 3
         with limits.under_way("192.0.2.2", "call"):
             assert limits.active.total() == 4
         end(pid)

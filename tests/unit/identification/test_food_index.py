@@ -11,8 +11,6 @@ from app.identification.food_index import (
     KnownFood,
     read_index,
     read_labels,
-    shipped_foods,
-    shipped_index,
 )
 from app.identification.identifier import Identifier
 from tests.unit.identification.small_index import pictures_of, small_index
@@ -121,13 +119,3 @@ def test_label_that_is_not_known_is_named_and_labels_that_stand_twice_are_refuse
     for twice in ("bun,Bun,bun\nbun,Roll,roll\n", "bun,Bun,bun\nroll,Roll,bun\n"):
         with pytest.raises(ValueError, match="twice"):
             read_labels(header + twice)
-
-
-def test_shipped_index_has_all_labels_and_knows_its_own_examples():
-    index = shipped_index()
-    assert index.foods == shipped_foods()
-    assert np.bincount(index.labels, minlength=len(index.foods)).min() > 0
-    identifier = Identifier(index)
-    for row in range(0, len(index.vectors), 97):
-        best = identifier.identify(index.vectors[row]).candidates[0]
-        assert best.label == index.foods[index.labels[row]].label

@@ -22,18 +22,6 @@ def test_scores_of_unseen_specimens_are_those_of_fitting_again_and_classes_with_
     assert (scores[12:, 2] == 0.0).all()  # nobody was left to know it by
 
 
-def test_specimen_is_never_on_both_sides_and_each_row_is_held_out_once():
-    labels = np.repeat([0, 1], [30, 12])
-    specimens = [f"{label}-{number // 3}" for number, label in enumerate(labels)]
-    folds = specimen_folds(labels, specimens)
-    assert sorted(np.concatenate(folds).tolist()) == list(range(42))
-    for held in folds:
-        kept = set(range(42)) - set(held.tolist())
-        assert not {specimens[row] for row in held} & {specimens[row] for row in kept}
-    assert len(folds) == 10
-    assert [held.tolist() for held in specimen_folds(labels, specimens)] == [held.tolist() for held in folds]
-
-
 def test_scores_of_unseen_classes_are_those_of_a_classifier_without_them():
     examples, labels = clouds((8, 7, 6))
     scores = scores_of_unseen_classes(examples, labels, 3)

@@ -20,12 +20,6 @@ def lease(database):
     return FileLease(lock_folder(database), new_executor())
 
 
-def test_every_start_has_its_own_name_that_fits_the_column():
-    names = {new_executor().executor_id for _ in range(100)}
-    assert len(names) == 100
-    assert max(map(len, names)) <= 64
-
-
 def test_locked_file_is_life_its_release_death_and_a_lease_whose_file_was_removed_is_lost(database):
     first, second = lease(database), lease(database)
     first.acquire()

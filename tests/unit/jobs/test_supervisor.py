@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from app.core.settings import Settings
-from app.jobs.supervisor import WorkerProcess, settings_environment
+from app.jobs.supervisor import WorkerProcess
 from tests.support.waiting import wait_until
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -31,15 +31,6 @@ def has_ended(pid):
         return True
 
 
-def test_settings_survive_the_way_through_the_environment(monkeypatch, tmp_path):
-    settings = Settings(
-        data_dir=tmp_path, database_url="sqlite:////x/y.sqlite3", estimate_seconds=2.5, port=0, secret_key="k" * 32
-    )
-    for name, value in settings_environment(settings).items():
-        monkeypatch.setenv(name, value)
-    assert Settings() == settings
-
-
 def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     worker = WorkerProcess(Settings(data_dir=tmp_path), [sys.executable, "-c", WRITE_PID_AND_WAIT])
@@ -51,23 +42,6 @@ def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
     worker.stop()
     assert has_ended(second)
     assert worker.pid is None
-
-
-def test_worker_ends_with_a_server_that_is_killed(tmp_path):
-    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.core.process_life import die_with_parent; "
-    worker_code = die + "die_with_parent(int(sys.argv[3])); " + WRITE_PID_AND_WAIT
-    server_code = f"""
-import sys, time
-sys.path.insert(0, {str(ROOT)!r})
-from app.jobs.supervisor import WorkerProcess
-from app.core.settings import Settings
-WorkerProcess(Settings(data_dir={str(tmp_path)!r}), [sys.executable, "-c", {worker_code!r}, {str(ROOT)!r}]).start()
-time.sleep(600)
-"""
-    with subprocess.Popen([sys.executable, "-c", server_code], cwd=tmp_path) as server:
-        worker = wait_for_pid(tmp_path)
-        server.kill()
-    wait_until(lambda: has_ended(worker), "the worker to end")
 
 
 @pytest.mark.slow

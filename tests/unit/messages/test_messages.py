@@ -48,19 +48,6 @@ def test_every_code_of_pairs_and_meals_has_a_sentence_and_every_sentence_is_of_a
     assert "where_left" not in photograph_codes()
 
 
-@pytest.mark.parametrize("locale", LOCALES)
-def test_sentence_is_one_names_the_photograph_and_begins_with_a_capital(locale):
-    for code in photograph_codes():
-        told = {side: sentence(code, locale, side) for side in (None, "left", "right")}
-        assert "{" not in "".join(told.values())
-        assert len(set(told.values())) == (3 if "where" in placeholders(CATALOGUE[code][locale]) else 1)
-        for text in told.values():
-            assert text[0] == text[0].upper()
-            assert text[-1] in ".。"
-            assert len(re.findall(r"[.。!?！？](\s|$)", text)) <= 1
-            assert len(text) < 160
-
-
 @pytest.mark.parametrize(
     ("asked", "header", "study", "chosen"),
     [

@@ -5,7 +5,6 @@ import pytest
 from app.nutrition.density import resolve_density
 from app.nutrition.foods import load_starter_table
 from app.nutrition.kind_density import kind_density
-from app.nutrition.usual_form import usual_form
 
 STARTER = {food.key: food for food in load_starter_table().foods}
 
@@ -39,17 +38,3 @@ def test_kind_that_the_name_tells_weighs_as_the_starters_foods_of_it(name, group
 )
 def test_what_is_no_piece_of_a_kind_has_no_density_of_it(name, group, form):
     assert kind_density(name, group, form) == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "form", "like"),
-    [
-        ("BURGER KING, french fries", "heap", "french-fries"),
-        ("BURGER KING, WHOPPER, no cheese", "slab", "cheeseburger"),
-        ("SUBWAY, tuna sub on white bread with lettuce and tomato", "slab", "sub-tuna"),
-    ],
-)
-def test_fast_food_lies_as_what_it_is_and_weighs_like_the_starters(name, form, like):
-    assert usual_form(name, "Fast Foods") == form
-    (density,) = kind_density(name, "Fast Foods", form)
-    assert density.g_per_ml == pytest.approx(resolve_density(STARTER[like]).chosen.g_per_ml, rel=0.2)

@@ -14,14 +14,6 @@ def test_mass_is_volume_times_density_and_its_doubt_joins_both():
     assert mass.edible_g == mass.as_seen_g
 
 
-def test_refuse_and_volume_scale_the_mass_and_its_interval():
-    mass = estimate_mass(150.0, Doubt(item=0.1), make_density(0.924, 0.063), edible_share=0.64)
-    assert mass.edible_g.value == pytest.approx(150.0 * 0.924 * 0.64)
-    assert mass.edible_g.low == pytest.approx(mass.as_seen_g.low * 0.64)
-    twice = estimate_mass(300.0, Doubt(item=0.1), make_density(0.924, 0.063))
-    assert twice.as_seen_g.high == pytest.approx(2.0 * mass.as_seen_g.high)
-
-
 @pytest.mark.parametrize(
     ("volume_ml", "share", "word"),
     [(0.0, 1.0, "volume"), (float("nan"), 1.0, "volume"), (float("inf"), 1.0, "volume")]

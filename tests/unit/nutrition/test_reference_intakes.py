@@ -69,14 +69,10 @@ PUBLISHED = {
     ("female_31_50", "303"): (8.1, 18, None, 45),
     ("pregnant_19_30", "303"): (22, 27, None, 45),
     ("infant_0_6_months", "303"): (None, None, 0.27, 40),
-    ("infant_7_12_months", "328"): (None, None, 10, 38),
     ("female_19_30", "320"): (500, 700, None, 3000),
     ("pregnant_14_18", "435"): (520, 600, None, 800),
     ("child_4_8", "312"): (0.34, 0.44, None, 3),
-    ("female_over_70", "305"): (580, 700, None, 3000),
     ("male_19_30", "315"): (None, None, 2.3, 11),
-    ("pregnant_19_30", "205"): (135, 175, None, None),
-    ("male_19_30", "255"): (None, None, 3700, None),
     ("infant_0_6_months", "204"): (None, None, 31, None),
     ("male_9_13", "313"): (None, None, 2000, 10000),
 }
@@ -86,18 +82,6 @@ PUBLISHED = {
 def test_figures_are_the_published_ones(stage, number):
     intake = intake_of(LifeStage(stage), number)
     assert (intake.ear, intake.rda, intake.ai, intake.ul) == PUBLISHED[stage, number]
-
-
-# Reference weights of IOM 2002/2005, kg. Girls of 9 to 13 (37 kg) are published at 34 g, one below the product.
-@pytest.mark.parametrize(
-    ("stage", "reference_kg"),
-    [("infant_7_12_months", 9), ("child_1_3", 12), ("child_4_8", 20), ("male_9_13", 36), ("male_14_18", 61),
-     ("male_over_70", 70), ("female_14_18", 54), ("female_31_50", 57)],
-)  # fmt: skip
-def test_protein_a_day_is_protein_a_kilogram_times_the_reference_weight(stage, reference_kg):
-    by_weight = intake_of(LifeStage(stage), "203", "kg_day")
-    assert intake_of(LifeStage(stage), "203").ear is None
-    assert intake_of(LifeStage(stage), "203").rda == pytest.approx(by_weight.rda * reference_kg, abs=0.5)
 
 
 def test_sodium_has_an_ai_and_a_cdrr_and_no_ul():
@@ -131,21 +115,6 @@ def test_figures_of_every_line_are_in_order_in_the_components_unit_and_only_wher
         component = COMPONENT_BY_NUMBER[intake.number]
         assert (intake.unit, intake.tagname) == (component.unit, component.tagname)
         assert intake.ul_number is None or COMPONENT_BY_NUMBER[intake.ul_number].unit == intake.unit
-
-
-def test_every_stage_has_the_same_nutrients_in_their_own_expression_each_with_its_source():
-    everywhere = {intake.number for _, intake in EVERY_INTAKE}
-    for stage in LifeStage:
-        numbers = {intake.number for intake in reference_intakes(stage)}
-        assert len({(each.number, each.per) for each in reference_intakes(stage)}) == len(reference_intakes(stage))
-        missing = everywhere - numbers
-        assert missing == ({"291"} if stage.startswith("infant") else {"204"})
-    assert {intake.source[:8] for _, intake in EVERY_INTAKE} == {
-        "IOM 1997", "IOM 1998", "IOM 2000", "IOM 2001", "IOM 2002", "IOM 2005", "IOM 2011", "NASEM 20",
-    }  # fmt: skip
-    numbers = {intake.number for _, intake in EVERY_INTAKE}
-    assert {"435", "320", "328", "323", "430"} <= numbers
-    assert not numbers & {"417", "431", "318", "324", "319", "205.2"}
 
 
 @pytest.mark.parametrize(

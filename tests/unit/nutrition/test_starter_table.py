@@ -2,8 +2,6 @@
 
 from collections import Counter, defaultdict
 
-import pytest
-
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import load_starter_table
@@ -14,23 +12,6 @@ from app.nutrition.words import split_words, word_forms
 # cream and whipped cream, chocolate in chips and as a bar.
 SHOWN_IN_TWO_FORMS = {"11529", "11168", "20121", "01053", "19120"}
 NAMED_ALIKE = {"chocolate milk": {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
-
-
-@pytest.mark.parametrize(
-    ("key", "ndb_number", "tagname", "content"),
-    [
-        ("apple", "09003", "ENERC_KCAL", 52.0),
-        ("banana", "09040", "K", 358.0),
-        ("orange", "09200", "VITC", 53.2),
-        ("kiwifruit", "09148", "VITC", 92.7),
-        ("rice-white-cooked", "20045", "ENERC_KCAL", 130.0),
-        ("egg-boiled", "01129", "PROCNT", 12.58),
-    ],
-)
-def test_figures_are_those_of_sr28(key, ndb_number, tagname, content):
-    food = load_starter_table().food(key)
-    assert food.source_ids["sr28_ndb"] == ndb_number
-    assert food.per_100_g[NUMBER_BY_TAGNAME[tagname]] == content
 
 
 def test_each_food_fits_the_database_with_a_density_of_its_forms_kind_and_energy_that_agrees_with_its_macronutrients():
@@ -93,23 +74,3 @@ def test_each_name_and_alias_finds_its_own_food_among_the_first_three():
             if food.name not in {possible[match.position].labels[0] for match in found}:
                 lost.append((food.key, label))
     assert lost == []
-
-
-def density_of(key, basis):
-    return next(density for density in load_starter_table().food(key).densities if density.basis == basis)
-
-
-def test_density_is_of_a_piece_of_known_size_of_a_relative_of_crumb_and_filling_or_of_the_composition():
-    # SR28, 18151: "1 square, large (2-3/4" sq x 7/8")" weighs 56 g.
-    brownie = density_of("brownie", "portion")
-    assert brownie.kind == "solid"
-    assert brownie.g_per_ml == pytest.approx(56.0 / (2.75**2 * 0.875 * 16.387), abs=0.001)
-    orange, tangerine = density_of("orange", "measured"), density_of("tangerine", "related")
-    assert tangerine.g_per_ml == orange.g_per_ml
-    assert tangerine.sd_g_per_ml == pytest.approx(2.0 * orange.sd_g_per_ml, abs=0.001)
-    bun = density_of("hamburger-bun", "fao")
-    assert bun.g_per_ml < density_of("hamburger", "composition").g_per_ml < density_of("beef-steak", "related").g_per_ml
-    assert density_of("hamburger", "composition").g_per_ml < density_of("hamburger-large", "composition").g_per_ml
-    jello = load_starter_table().food("jello")  # 270 g in a cup would be 1.14 g/ml, which no jelly is
-    assert "1" not in {portion.sequence for portion in jello.portions}
-    assert {density.basis for density in jello.densities} == {"composition"}

@@ -17,15 +17,12 @@ def ways(tmp_path, **settings):
     ("address", "level"),
     [
         ("tada:secret@db.example.org/tada", "bad"),
-        ("tada:secret@10.0.0.7/tada?sslmode=disable", "bad"),
         ("tada:secret@db.example.org/tada?sslmode=require", "bad"),  # encrypted, and to whoever answers
         ("tada:secret@10.0.0.7/tada?sslmode=verify-ca&sslrootcert=ca.pem", "ok"),
         ("tada:secret@db.example.org/tada?sslmode=verify-full&sslrootcert=system", "ok"),
         ("/tada?host=db.example.org", "bad"),
-        ("tada@/tada?host=10.0.0.7", "bad"),
         ("tada@postgres/tada", "note"),  # a container next door or another machine
         ("tada@localhost/tada", None),  # this machine needs none
-        ("tada@127.0.0.1/tada", None),
         ("tada@/tada", None),
         ("/tada?host=/run/postgresql", None),
     ],

@@ -9,7 +9,7 @@ import pillow_heif
 from PIL import Image
 
 WIDTH, HEIGHT = 96, 64
-LATITUDE, LONGITUDE, ALTITUDE = 40.0 + 25.0 / 60 + 41.37 / 3600, -(86.0 + 54.0 / 60 + 49.13 / 3600), 187.25
+LATITUDE, LONGITUDE = 40.0 + 25.0 / 60 + 41.37 / 3600, -(86.0 + 54.0 / 60 + 49.13 / 3600)
 LATITUDE_RATIONALS = ((40, 1), (25, 1), (413_700, 10_000))
 LONGITUDE_RATIONALS = ((86, 1), (54, 1), (491_300, 10_000))
 PLACE_WORDS = (b"40,25.6895N", b"86,54.8188W", b"West Lafayette", b"Indiana", b"Hovde Hall")

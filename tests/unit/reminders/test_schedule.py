@@ -31,15 +31,6 @@ def test_next_reminder_is_at_the_local_time(times, zone, after, due):
     assert next_due(times, zone, utc(after)) == utc(due)
 
 
-def test_every_day_of_a_year_has_each_time_once_and_without_times_none_is_due():
-    assert next_due([], BERLIN, utc("2026-11-27T10:00")) is None
-    at, reminders = utc("2026-01-01T00:00"), []
-    while at < utc("2027-01-01T00:00"):
-        at = next_due([time(2, 30), NOON], BERLIN, at)
-        reminders.append(at)
-    assert len(reminders) == 2 * 365 + 1
-
-
 @pytest.mark.parametrize(
     ("at", "begin", "end", "quiet"),
     [

@@ -33,12 +33,5 @@ def speckled_region() -> Region:
     return Region(speckled(), lopsided_mask())
 
 
-def turned(region: Region, quarters: int = 1) -> Region:
-    return Region(
-        np.ascontiguousarray(np.rot90(region.pixels_bgr, quarters)),
-        np.ascontiguousarray(np.rot90(region.mask, quarters)),
-    )
-
-
 def plain(colour_bgr: tuple[int, int, int], side: int = SIDE) -> np.ndarray:
     return np.full((side, side, 3), colour_bgr, np.uint8)

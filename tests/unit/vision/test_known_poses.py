@@ -12,7 +12,7 @@ from PIL import ExifTags, Image
 from app.core.errors import InvalidInputError
 from app.estimates.run_estimate import run_estimate
 from app.vision.intrinsics import Camera
-from app.vision.known_poses import poses_from_mapping, poses_to_json, rig_of_poses
+from app.vision.known_poses import poses_from_mapping, rig_of_poses
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE
@@ -36,13 +36,6 @@ def changed(path, value):
         place = place[key]
     place[path[-1]] = value
     return data
-
-
-def test_poses_are_read_and_written_as_the_same_values():
-    poses = poses_from_mapping(sent(gravity=[0.0, -9.8, 0.0]))
-    assert poses.up == (0.0, 1.0, 0.0)
-    assert poses_from_mapping(poses_to_json(poses)) == poses
-    assert poses_from_mapping(sent(convention="opencv")).up is None
 
 
 LEFT = sent()["views"]["left"]

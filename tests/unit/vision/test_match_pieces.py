@@ -66,12 +66,6 @@ def test_pieces_are_matched_by_what_is_known_of_them_or_not_at_all(served, left,
     assert matched(served, left) == expected
 
 
-def test_board_turned_by_half_changes_no_match_of_foods_of_one_colour():
-    pale = [sight(each.traits.centre_mm[0], each.traits.centre_mm[1], WHITE, 150.0) for each in PLATE]
-    left = moved([sight(*each.traits.centre_mm, WHITE, 50.0) for each in LEFT], 180, 0, 0)
-    assert matched(pale, left) == [1, 0, 2]
-
-
 def test_four_foods_of_one_colour_are_told_by_their_arrangement_though_the_board_was_laid_anew():
     served = [sight(x, y, WHITE) for x, y in [(-90, 60), (80, 90), (10, 200), (-40, 130)]]
     left = moved([sight(x, y, WHITE, 60.0) for x, y in [(10, 200), (-90, 60), (80, 90), (-40, 130)]], 70, 300, 40)

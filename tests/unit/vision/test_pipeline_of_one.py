@@ -67,14 +67,6 @@ def test_marker_unseen_in_the_left_photograph_or_by_the_papers_method_in_either_
     assert paper.failure.code == "marker_not_found"
 
 
-@pytest.mark.slow
-def test_what_a_vessel_holds_has_no_volume_in_one_photograph(pair, single):
-    items = measured(pair, hints=(hint_of(single, vessel="mug"),))
-    item = next(item for item in items if item.hint == 0)
-    assert item.volume_ml is None
-    assert {"single_view", "not_measurable"} <= set(item.flags)
-
-
 HELD = [Hint(form="liquid"), Hint(lies_as="in_vessel"), Hint(usual_form="in_vessel"), Hint(vessel="mug")]
 
 

@@ -4,16 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.looks.vcm import BLOCKS, LENGTH, VCM_VERSION, describe, describe_rings
+from app.vision.looks.vcm import LENGTH, VCM_VERSION, describe, describe_rings
 from app.vision.looks.vcm_region import Region, region_of_box, region_of_rings
-from tests.unit.vision.food_regions import LOPSIDED, speckled, speckled_region, turned
-
-TURNS_WITH_THE_FOOD = {"oriented_gradients"}
-
-
-def parts(vector: np.ndarray) -> dict[str, np.ndarray]:
-    ends = np.cumsum([block.size for block in BLOCKS])
-    return dict(zip([block.name for block in BLOCKS], np.split(vector, ends[:-1]), strict=True))
+from tests.unit.vision.food_regions import LOPSIDED, speckled, speckled_region
 
 
 def test_vectors_are_those_that_indexes_of_their_version_hold_on_any_number_of_threads():
@@ -34,22 +27,6 @@ def test_vectors_are_those_that_indexes_of_their_version_hold_on_any_number_of_t
     assert (kept.shape, made[0].dtype, VCM_VERSION) == ((2, LENGTH), np.float32, "1")
     assert np.array_equal(region.pixels_bgr, before[0])
     assert np.array_equal(region.mask, before[1])
-
-
-def test_region_turned_looks_the_same_but_for_where_its_edges_are():
-    straight, around = parts(describe(speckled_region())), parts(describe(turned(speckled_region())))
-    for name in straight.keys() - TURNS_WITH_THE_FOOD:
-        assert around[name] == pytest.approx(straight[name], abs=0.02), name
-
-
-def test_ground_around_the_food_counts_for_nothing():
-    region = speckled_region()
-    reached = cv2.dilate(region.mask.astype(np.uint8), np.ones((49, 49)))  # by the largest kernel, half of 44 px
-    black = np.where(reached[..., None] > 0, region.pixels_bgr, 0)
-    other = parts(describe(Region(black.astype(np.uint8), region.mask)))
-    for name, part in parts(describe(region)).items():
-        if name not in TURNS_WITH_THE_FOOD:  # over the food's box, with its corners
-            assert other[name] == pytest.approx(part, abs=0.02), name
 
 
 @pytest.mark.parametrize("colour", [(120, 120, 120), (0, 0, 255)])

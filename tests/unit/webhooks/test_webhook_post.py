@@ -192,26 +192,6 @@ def test_retry_after_is_read_in_seconds(header, seconds):
     assert (answer.status, answer.retry_after_seconds) == (503, seconds)
 
 
-def test_request_has_one_host_and_the_bodys_length():
-    heads = []
-
-    def talk(connection):
-        heads.append(read_request(connection))
-        connection.sendall(OK)
-
-    with raw_receiver(talk) as port:
-        assert post(f"http://127.0.0.1:{port}/a?b=c").is_success
-    head, _, body = heads[0].partition(b"\r\n\r\n")
-    assert head.split(b"\r\n") == [
-        b"POST /a?b=c HTTP/1.1",
-        f"Host: 127.0.0.1:{port}".encode(),
-        b"Content-Length: 7",
-        b"X-Test: 1",
-        b"Connection: close",
-    ]
-    assert body == BODY
-
-
 def post_each(urls, *, seconds=10.0, **options):
     """The answers to POSTs that are sent one after the other by kept connections."""
 

@@ -25,3 +25,13 @@ def damage_member(path, name):
     start = entry.header_offset + 30 + len(entry.filename) + entry.compress_size // 2
     raw[start] ^= 0xFF
     path.write_bytes(raw)
+
+
+def replaced(old, new):
+    """A change of a text: this part of it, once."""
+
+    def change(text):
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return change

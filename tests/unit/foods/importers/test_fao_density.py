@@ -79,6 +79,10 @@ def test_kind_state_and_spread_follow_the_heading_and_the_words(workbook):
         "Spinach, leaves, raw": ("bulk", "heap", "raw"),
         "French green beans": ("bulk", "heap", None),
     }
+    rice, density = foods["Rice, boiled"]
+    assert (density.basis, density.g_per_ml, density.sd_g_per_ml) == ("fao", 0.73, pytest.approx(0.12 * 0.73, abs=1e-3))
+    assert density.source == 'FAO/INFOODS 2012, Density Database 2.0, row 9 "Rice, boiled" (KEN)'
+    assert (rice.key, rice.per_100_g, imported.components) == ("fao:9", {}, ())
     assert foods["Bread"][1].relative_sd == pytest.approx(0.2, abs=0.01)
     assert foods["Spinach, leaves, raw"][1].relative_sd == pytest.approx(0.4, abs=0.01)
     assert foods["Breakfast cereal, muesli"][1].sd_g_per_ml == pytest.approx(0.07)  # never less than a published range
@@ -87,16 +91,6 @@ def test_kind_state_and_spread_follow_the_heading_and_the_words(workbook):
         "1 rows of ASI, which weighs goods in silos (12 Bran)",
         "1 rows of a crystal, not of the food that is poured (22 Salt, sodium chloride)",
     }
-
-
-def test_food_carries_its_row_one_fao_density_and_no_nutrients(workbook):
-    imported = read_fao_density(workbook)
-    rice = imported.table.food("fao:9")
-    (density,) = rice.densities
-    assert (density.basis, density.g_per_ml, density.sd_g_per_ml) == ("fao", 0.73, pytest.approx(0.12 * 0.73, abs=1e-3))
-    assert density.source == 'FAO/INFOODS 2012, Density Database 2.0, row 9 "Rice, boiled" (KEN)'
-    assert (rice.per_100_g, imported.components, rice.food_group) == ({}, (), "Cereal and cereal products")
-    assert (imported.table.name, imported.table.version) == ("fao-infoods-density", "2.0")
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.board.colour_space import LINEAR_OF_BYTE, decode_srgb, encode_srgb, lab_of, linear_rgb
+from app.vision.board.colour_space import LINEAR_OF_BYTE, decode_srgb, encode_srgb, lab_of
 
 
 def test_white_black_and_red_have_the_published_lab_values():
@@ -16,8 +16,3 @@ def test_bytes_come_back_from_linear_light_and_light_outside_the_range_is_clippe
     for value in (0.04045, 0.04045 + 1e-9):  # where the curve's two pieces meet
         assert decode_srgb(np.array(value)) == pytest.approx(0.0031308, abs=1e-6)
     assert encode_srgb(np.array([-0.5, 0.0, 1.0, 7.0])) == pytest.approx(np.array([0.0, 0.0, 1.0, 1.0]), abs=1e-12)
-
-
-def test_linear_light_is_red_first():
-    found = linear_rgb(np.array([[[0, 128, 255]]], np.uint8))
-    assert found[0, 0].tolist() == [1.0, LINEAR_OF_BYTE[128], 0.0]

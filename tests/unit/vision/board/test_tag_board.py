@@ -43,20 +43,6 @@ def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "aruco:5x7:35:5:DICT_6X6_250",
-        "aruco:4x3:14.4236:3.61:DICT_4X4_50",
-        "charuco:6x4:9.80333:7.05:DICT_4X4_50",
-        "charuco:6x4:20:14:DICT_APRILTAG_36H11:thick=3.2",
-    ],
-)
-def test_text_of_a_board_of_tags_is_read_and_written_back(text):
-    assert str(parse_marker(text)) == text
-    assert parse_marker(text.replace("36H11", "36h11")) == parse_marker(text)  # as OpenCV writes it
-
-
-@pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("aruco:5x7:35:5", "is no marker"),

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.board.tag_board import LARGEST_OF_FAMILY
 from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
 from app.vision.model import ImageArray
 
@@ -26,19 +25,6 @@ def tags_picture(name: str, wrong_bits: int = 0) -> ImageArray:
         picture[y : y + SIDE_PX, x : x + SIDE_PX] = large
     noisy = cv2.GaussianBlur(picture, (0, 0), 1.0) + rng.normal(0.0, 2.0, picture.shape)
     return np.clip(noisy, 0, 255).astype(np.uint8)
-
-
-def quads_of(grey: ImageArray) -> TagQuads:
-    return TagQuads(grey, cv2.aruco.DetectorParameters())
-
-
-@pytest.mark.parametrize("name", LARGEST_OF_FAMILY)
-def test_tags_are_possible_in_their_dictionary_and_boards_in_no_other(name):
-    quads = quads_of(tags_picture(name))
-    assert set(range(20)) <= set(quads.possible_tags(name, 0).tolist())
-    # 16 bits are few: what one dictionary of them prints is by chance a tag of the other one too.
-    others = [other for other in LARGEST_OF_FAMILY if dictionary_of(other).markerSize > 4 and other != name]
-    assert all(len(quads.possible_tags(other, 0)) < 4 for other in others)
 
 
 @pytest.mark.parametrize("name", ["DICT_6X6_250", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16H5"])

@@ -67,13 +67,3 @@ def test_rings_of_a_target_tell_its_rim_from_its_middle():
     share = ((2 / 3) ** 2 - (1 / 2) ** 2) / ((2 / 3) ** 2 - (1 / 3) ** 2)
     assert rings[1, 0] == pytest.approx(share * green + (1 - share) * red, abs=4.0)
     assert rings[[0, 2], 1] == pytest.approx(0.0, abs=0.5)
-
-
-def test_deepest_pixel_belongs_to_the_innermost_ring():
-    picture, mask = plain(GREEN, 9), np.zeros((9, 9), bool)
-    mask[3:6, 3:6] = True
-    picture[4, 4] = RED
-    rings = lab_rings(lab_pixels(picture), mask).reshape(3, 2, 3)
-    assert rings[2, 0] == pytest.approx(lab_of_colour(RED), abs=0.5)
-    assert rings[1, 0] == pytest.approx(lab_of_colour(GREEN), abs=0.5)
-    assert rings[0, 1].max() > 10.0  # so thin that no pixel lies in the outermost third: all of it stands for it

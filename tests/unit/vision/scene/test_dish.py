@@ -93,7 +93,6 @@ NO_DISHES = {  # heights, noise in mm, and that which is told
     "lying pack into whose top a circle fits": (lambda x, y: np.where(edge(x, y, 150, 95) < 1, 60.0, 0.0), 1.0, 1.0),
     "round flat food": (lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0), 0.4, 0.4),
     "flat block on which nothing stands": (lambda x, y: np.where(edge(x, y, 72, 72) < 1, 30.0, 0.0), 0.4, 0.4),
-    "bulging pack": (lambda x, y: np.where(edge(x, y, 70, 50) < 1, 70 - 8 * edge(x, y, 70, 50) ** 2, 0), 0.4, 0.4),
     "mound": (lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)), 0.4, 0.4),
     "noisy table": (lambda x, y: 0 * x, 4.0, 2.0),
     "circle through three foods": (three_foods, 1.0, 1.0),

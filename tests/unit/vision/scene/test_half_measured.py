@@ -23,14 +23,6 @@ def box(left, top, right, bottom):
     return (left <= COLUMNS) & (right > COLUMNS) & (top <= ROWS) & (bottom > ROWS)
 
 
-def test_plain_top_within_raised_edges_is_food():
-    block, plain = box(60, 50, 140, 120), box(68, 58, 132, 112)
-    heights = np.where(plain, np.nan, np.where(block, 40.0, 0.0))
-    enclosed = enclosed_by_raised(scene_of(heights), heights.astype(np.float32))
-    assert np.count_nonzero(enclosed & plain) > 0.95 * np.count_nonzero(plain)
-    assert not (enclosed & ~block).any()
-
-
 def test_plain_paper_around_a_food_is_not_food():
     sheet, food = box(30, 30, 200, 170), box(90, 70, 140, 120)
     heights = np.where(food, 60.0, np.where(sheet, np.nan, 0.0))  # the food in the middle of it, raised on all sides

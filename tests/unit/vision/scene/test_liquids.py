@@ -78,16 +78,12 @@ def bar(begin_mm, size, z_mm, climb=0.0):
 
 REGIONS = {  # points, vessel, height of the dish beneath both, whether they are the vessel's handle
     "mug": (loop(), MUG, 0.0, True),
-    "cup": (loop(ring_mm=14.0, half_thick_mm=3.5), MUG, 0.0, True),
     "mug whose lower half a fruit hides": (upper_half(loop()), MUG, 0.0, True),
     "egg that touches the mug": (ellipsoid((72.0, 0.0, 27.0), (27.0, 22.0, 27.0)), MUG, 0.0, False),
     "sausage that points at it": (ellipsoid((100.0, 0.0, 8.0), (55.0, 8.0, 8.0)), MUG, 0.0, False),
-    "apple on something beside it": (ellipsoid((75.0, 0.0, 60.0), (30.0, 30.0, 30.0)), MUG, 0.0, False),
-    "another mug behind": (loop(middle_mm=122.0), MUG, 0.0, False),
     "hardly measured": (loop()[: HANDLE_MIN_POINTS - 1], MUG, 0.0, False),
     "handle over a saucer": (loop(17.0, 3.5, 33.0), vessel_of(33.0, 80.0), 8.0, True),
     "biscuit that leans on the cup": (bar(36.0, (25.0, 18.0, 8.0), 12.0, climb=1.2), CUP, 12.0, False),
-    "sausage on its board": (bar(42.0, (50.0, 20.0, 24.0), 40.0), vessel_of(40.0, 100.0), 40.0, False),
     "on a stand higher than the mug": (loop(), MUG, RIM_MM + 5.0, False),
 }
 

@@ -146,14 +146,6 @@ def test_food_of_two_lobes_with_one_in_shade_is_one():
     assert iou(food.mask, disc(210, 280, 70)) > 0.95
 
 
-def test_hole_of_a_ring_is_no_food():
-    meal = Meal().plate().food(210, 280, 80, 30.0)
-    hole = disc(210, 280, 30)
-    meal.height[hole], meal.image[hole] = 3.0, PLATE_BGR
-    (food,) = meal.segment()
-    assert iou(food.mask, disc(210, 280, 80) & ~hole) > 0.93
-
-
 def test_knife_and_napkin_beside_a_food_are_no_food():
     meal = Meal().food(150, 150, 60, 40.0)
     meal.height[300:320, 100:500], meal.image[300:320, 100:500] = 9.0, (180, 180, 180)

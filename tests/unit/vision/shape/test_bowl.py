@@ -90,14 +90,11 @@ def test_heap_counts_by_its_mean_height():
     assert heaped.volume_ml - flat.volume_ml == pytest.approx(heap_ml, rel=0.15)  # its foot lifts the level at the wall
 
 
-def test_unseen_wall_makes_the_doubt_grow():
+def test_unseen_wall_and_uncertain_floor_make_the_doubt_grow():
     bowl = conical()
     seen, unseen = (measured(bowl, bowl.top(45.0), seen_share=share) for share in (0.9, 0.0))
     assert unseen.sd_ml > 1.3 * seen.sd_ml
     assert is_in_interval(unseen, bowl.volume_ml(45.0))
-
-
-def test_uncertain_floor_makes_the_doubt_grow():
     bowl = straight()
     sure, unsure = (measured(bowl, bowl.top(45.0), floor_sd_mm=sd) for sd in (0.0, 8.0))
     assert unsure.volume_ml == sure.volume_ml
@@ -118,16 +115,10 @@ def test_shape_is_closed_and_holds_the_volume(name, heap_mm):
         assert found.slices[-1].high_mm == pytest.approx(40.0 - FLOOR_MM, abs=0.5)  # the level, as it was measured
 
 
-def test_too_few_points_are_no_measurement():
-    bowl = straight()
-    points = bowl.top(40.0)
-    assert measured(bowl, points[:20]) is None
-    assert measured(bowl, np.empty((0, 3))) is None
-
-
-def test_points_beyond_the_rim_do_not_count():
+def test_too_few_points_are_no_measurement_and_those_beyond_the_rim_do_not_count():
     bowl = straight()
     outside = bowl.top(40.0) + np.array([200.0, 0.0, 0.0])
     assert measured(bowl, outside) is None
+    assert measured(bowl, bowl.top(40.0)[:20]) is None
     both = np.concatenate([bowl.top(40.0), outside])
     assert measured(bowl, both).volume_ml == measured(bowl, bowl.top(40.0)).volume_ml

@@ -71,18 +71,6 @@ def test_lengths_times_two_give_eight_times_the_volume_and_unsurer_poses_more_do
     assert np.isclose(twice_as_large_item().volume.volume_ml / ball_item().volume.volume_ml, 8.0, rtol=0.03)
 
 
-def test_slices_stand_on_the_support_and_sum_to_about_the_volume_and_points_lie_on_the_ball():
-    item = ball_item()
-    assert abs(item.support_mm - ON_TABLE.height_mm) < 3 * ON_TABLE.sd_mm
-    assert item.volume.slices[0].low_mm == 0.0
-    assert np.isclose(item.volume.slices[-1].high_mm, 2 * BALL.radius_mm, rtol=0.05)
-    # The volume is averaged over families, the slices are the likeliest one's.
-    assert np.isclose(sum(each.volume_ml for each in item.volume.slices), item.volume.volume_ml, rtol=0.05)
-    assert np.allclose(item.volume.axis.centre_mm, BALL.centre_mm, atol=2.0)
-    off = np.linalg.norm(item.points_table - [*BALL.centre_mm, BALL.radius_mm], axis=1) - BALL.radius_mm
-    assert abs(np.median(off)) < 0.3
-
-
 def test_food_without_parallax_is_a_failure():
     nothing = DisparityMap(np.full(scene()[0].shape, np.nan, np.float32), np.full(scene()[0].shape, 4.5, np.float32))
     found = measure(Region(scene()[1], support=ON_TABLE), dense=nothing)
