@@ -14,7 +14,7 @@ from app.core.settings import Settings
 from app.db.schema_state import is_current
 from app.db.session import Database
 from app.foods.import_foods import load_starter
-from app.people.access.secret_box import existing_secret_box, open_secret_box, require_same_key
+from app.people.access.secret_box import existing_secret_box, keep_key, open_secret_box
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.reapply_erasures import reapply_erasures
@@ -60,10 +60,10 @@ def prepare(database: Database, settings: Settings) -> None:
     """Bring everything up to date; existing data do not change."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     upgrade_schema(database)
-    if (box := existing_secret_box(settings)) is not None:
-        require_same_key(database, box)
     load_starter(database)
     _reapply_erasures(database, settings)
+    if (box := existing_secret_box(settings)) is not None:
+        keep_key(database, box)
 
 
 def upgrade_schema(database: Database) -> None:

@@ -21,8 +21,7 @@ def key_check(session: Session) -> str | None:
     return session.scalar(sa.select(Deployment.key_check))
 
 
-def keep_key_check(session: Session, check: str) -> str:
-    """Keep the digest unless another process has kept one meanwhile; return the one that is kept."""
+def keep_key_check(session: Session, check: str) -> None:
+    """Keep the digest unless another process has kept one meanwhile."""
     deployment = locked_deployment(session)
     deployment.key_check = deployment.key_check or check
-    return deployment.key_check

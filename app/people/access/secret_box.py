@@ -77,17 +77,30 @@ def require_same_key(database: Database, box: SecretBox) -> None:
 
     With another key erased meals would not be recognised, and would be accepted again.
     """
-    check = box.digest("check", "deployment")
     with database.read() as session:
         kept = deployment_queries.key_check(session)
-    if kept is None:
-        with database.write() as session:
-            kept = deployment_queries.keep_key_check(session, check)
-    if kept != check:
+    if kept is not None and kept != _check_of(box):
         raise SecretKeyError(
             "TADA_SECRET_KEY is not the key that this database was first used with: set that one (without the setting "
             f"it is {KEY_FILE} in TADA_DATA_DIR)."
         )
+
+
+def keep_key(database: Database, box: SecretBox) -> None:
+    """Note that the database is used with this key, the first time. Raises SecretKeyError if it is used with another.
+
+    To be called once all else that knows the key, such as the ledger of erasures, has been read with it.
+    """
+    with database.read() as session:
+        is_kept = deployment_queries.key_check(session) is not None
+    if not is_kept:
+        with database.write() as session:
+            deployment_queries.keep_key_check(session, _check_of(box))
+    require_same_key(database, box)
+
+
+def _check_of(box: SecretBox) -> str:
+    return box.digest("check", "deployment")
 
 
 def _read_or_create_key(path: Path) -> str:

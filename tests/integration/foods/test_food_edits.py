@@ -71,8 +71,10 @@ def test_the_tag_is_asked_for_and_must_be_the_one_in_force(staff, client, admin)
     tag = staff.get("/v1/foods/apple").headers["etag"]
     assert staff.patch("apple", tag, name="first").status_code == 200
     assert refused(staff.patch("apple", tag, name="second"), 412, "food_changed_since")["version"] == 2
-    for wrong in ('""', "W/" + tag, "apple", '"-1"', '"' + "9" * 400 + '"', '"1e3"', "\x7f"):
+    for wrong in ('""', "W/" + tag, '"-1"', '"' + "9" * 400 + '"', '"1e3"'):
         refused(staff.patch("apple", wrong, name="third"), 412, "food_changed_since")
+    for wrong in ("apple", "\x7f"):
+        refused(staff.patch("apple", wrong, name="third"), 400, "malformed_request")
     now = staff.get("/v1/foods/apple").headers["etag"]
     assert staff.patch("apple", f'"0", {now}', name="fourth").status_code == 200
     assert staff.patch("apple", "*", name="fifth").status_code == 200
