@@ -37,7 +37,7 @@ demo: venv  ## one meal, from upload to record, on throwaway data
 browse: venv  ## a sample study to look at in a browser, on throwaway data, until Ctrl-C
 	$(BIN)/tada demo --browse
 
-test: venv  ## the gate, by which a change is judged: eight minutes on two quiet cores
+test: venv  ## the gate, by which a change is judged: seven to eight minutes on two quiet cores
 	$(TWO_WORKERS) -m "not slow"
 
 test-share: venv  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: 11 to 13 minutes
