@@ -16,7 +16,7 @@ const queue = new ReviewQueue({
   retryMs: [1, 1],
 });
 const items = (...pairs) => pairs.map(([id, meal, version]) => ({ id, meal, version }));
-// Each round begins once the former one's work has set its own timers, which are shorter: a slow machine changes no order.
+// A round begins once the work of the one before has set its own, shorter timers: a slow machine changes no order.
 const settle = async () => {
   for (let round = 0; round < 5; round += 1) await new Promise((resolve) => setTimeout(resolve, 4));
 };
