@@ -429,7 +429,7 @@ def db_current() -> None:
 def doctor(
     requeue: Annotated[bool, typer.Option("--requeue", help="Also queue stuck meals again.")] = False,
     trusts_clock: Annotated[
-        bool, typer.Option("--trust-clock", help="The clock is right: erase by age again, without waiting for a day.")
+        bool, typer.Option("--trust-clock", help="Trust the clock as it is now, without waiting for a day.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -6,14 +6,14 @@ MOST_APART = 5.0  # factor between what a person states and what was measured
 
 
 def says_nothing(volume_ml: float, low_ml: float, high_ml: float) -> bool:
-    """Return whether a volume's 90 % interval reaches above WIDEST times or below the WIDEST-th part of it."""
+    """Return whether either end of the 90 % interval is more than a factor of WIDEST from the volume."""
     return high_ml > WIDEST * volume_ml or low_ml * WIDEST < volume_ml
 
 
 def is_implausible(stated: float, measured: float | None) -> bool:
-    """Return whether nobody eats so much of one food, or the photographs show far more or less of it.
+    """Return whether a stated amount exceeds MOST, or is more than a factor of MOST_APART from the measured one.
 
-    Both in g or both in ml. measured: None where nothing was measured.
+    Both are in g, or both in ml. measured: None where nothing was measured.
     """
     is_apart = measured is not None and not measured / MOST_APART <= stated <= measured * MOST_APART
     return stated > MOST or is_apart

@@ -13,6 +13,8 @@ def require_known(database: Database, caller: Caller, chosen: RowFilter) -> None
 
     Raises NotFoundError, InvalidInputError (`food_unknown`).
     """
+    if chosen.study_code is None and chosen.participant_code is None and not chosen.food_keys:
+        return
     visible = visible_rows(caller, chosen)
     with database.read() as session:
         studies = studies_of(session, visible.study_code, visible.study_ids)

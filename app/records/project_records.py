@@ -405,7 +405,7 @@ def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]
 
 
 def _is_implausible(state: ItemState, weighing: Weighing | None) -> bool:
-    """Whether a person stated an amount that can hardly be."""
+    """Return whether a person stated an implausible amount."""
     stated = state.amount
     if stated.layer == "automatic":
         return False

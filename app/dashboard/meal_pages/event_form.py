@@ -49,7 +49,7 @@ class EventForm(BaseModel):
 
     id: made with the form, so that sending it twice makes one event. version: of the meal as it was shown. seen: number
     of the last event that the page showed, so that a conflict can show the later ones. q: text of the food search; a
-    food's key if none was chosen from the list. accepts: not empty: also an amount that can hardly be.
+    food's key if none was chosen from the list. accepts: not empty: store an implausible amount.
     """
 
     model_config = ConfigDict(extra="forbid")

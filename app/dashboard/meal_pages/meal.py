@@ -120,7 +120,7 @@ def post_erasure(
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A form that was not saved: others had changed the meal, or its amount can hardly be."""
+    """A form that was not saved: others had changed the meal, or its amount is implausible."""
 
     form: EventForm
     error: TadaError
@@ -188,7 +188,7 @@ def render_meal_page(
 class Conflict:
     """An event that was not saved, and can be sent again.
 
-    changes: of the meal by others meanwhile. is_doubtful: others changed nothing, but its amount can hardly be.
+    changes: of the meal by others meanwhile. is_doubtful: its amount is implausible.
     values: of the refused event, by label. fields: of its form.
     """
 

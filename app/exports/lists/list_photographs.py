@@ -32,8 +32,10 @@ def list_photographs(
     with database.read() as session:
         if behind is not None:  # the rest of the meal at which the page before ended
             captured_at, meal_id, slot = behind
-            after, place = (captured_at, meal_id), SLOTS.index(slot)
-            photographs = [one for one in photographs_of(session, [meal_id]) if SLOTS.index(one[1].slot) > place]
+            after = (captured_at, meal_id)
+            later_slots = SLOTS[SLOTS.index(slot) + 1 :]
+            of_meal = photographs_of(session, [meal_id])
+            photographs = [(meal, image) for meal, image in of_meal if image.slot in later_slots]
         search = search_of(session, chosen)
         while search is not None and (missing := limit + 1 - len(photographs)) > 0:
             keys = keys_of(session, search, after, missing, is_newest_first=False)

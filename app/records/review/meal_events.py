@@ -156,7 +156,7 @@ class MealEvents:
                     version=meal.version,
                 )
             parts = parts_of(session, [meal])[0]  # keeps the rows in the session's identity map
-            before = _implausible_items(session, meal)
+            before = _implausible_items(session, meal) if event.strict else set()
             self._write(session, caller, parts, event)
             project_meal(session, meal)
             if event.strict and _implausible_items(session, meal) - before:
