@@ -17,6 +17,8 @@ import app.dashboard
 from app.dashboard.answers import CONTENT_SECURITY_POLICY
 from tests.e2e.measured_ball import BALL, measured_ball
 
+pytestmark = pytest.mark.slow  # beyond the gate
+
 STATIC = pathlib.Path(app.dashboard.__file__).parent / "static"
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>A meal</title>
 <link rel="icon" href="/static/icon.svg"><link rel="stylesheet" href="/static/app.css">
@@ -105,7 +107,6 @@ def test_food_and_board_are_drawn_and_told_in_a_table(open_page, address):
     assert page.locator(".meal3d img").count() == 0
 
 
-@pytest.mark.slow
 def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     page = opened(open_page, address)
     first, size = picture(page), orange(page)
@@ -123,7 +124,6 @@ def test_keys_turn_and_zoom_and_bring_the_first_view_back(open_page, address):
     assert np.count_nonzero(np.abs(picture(page) - focused).max(axis=2) > 30) < 0.01 * first[..., 0].size
 
 
-@pytest.mark.slow
 def test_what_is_swapped_out_lets_go_and_what_is_swapped_in_is_drawn(open_page, address):
     page = opened(open_page, address)
     page.evaluate("window.former = document.querySelector('canvas')")
@@ -134,7 +134,6 @@ def test_what_is_swapped_out_lets_go_and_what_is_swapped_in_is_drawn(open_page, 
     assert orange(page) > 3000
 
 
-@pytest.mark.slow
 def test_without_webgl_or_a_scene_it_says_so_and_without_webgl_shows_picture_and_table(open_page, address):
     watched = open_page(address)
     watched.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")

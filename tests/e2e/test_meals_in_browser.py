@@ -31,7 +31,8 @@ def phone(served):
         yield phone
 
 
-@pytest.mark.parametrize("view", ["gallery", pytest.param("table", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("view", ["gallery", "table"])
 def test_meal_is_followed_in_its_place_and_the_focus_stays(served, phone, open_page, view):
     waiting = served.send_meal(phone, captured_at="2026-11-21T12:30:00+08:00")
     tab = open_page(served.address)

@@ -70,6 +70,7 @@ def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, ope
     expect(page.get_by_text("The study's server says: No such food.")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_form_that_is_sent_without_its_button_joins_too(open_phone):
     """As some keyboards and password managers send it: the event then names no button."""
     tab = open_phone()

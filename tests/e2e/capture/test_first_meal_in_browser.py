@@ -3,6 +3,7 @@
 import gzip
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.e2e.capture.capture_page import enrolled, first_photograph, open_estimated, photograph, send
@@ -40,6 +41,7 @@ def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, op
     assert [event["new"]["text"] for event in events if event["kind"] == "comment"] == ["with my sister"]
 
 
+@pytest.mark.slow
 def test_reload_between_the_photographs_and_one_without_a_network_lose_nothing(served, open_phone):
     tab = open_phone()
     tab.expect("ERR_INTERNET_DISCONNECTED")

@@ -1,7 +1,7 @@
 """Pictures of the pages for README and docs, from a sample study that somebody looks at.
 
     tada demo --browse --port 8080                      # until it says that all is measured
-    python -m tests.e2e.screenshots http://127.0.0.1:8080 olga PASSWORD [--folder docs/pictures] [--only NAME]
+    python -m tools.screenshots http://127.0.0.1:8080 olga PASSWORD [--folder docs/pictures] [--only NAME]
 
 Each is a WebP of at most MAX_BYTES; look at each before it is committed.
 """
