@@ -38,7 +38,7 @@ class Shot:
 
     name: str
     path: str
-    prepare: Callable[[Page], None] = lambda page: None
+    prepare: Callable[[Page], None] = lambda _: None
     clip: str | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -94,6 +94,7 @@ def drawn(page: Page) -> None:
 
 
 def main() -> int:
+    """Take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("address", help="Of the server, http://127.0.0.1:8080.")
     parser.add_argument("name")
@@ -143,7 +144,7 @@ def take(browser: Any, arguments: argparse.Namespace, shot: Shot) -> None:
     content = small(png)
     path = arguments.folder / f"{shot.name}.webp"
     path.write_bytes(content)
-    print(f"{path}: {len(content) / 1000:.0f} kB")  # noqa: T201
+    print(f"{path}: {len(content) / 1000:.0f} kB")
 
 
 def small(png: bytes) -> bytes:
