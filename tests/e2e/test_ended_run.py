@@ -10,11 +10,19 @@ import sys
 import pytest
 
 from tests.support.run_folder import MEMORY, processes_of
-from tests.support.waiting import wait_until
+from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def heard_interrupt():
+    """Tests that run in a shell's background ignore SIGINT, and so would the run that they start."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def shared_memory(folder):
@@ -44,6 +52,10 @@ def test_ended_run_leaves_no_process_and_no_file(tmp_path, number, workers):
             assert mapped
         finally:
             run.send_signal(number)
+            try:
+                run.wait(PATIENCE_SECONDS)
+            finally:
+                run.kill()  # which does nothing where it has ended
 
     wait_until(lambda: not pathlib.Path(folder).exists(), "the run's folder to be deleted")
     wait_until(lambda: not processes_of(folder), "the last process, which deleted it, to end")
