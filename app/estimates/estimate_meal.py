@@ -50,7 +50,8 @@ from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slo
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.sandbox.injection import NEEDS_REVIEW, injected_failure
-from app.storage.blob_store import BlobStore
+from app.storage.blob_store import BlobMissingError, BlobStore
+from app.storage.patient_fetcher import PatientFetcher
 from app.vessels.meal_vessels import vessels_of_meal
 from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
@@ -80,6 +81,13 @@ PHOTO_DAMAGED = Failure(
 )
 
 
+PHOTO_MISSING = Failure(
+    "photograph_missing",
+    "A sealed photograph is no longer in the store.",
+    "Ask the people who run the server to restore it from a backup and to queue the meal again.",
+)
+
+
 @dataclass(frozen=True, slots=True)
 class SealedAnswer:
     """A pipeline's answer and its key in the store."""
@@ -103,6 +111,7 @@ class EstimateMeal:
         self._identify = IdentifyFoods(database, index)
         self._classify = ClassifyFoods(children, settings)
         self._blobs = blobs
+        self._fetcher = PatientFetcher(blobs)
         self._children = children
         self._settings = settings
 
@@ -213,7 +222,11 @@ class EstimateMeal:
         if image.erased_at is not None:
             raise JobFailure(PHOTOGRAPH_ERASED)
         path = folder / f"photo-{image.slot}"
-        self._blobs.fetch(image.blob_key, path)
+        try:
+            self._fetcher.fetch(image.blob_key, path)
+        except BlobMissingError as error:
+            log.error("photograph_missing", blob_key=image.blob_key)  # noqa: TRY400  # no bug, so no traceback
+            raise JobFailure(PHOTO_MISSING) from error
         if sha256_of_file(path) != image.stored_sha256:
             log.error("photo_damaged", blob_key=image.blob_key)
             raise JobFailure(PHOTO_DAMAGED)

@@ -3,7 +3,7 @@
 import uuid
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Literal, get_args
 
 import sqlalchemy as sa
@@ -19,6 +19,7 @@ from app.meals.remeasurement_models import RemeasuredPair
 # How often a job is taken over from dead workers before its meal fails. Generous: a photograph can kill its child but
 # not the worker, so a worker's death says something about the machine, not about its jobs.
 MAX_TAKEOVERS = 25
+LONGEST_PUT_OFF = timedelta(minutes=1)  # one further ahead was written by a clock that was wrong, and is ignored
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,10 @@ _CLAIM_ORDER = (Job.is_background, Job.turn, Job.enqueued_at, Job.id)  # the ord
 
 
 def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
-    return sa.and_(_IS_LIVE, Job.executor_id.is_(None), Job.protocol <= protocol, Job.takeovers <= MAX_TAKEOVERS)
+    now = datetime.now(UTC)
+    is_due = sa.or_(Job.not_before.is_(None), Job.not_before <= now, Job.not_before > now + LONGEST_PUT_OFF)
+    is_free = sa.and_(_IS_LIVE, Job.executor_id.is_(None), is_due)
+    return sa.and_(is_free, Job.protocol <= protocol, Job.takeovers <= MAX_TAKEOVERS)
 
 
 def waiting_kind(session: Session, protocol: int) -> Literal["ordinary", "background"] | None:
@@ -187,7 +191,33 @@ def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: da
 def keep_result(session: Session, job_id: uuid.UUID, executor_id: str, result_key: str) -> None:
     """Keep the key of the computed result, so that a worker which takes the job over need not compute it again."""
     query = sa.update(Job).where(Job.id == job_id, Job.executor_id == executor_id, _IS_LIVE)
-    session.execute(query.values(result_key=result_key))
+    session.execute(query.values(result_key=result_key, faulty_since=None, not_before=None))
+
+
+def put_off(
+    session: Session, job_id: uuid.UUID, executor_id: str, *, first_wait: float, longest_wait: float
+) -> timedelta | None:
+    """Give a job back for a while, because of a fault that may pass: for half of the time that the fault has lasted.
+
+    first_wait, longest_wait: in seconds. Returns how long it has lasted; None: another worker has the job.
+    """
+    job = session.scalars(
+        sa.select(Job).where(Job.id == job_id, Job.executor_id == executor_id, _IS_LIVE).with_for_update()
+    ).one_or_none()
+    if job is None:
+        return None
+    now = datetime.now(UTC)
+    job.faulty_since = min(job.faulty_since or now, now)
+    lasted = now - job.faulty_since
+    wait = min(max(lasted.total_seconds() / 2, first_wait), longest_wait)
+    job.not_before = now + timedelta(seconds=wait)
+    job.state, job.executor_id = "queued", None
+    return lasted
+
+
+def count_faulty(session: Session) -> int:
+    """Return how many jobs wait for a fault to pass."""
+    return session.scalar(sa.select(sa.func.count()).where(_IS_LIVE, Job.faulty_since.is_not(None))) or 0
 
 
 def unwanted_jobs(session: Session, job_ids: Collection[uuid.UUID]) -> set[uuid.UUID]:

@@ -8,7 +8,7 @@ class WorkerTimes:
     """All in seconds.
 
     heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker that misses heartbeats
-    for so long (three of them) is dead. first_wait: before the first retry after a fault; each retry doubles it, up to
+    for so long (three of them) is dead. first_wait: before the first retry after a fault; it grows up to
     longest_wait. wait_for_room: before the first retry of an estimate that was killed or took too long; it
     quadruples with each retry. drain: for running jobs to end when the worker stops; later ones are handed back.
     """

@@ -30,7 +30,8 @@ class Job(Base):
     assigned yet. study_id: the meal's study. is_background: it runs while nothing else waits, and without a turn.
     protocol: the lowest protocol version of a worker that can run it (jobs/queue.py). executor_id: the worker that
     claimed it, or claimed it last; NULL while it waits. takeovers: how often a worker died with it. result_key: the
-    sealed answer, until it is saved. request_id: of the request that queued it.
+    sealed answer, until it is saved. request_id: of the request that queued it. faulty_since: of a fault that lasts;
+    the job waits, without a worker, until not_before.
     """
 
     __tablename__ = "job"
@@ -53,6 +54,8 @@ class Job(Base):
     enqueued_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
+    faulty_since: Mapped[datetime | None]
+    not_before: Mapped[datetime | None]
 
     __table_args__ = (
         one_of("state", JOB_STATES),

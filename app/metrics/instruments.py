@@ -46,6 +46,7 @@ SERVER_FAILURES = (
     "estimate_killed",
     "estimate_out_of_memory",
     "photo_damaged",
+    "photograph_missing",
 )
 CHILD_OUTCOMES = ("ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised")
 MADE_OUTCOMES = ("done", "again", "lost", "died", "storage_full", "internal_error")

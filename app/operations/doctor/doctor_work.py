@@ -48,6 +48,10 @@ def look_at_queue(deployment: Deployment) -> Verdict:
     queue = f"{figures.jobs['queued']} jobs of {figures.studies_waiting} studies, the oldest has waited {waited:.0f} s"
     if waited < WAITING_TOO_LONG_SECONDS:
         return ok(queue)
+    with deployment.database.read() as session:
+        faulty = jobs.count_faulty(session)
+    if faulty:
+        return bad(f"{queue}; {faulty} wait for a fault to pass.", "The worker's log names it (job_step_failed).")
     return bad(f"{queue}.", "Start more workers (docs/jobs.md), or look at their log.")
 
 

@@ -8,10 +8,11 @@ import sqlalchemy as sa
 from structlog.testing import capture_logs
 
 from app.children.child_pool import ChildResult
-from app.children.faults import BrokenOff, is_passing
+from app.children.faults import BrokenOff, JobFailure, is_passing
 from app.estimates import estimate_meal
 from app.estimates.estimate_meal import AWAITS_ROOM, EstimateMeal
 from app.meals.job_models import Job
+from app.meals.models import MealImage
 from tests.integration.conftest import meal_metadata
 from tests.support.photographs import pair
 
@@ -76,6 +77,16 @@ def test_disk_that_is_full_for_a_while_in_the_child_fails_no_meal(state, job_id)
     with pytest.raises(OSError, match="no space left") as full:
         EstimateMeal(state.database, state.blobs, children, state.settings).compute(job_id)
     assert is_passing(full.value)
+
+
+def test_photograph_that_the_store_has_lost_fails_its_meal_by_name(state, job_id):
+    with state.database.read() as session:
+        image = session.scalars(sa.select(MealImage)).first()
+    state.blobs.delete(image.blob_key)
+    work = EstimateMeal(state.database, state.blobs, Children(ChildResult("crashed")), state.settings)
+    with pytest.raises(JobFailure) as lost:
+        work.compute(job_id)
+    assert lost.value.failure.code == "photograph_missing"
 
 
 WORKER = "worker-1"

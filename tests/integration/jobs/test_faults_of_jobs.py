@@ -40,6 +40,20 @@ def test_fault_is_tried_again_until_it_passes_or_fails_the_meal_with_its_code_an
 
 
 @pytest.mark.both_stores
+def test_job_with_a_passing_fault_holds_no_other_job_up(jobs):
+    faulty = jobs.add("full_disk")
+    good = [jobs.add() for _ in range(3)]
+    worker = jobs.start_worker()  # which has one slot
+    for job_id in good:
+        jobs.wait_for_state(job_id, "done")
+    assert jobs.job(faulty).faulty_since is not None
+    jobs.go(faulty)
+    jobs.wait_for_state(faulty, "done")
+    assert jobs.saves(faulty) == [worker.pid]
+    assert jobs.job(faulty).faulty_since is None
+
+
+@pytest.mark.both_stores
 def test_passing_fault_of_saving_is_tried_again_and_survives_a_takeover(jobs):
     job_id = jobs.add("full_disk_in_save")
     first = jobs.start_worker()

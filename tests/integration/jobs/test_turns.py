@@ -1,9 +1,11 @@
 """Fair between studies: in which order workers take what waits, as their own claims do."""
 
+from datetime import UTC, datetime, timedelta
+
 import pytest
 import sqlalchemy as sa
 
-from app.jobs.queries import claim_jobs, release_claims
+from app.jobs.queries import LONGEST_PUT_OFF, claim_jobs, put_off, release_claims
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_unqueued_job
@@ -131,3 +133,22 @@ def test_turns_are_looked_up_in_indexes(jobs):
     assert "sort" not in plans[2].lower()
     assert "TEMP B-TREE" not in plans[2]
     assert "ix_job_claimed" in plans[3]
+
+
+def test_job_with_a_fault_is_put_off_for_half_the_time_that_it_lasts_and_by_no_clock_that_was_ahead(line, jobs):
+    (job_id,) = line.send(jobs.new_study())
+
+    def put_off_again(minutes):
+        """The seconds that it then waits, after a fault of so many minutes."""
+        jobs.change(job_id, executor_id="somebody", faulty_since=datetime.now(UTC) - timedelta(minutes=minutes))
+        with jobs.database.write() as session:
+            before = datetime.now(UTC)
+            put_off(session, job_id, "somebody", first_wait=0.5, longest_wait=30.0)
+            return (session.get_one(Job, job_id).not_before - before).total_seconds()
+
+    assert put_off_again(0) == pytest.approx(0.5, abs=0.3)
+    assert put_off_again(0.5) == pytest.approx(15, abs=0.3)
+    assert put_off_again(10) == pytest.approx(30, abs=0.3)
+    assert line.take() is None
+    jobs.change(job_id, not_before=datetime.now(UTC) + 2 * LONGEST_PUT_OFF)
+    assert line.take() == job_id
