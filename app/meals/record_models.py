@@ -300,7 +300,7 @@ class EffectiveRecord(Base):
     status: Mapped[RecordStatus] = mapped_column(sa.String(16))
     origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     provisional: Mapped[bool] = mapped_column(default=False)
-    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer decided last
+    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer decided last, and the amount is known
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]

@@ -351,7 +351,7 @@ class ItemOut(BaseModel):
     consumed_g: float | None = Field(description="(edible - left) x share; signed: below 0 is doubt, not food.")
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     provisional: bool = Field(description="An after-meal pair may still come.")
-    reviewed: bool = Field(description="A reviewer has had the last word.")
+    reviewed: bool = Field(description="A reviewer has had the last word, and the amount is known.")
     parent: uuid.UUID | None = Field(description="The item that it was split from, or that it came with.")
     open_probes: list[str] = Field(description="What the participant is to be asked of it: no camera sees it.")
     nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")

@@ -155,7 +155,7 @@ class Projector:
             "status": status,
             "origin": state.item.origin,
             "provisional": is_provisional(meal),
-            "reviewed": state.reviewed,
+            "reviewed": state.reviewed and status != "needs_review",
             "food_id": food.id if food is not None else None,
             "food_version": food_assignment.version if food_assignment is not None else None,
             "run_id": state.run_id,

@@ -196,7 +196,7 @@ def test_candidate_mass_rejection_and_search_are_said_as_pressed_and_undone(queu
     foods = {name: by_item[item]["food"]["key"] for name, item in said.items() if name != "rejected"}
     assert foods == {"second": "apple", "next": "apple", "found": "banana", "weighed": "pear"}
     assert (by_item[said["weighed"]]["mass_g"], by_item[said["rejected"]]["status"]) == (120.5, "rejected")
-    for item in (said["weighed"], said["weighed"], said["found"], said["rejected"]):
+    for item in (said["weighed"], said["found"], said["rejected"]):
         ann.press("u")
         ann.page.wait_for_selector(f'{CARD}[data-item="{item}"]')
     ann.page.wait_for_function("() => document.querySelector('[data-status]').textContent.startsWith('Undone')")
@@ -269,8 +269,11 @@ def test_amount_that_can_hardly_be_is_asked_about_and_saved_if_it_is_meant(queue
 
 def test_item_without_an_amount_asks_for_it_once_its_food_is_chosen(queue_of):
     ann, (meal,) = queue_of("amount", unmeasured_item(), hints=[{"point": [300, 200], "food": "apple"}])
+    before = ann.served.meal(meal)["version"]
     ann.press("Enter")
     ann.page.wait_for_selector('[data-editor="mass"]:not([hidden])')
+    ann.saved()
+    assert ann.served.meal(meal)["version"] == before  # half a decision is none
     ann.page.keyboard.type("88")
     ann.decide("Enter")
     ann.saved()

@@ -115,6 +115,20 @@ def test_undo_waits_for_the_decision_and_of_one_that_was_never_written_nothing_i
     assert (done["version"], done["of"], done["none"], done["waiting"]) == (3, True, None, 2)
 
 
+def test_food_and_amount_are_one_decision_saved_and_undone_together(run):
+    done = run("""
+      queue.add(items(["a", "M", 4]));
+      queue.decide("a", { kind: "set_food", food: "pear" }, { kind: "set_mass", mass_g: 80 });
+      await settle(); sent[0].resolve({ version: 5 }); await settle(); sent[1].resolve({ version: 6 }); await settle();
+      queue.undo(); await settle();
+      sent[2].resolve({ version: 7 }); await settle(); sent[3].resolve({ version: 8 }); await settle();
+      const undone = sent.slice(2).map((one) => sent.findIndex((other) => other.word.id === one.word.event));
+      return { all: lines(), undone, told, none: queue.undo() };
+    """)
+    assert done["all"] == ["a set_food v4", "a set_mass v5", "a undo v6", "a undo v7"]
+    assert (done["undone"], done["told"], done["none"]) == ([1, 0], ["undone a well"], None)
+
+
 def test_items_passed_by_are_shown_at_the_end_those_skipped_are_not_and_none_twice(run):
     done = run("""
       const fresh = queue.add(items(["a", "A", 1], ["b", "B", 1], ["c", "C", 1], ["d", "D", 1]));

@@ -19,13 +19,14 @@ function start() {
   const say = (text) => (status.textContent = text);
   const edit = editors(root, { foods: root.dataset.foods, say });
   let drawing = null;
+  let held = null; // of the shown item: the food without the amount, or the amount without the food
 
-  const work = { leave: putDown, isDrawing: () => drawing !== null, moveTo: edit.moveTo };
+  const work = { leave: leaveCard, isDrawing: () => drawing !== null, moveTo: edit.moveTo };
   const cards = new Cards(root, { notices, say, work });
   const queue = new ReviewQueue({
     send: (entry, word) => sendWord(cards.of(entry.id), word),
     changed: () => cards.update(),
-    returned: (entry, decision, problem) => cards.bringBack(entry, problem, told(decision.word)),
+    returned: (entry, decision, problem) => cards.bringBack(entry, problem, decision.words.map(told).join(", ")),
     undone: (entry, problem) => {
       if (problem) cards.bringBack(entry, problem, "undo");
       else say(`Undone: ${cards.of(entry.id).dataset.title} waits again.`);
@@ -39,34 +40,37 @@ function start() {
 
   // ---- decisions
 
+  // Food and amount are one decision: of an item that lacks one, the other is held until both are there.
   function decide(word, done) {
     const card = cards.shown;
-    const isWhole = { food: word.kind === "set_food" || card.dataset.food !== "", mass: hasAmount(card, word) };
-    const stays = ["set_food", "set_mass", "set_volume"].includes(word.kind) && !(isWhole.food && isWhole.mass);
-    if (word.kind === "set_food") card.dataset.food = word.food;
-    if (word.kind === "set_mass") card.dataset.mass = word.mass_g;
+    const words = held ? [held, word] : [word];
+    const isCorrection = ["set_food", "set_mass", "set_volume"].includes(word.kind);
+    const hasFood = card.dataset.food !== "" || words.some((one) => one.kind === "set_food");
+    if (isCorrection && !(hasFood && hasAmount(card, ...words))) {
+      held = word;
+      say(`${done} ${hasFood ? "How much is it?" : "What is it?"} It is saved with both.`);
+      edit.open(hasFood ? "mass" : "food", card, taken);
+      return;
+    }
+    held = null;
     card.dataset.stale = "yes"; // it is read again when it is shown again
     card.dataset.decided = "yes"; // until a newly read card replaces it
-    queue.decide(cards.shownId, word, { stays });
-    if (stays) {
-      say(`${done} ${isWhole.food ? "How much is it?" : "What is it?"}`);
-      edit.open(isWhole.food ? "mass" : "food", card, taken);
-    } else {
-      const next = cards.shown;
-      say(`${done}${next ? ` Next: ${next.dataset.title}` : ""}`);
-    }
+    queue.decide(cards.shownId, ...(isCorrection ? words : [word]));
+    const next = cards.shown;
+    say(`${done}${next ? ` Next: ${next.dataset.title}` : ""}`);
   }
 
-  function hasAmount(card, word) {
-    return ["set_mass", "set_volume"].includes(word.kind) || card.dataset.mass !== "" || card.dataset.volume !== "";
+  function hasAmount(card, ...words) {
+    const isSet = words.some((word) => ["set_mass", "set_volume"].includes(word.kind));
+    return isSet || card.dataset.mass !== "" || card.dataset.volume !== "";
   }
 
   function chooseFood(key, name) {
     const card = cards.shown;
-    cards.choose(choices().find((one) => one.value === key) ?? null); // the card may stay, for its amount
+    cards.choose(choices().find((one) => one.value === key) ?? null); // the card stays for its amount, if that is unknown
     card.dataset.named = name;
     const isAsShown = !card.dataset.decided; // otherwise the food might have changed meanwhile
-    if (isAsShown && key === card.dataset.food && hasAmount(card, {})) decide({ kind: "confirm" }, `Confirmed: ${name}.`);
+    if (isAsShown && key === card.dataset.food && hasAmount(card)) decide({ kind: "confirm" }, `Confirmed: ${name}.`);
     else decide({ kind: "set_food", food: key }, `It is ${name}.`);
   }
 
@@ -77,7 +81,8 @@ function start() {
     const card = cards.shown;
     const { food, named, title, unmarked } = card.dataset;
     const marked = card.querySelector(".choice.marked");
-    if (marked) takeChoice(marked);
+    if (held?.kind === "set_food") edit.open("mass", card, taken);
+    else if (marked) takeChoice(marked);
     else if (unmarked && !named) say(`${unmarked}: ${hasLetters() ? "choose by number, or search (/)." : "choose by arrow keys, or search."}`);
     else if (food) chooseFood(food, named ?? title);
     else {
@@ -156,6 +161,11 @@ function start() {
     edit.close();
   }
 
+  function leaveCard() {
+    putDown();
+    held = null;
+  }
+
   const actions = {
     confirm,
     candidate: () => markCandidate(1),
@@ -172,6 +182,11 @@ function start() {
       say(`Skipped: ${title}.${cards.shown ? ` Next: ${cards.shown.dataset.title}` : ""}`);
     },
     undo() {
+      if (held) {
+        held = null;
+        say("Taken back: nothing of it was saved.");
+        return;
+      }
       const entry = queue.undo();
       say(entry ? `Undoing: ${cards.of(entry.id).dataset.title} …` : "There is nothing to undo.");
     },

@@ -72,15 +72,15 @@ export class ReviewQueue {
     return this.#decisions.length > 0;
   }
 
-  // word: {kind, ...} as in the events' form. stays: the item stays for further events.
-  decide(id, word, { stays = false } = {}) {
+  // words: {kind, ...} as in the events' form, of one decision: a food and its amount are two, saved and undone together.
+  decide(id, ...words) {
     const entry = this.entry(id);
-    const decision = { entry, word: { id: newId(), ...word }, isFailed: false };
-    entry.state = stays ? "waiting" : "sent";
+    const decision = { entry, words: words.map((word) => ({ id: newId(), ...word })), isFailed: false };
+    entry.state = "sent";
     entry.problem = null;
     this.#decisions.push(decision);
     this.#inTurn(entry.meal, () => this.#carryOut(decision));
-    if (!stays) this.#goOn(id);
+    this.#goOn(id);
     this.#on.changed();
     return decision;
   }
@@ -109,7 +109,7 @@ export class ReviewQueue {
     this.#inTurn(entry.meal, async () => {
       if (decision.isFailed) return; // it was never saved; its item is already back
       try {
-        await this.#deliver(entry, { id: newId(), kind: "undo", event: decision.word.id });
+        for (const word of decision.words.toReversed()) await this.#deliver(entry, { id: newId(), kind: "undo", event: word.id });
         this.#on.undone(entry, null);
       } catch (problem) {
         entry.problem = problem;
@@ -165,7 +165,7 @@ export class ReviewQueue {
   async #carryOut(decision) {
     const { entry } = decision;
     try {
-      await this.#deliver(entry, decision.word);
+      for (const word of decision.words) await this.#deliver(entry, word);
       if (entry.state === "sent") entry.state = "decided";
     } catch (problem) {
       decision.isFailed = true;

@@ -96,7 +96,7 @@ STATE = Part(
             values=ORIGINS,
         ),
         Column("provisional", "boolean", meaning="Whether an after-meal pair may still change what was eaten."),
-        Column("reviewed", "boolean", meaning="Whether a reviewer has had the last word."),
+        Column("reviewed", "boolean", meaning="Whether a reviewer has had the last word, and the amount is known."),
     ),
 )
 VOLUME = Part(

@@ -52,6 +52,16 @@ def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, clie
     assert [row["meal"] for row in queue()["items"]] == [kept.meal_id]
 
 
+def test_item_stays_in_the_queue_until_food_and_amount_are_known(queue, phone, meal_of, client, admin):
+    speaker = Speaker(client, admin, meal_of(phone, unmeasured_item()))
+    (item,) = speaker.items()
+    speaker.say("set_food", item=item["id"], food="pear")
+    (row,) = queue()["items"]
+    assert (row["food"]["key"], row["doubt"]) == ("pear", 1.0)
+    speaker.say("set_mass", item=item["id"], mass_g=80)
+    assert queue()["items"] == []
+
+
 def test_question_of_a_reviewer_is_open_to_its_participant_until_it_is_answered(client, enrol, admin, meal_of):
     phone, other = enrol("P001"), enrol("P002")
     meal_id = meal_of(phone, found_item())
