@@ -16,6 +16,7 @@ from app.db.schema_state import current_revision, revisions
 from app.db.session import Database, PoolLimits
 from app.diary.models import DayMark
 from app.exports.release_models import Release, ReleaseFile
+from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.operations.backup.last_backup import note_backup
 from app.operations.doctor import doctor_data, doctor_work
@@ -223,9 +224,12 @@ def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployme
         new_meal(session)  # without a job
     bad = deployment.bad()
     assert bad["meals"] == "1 are stuck."
-    assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]
+    assert "the oldest has waited 36" in bad["queue"]
     assert "1 queued again or failed" in deployment.findings(requeue=True)["meals"].message
     assert "meals" not in deployment.bad()
+    with deployment.database.write() as session:
+        session.execute(sa.update(Job).values(faulty_since=datetime.now(UTC)))
+    assert deployment.bad()["queue"].endswith("; 2 wait for a fault to pass.")
 
 
 def new_release(name, requested_at, state, **values):
