@@ -73,7 +73,7 @@ class BrokenOff(Exception):  # noqa: N818  # it carries a Failure
 
 
 class JobLeft(BaseException):
-    """This worker stops or has lost its lease; it leaves the job unchanged, and another worker takes it over.
+    """This worker stops, has lost its lease or put the job off; another run will take the job up.
 
     A BaseException, so that no use case handles it as the job's result.
     """

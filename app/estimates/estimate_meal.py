@@ -79,8 +79,6 @@ PHOTO_DAMAGED = Failure(
     "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
     "Ask the people who run the server to restore it from a backup and to queue the meal again.",
 )
-
-
 PHOTO_MISSING = Failure(
     "photograph_missing",
     "A sealed photograph is no longer in the store.",

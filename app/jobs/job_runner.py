@@ -2,9 +2,10 @@
 
 An estimate may be computed twice, if a worker dies; it is saved once: during that transaction the worker's lease is
 held, and the job is locked, unfinished and still claimed by this worker. The key of the computed result is kept in the
-job's row, so that a worker which takes the job over only has to save it. A job with a passing fault is put off, so that
-it holds no other job up; a fault of the database is waited out. A step that fails by a bug is retried a few times; then
-the meal fails, and the worker goes on.
+job's row, so that a worker which takes the job over only has to save it.
+
+A job whose files meet a passing fault is put off, so that others go on. A fault of the database is waited out.
+A step that fails by a bug is retried a few times; then the meal fails, and the worker goes on.
 """
 
 import threading
@@ -14,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Generic, Protocol, TypeVar
 
 import sqlalchemy.exc
@@ -35,7 +36,6 @@ log = structlog.get_logger()
 
 TRIES = 3  # of a step that fails by a bug, within one claim of the job
 TRIES_ALONE = 2  # further tries of an estimate that was killed or took too long
-ALARMING = timedelta(minutes=10)  # of a fault that lasts
 
 ResultT = TypeVar("ResultT")
 
@@ -167,7 +167,7 @@ class JobRunner(Generic[ResultT]):
         log.info("job_ended", outcome=outcome)
 
     def _compute(self, job_id: uuid.UUID) -> Computed | None:
-        """Return the sealed result or a failure; None: the job has ended, is put off, or another worker has it."""
+        """Return the sealed result or a failure; None: the job has ended, or another worker has it."""
         result_key: str | None = None
         failed, waits, broken_off, is_background = 0, 0, 0, False
         while True:
@@ -182,7 +182,8 @@ class JobRunner(Generic[ResultT]):
                         result_key, is_background = job.result_key, job.is_background
                     if result_key is not None:
                         return Computed(result_key)
-                    result_key = self._use_cases.compute(job_id, is_alone=broken_off > 0)
+                    with self._put_off_by_a_fault("compute", job_id):
+                        result_key = self._use_cases.compute(job_id, is_alone=broken_off > 0)
                 with self._database.write() as session:
                     self._lease.guard(session)
                     jobs.keep_result(session, job_id, self._lease.executor_id, result_key)
@@ -201,15 +202,15 @@ class JobRunner(Generic[ResultT]):
                 self._raise_if_leaving()  # a child that was killed because this worker stops looks like a fault
                 failed += not is_passing(error)
                 _note_failed_step("compute", error)
-                if failed >= TRIES or self._is_put_off(job_id, error):
-                    return Computed(None, INTERNAL_ERROR) if failed >= TRIES else None
+                if failed >= TRIES:
+                    return Computed(None, INTERNAL_ERROR)
             self._wait(waits)
             waits += 1
 
     def _persist(self, job_id: uuid.UUID, computed: Computed) -> bool:
         """Retry until the job's end is committed; if the result cannot be saved, the meal fails.
 
-        Returns False if the end was committed before, the job is put off, or another worker has it.
+        Returns False if the end was committed before or another worker has the job.
         """
         result: ResultT | None = None
         failed, waits = 0, 0
@@ -218,7 +219,8 @@ class JobRunner(Generic[ResultT]):
             try:
                 if computed.result_key is not None and result is None:
                     # before the transaction, which would block others while it waits for the store
-                    result = self._use_cases.load(computed.result_key)
+                    with self._put_off_by_a_fault("load", job_id):
+                        result = self._use_cases.load(computed.result_key)
                 with self._database.write() as session:
                     return self._finish(session, job_id, result, computed.failure)
             except Exception as error:
@@ -228,8 +230,6 @@ class JobRunner(Generic[ResultT]):
                     raise  # not even the failure can be saved: the job is queued again, and fails after some takeovers
                 if failed >= TRIES:
                     computed, result = Computed(None, INTERNAL_ERROR), None
-                if self._is_put_off(job_id, error):
-                    return False
             self._wait(waits)
             waits += 1
 
@@ -255,21 +255,28 @@ class JobRunner(Generic[ResultT]):
             self._use_cases.settle(session, meal)
         return True
 
-    def _is_put_off(self, job_id: uuid.UUID, error: Exception) -> bool:
-        """Give the job back for a while, if its fault may pass. Without a database it stays, and waits here."""
-        if not is_passing(error):
-            return False
-        waits = {"first_wait": self._times.first_wait, "longest_wait": self._times.longest_wait}
+    @contextmanager
+    def _put_off_by_a_fault(self, step: str, job_id: uuid.UUID) -> Iterator[None]:
+        """Give the job back for a while if the step meets a passing fault: raises JobLeft.
+
+        The fault itself is raised if the database is away as well.
+        """
+        try:
+            yield
+        except Exception as error:
+            self._raise_if_leaving()
+            if not is_passing(error) or not self._is_put_off(job_id):
+                raise
+            _note_failed_step(step, error)
+            raise JobLeft from error
+
+    def _is_put_off(self, job_id: uuid.UUID) -> bool:
         try:
             with self._database.write() as session:
                 self._lease.guard(session)
-                lasted = jobs.put_off(session, job_id, self._lease.executor_id, **waits)
-        except Exception as fault:
-            if not is_passing(fault):
-                raise
+                jobs.put_off(session, job_id, self._lease.executor_id, datetime.now(UTC), self._times)
+        except sqlalchemy.exc.SQLAlchemyError:
             return False
-        if lasted is not None and lasted > ALARMING:
-            log.error("job_fault_lasts", job_id=str(job_id), seconds=round(lasted.total_seconds()))
         return True
 
     def _raise_if_leaving(self) -> None:

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session, object_session
 
 from app.core.errors import Failure
+from app.jobs.times import WorkerTimes
 from app.meals.announce import announce_meal
 from app.meals.job_models import LIVE_STATES, RERUN_OF, Job, PairPurpose, WorkerLease
 from app.meals.models import Meal
@@ -19,7 +20,7 @@ from app.meals.remeasurement_models import RemeasuredPair
 # How often a job is taken over from dead workers before its meal fails. Generous: a photograph can kill its child but
 # not the worker, so a worker's death says something about the machine, not about its jobs.
 MAX_TAKEOVERS = 25
-LONGEST_PUT_OFF = timedelta(minutes=1)  # one further ahead was written by a clock that was wrong, and is ignored
+LONGEST_PUT_OFF = timedelta(minutes=1)  # a clock that was ahead wrote a later time; it is ignored
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,11 @@ _CLAIM_ORDER = (Job.is_background, Job.turn, Job.enqueued_at, Job.id)  # the ord
 
 def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
     now = datetime.now(UTC)
-    is_due = sa.or_(Job.not_before.is_(None), Job.not_before <= now, Job.not_before > now + LONGEST_PUT_OFF)
+    is_due = sa.or_(
+        Job.not_before.is_(None),
+        Job.not_before <= now,
+        Job.not_before > now + LONGEST_PUT_OFF,
+    )
     is_free = sa.and_(_IS_LIVE, Job.executor_id.is_(None), is_due)
     return sa.and_(is_free, Job.protocol <= protocol, Job.takeovers <= MAX_TAKEOVERS)
 
@@ -194,25 +199,20 @@ def keep_result(session: Session, job_id: uuid.UUID, executor_id: str, result_ke
     session.execute(query.values(result_key=result_key, faulty_since=None, not_before=None))
 
 
-def put_off(
-    session: Session, job_id: uuid.UUID, executor_id: str, *, first_wait: float, longest_wait: float
-) -> timedelta | None:
-    """Give a job back for a while, because of a fault that may pass: for half of the time that the fault has lasted.
+def put_off(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime, times: WorkerTimes) -> None:
+    """Give a job back, for half of the time that its fault has lasted.
 
-    first_wait, longest_wait: in seconds. Returns how long it has lasted; None: another worker has the job.
+    Without effect if another worker has the job.
     """
-    job = session.scalars(
-        sa.select(Job).where(Job.id == job_id, Job.executor_id == executor_id, _IS_LIVE).with_for_update()
-    ).one_or_none()
+    query = sa.select(Job).where(Job.id == job_id, Job.executor_id == executor_id, _IS_LIVE)
+    job = session.scalars(query.with_for_update()).one_or_none()
     if job is None:
-        return None
-    now = datetime.now(UTC)
-    job.faulty_since = min(job.faulty_since or now, now)
-    lasted = now - job.faulty_since
-    wait = min(max(lasted.total_seconds() / 2, first_wait), longest_wait)
+        return
+    job.faulty_since = min(job.faulty_since or now, now)  # the clock may have gone back
+    half = (now - job.faulty_since).total_seconds() / 2
+    wait = min(max(half, times.first_wait), times.longest_wait)
     job.not_before = now + timedelta(seconds=wait)
     job.state, job.executor_id = "queued", None
-    return lasted
 
 
 def count_faulty(session: Session) -> int:

@@ -34,7 +34,7 @@ class PatientFetcher:
     def _fetch(self, key: str, path: Path, fetched: Future[None]) -> None:
         try:
             self._blobs.fetch(key, path)
-        except BaseException as error:  # noqa: BLE001  # it is raised where the blob was asked for
+        except Exception as error:  # noqa: BLE001  # raised where the blob was asked for
             fetched.set_exception(error)
         else:
             fetched.set_result(None)

@@ -18,7 +18,8 @@ FAILURES = (
     *("baseline_too_small", "baseline_too_large", "focal_unknown", "pose_unreliable", "too_few_matches", "scene_moved"),
     *("table_not_found", "rig_mismatch", "depth_unreadable", "depth_mismatch", "depth_empty"),
     *("draw_unusable", "food_not_measured", "no_food_found"),
-    *("photo_damaged", "photograph_missing", "estimate_crashed", "estimate_timed_out", "estimate_killed"),
+    *("photo_damaged", "photograph_missing"),
+    *("estimate_crashed", "estimate_timed_out", "estimate_killed"),
     *("estimate_out_of_memory", "cancelled", "job_gave_up"),
 )
 FOODS_NAMED = 6  # in a photograph's description

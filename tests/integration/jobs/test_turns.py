@@ -7,6 +7,7 @@ import sqlalchemy as sa
 
 from app.jobs.queries import LONGEST_PUT_OFF, claim_jobs, put_off, release_claims
 from app.jobs.queue import JobQueue
+from app.jobs.times import WorkerTimes
 from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_unqueued_job
 
@@ -137,18 +138,16 @@ def test_turns_are_looked_up_in_indexes(jobs):
 
 def test_job_with_a_fault_is_put_off_for_half_the_time_that_it_lasts_and_by_no_clock_that_was_ahead(line, jobs):
     (job_id,) = line.send(jobs.new_study())
+    now = datetime.now(UTC)
 
-    def put_off_again(minutes):
-        """The seconds that it then waits, after a fault of so many minutes."""
-        jobs.change(job_id, executor_id="somebody", faulty_since=datetime.now(UTC) - timedelta(minutes=minutes))
+    def seconds_put_off(lasted):
+        jobs.change(job_id, executor_id="somebody", faulty_since=now - timedelta(seconds=lasted))
         with jobs.database.write() as session:
-            before = datetime.now(UTC)
-            put_off(session, job_id, "somebody", first_wait=0.5, longest_wait=30.0)
-            return (session.get_one(Job, job_id).not_before - before).total_seconds()
+            put_off(session, job_id, "somebody", now, WorkerTimes(first_wait=0.5, longest_wait=30.0))
+            return (session.get_one(Job, job_id).not_before - now).total_seconds()
 
-    assert put_off_again(0) == pytest.approx(0.5, abs=0.3)
-    assert put_off_again(0.5) == pytest.approx(15, abs=0.3)
-    assert put_off_again(10) == pytest.approx(30, abs=0.3)
+    assert [seconds_put_off(lasted) for lasted in (0, 20, 600)] == [0.5, 10, 30]
+    jobs.change(job_id, not_before=datetime.now(UTC) + LONGEST_PUT_OFF * 0.9)
     assert line.take() is None
-    jobs.change(job_id, not_before=datetime.now(UTC) + 2 * LONGEST_PUT_OFF)
+    jobs.change(job_id, not_before=datetime.now(UTC) + LONGEST_PUT_OFF * 2)
     assert line.take() == job_id
