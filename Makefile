@@ -7,28 +7,35 @@ TWO_WORKERS := OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(BIN)/pytest -n 
 RECORD := $(or $(COVERAGE),$(VENV)/record)
 unexport PYTHONDONTWRITEBYTECODE  # else every process compiles the app, and pytest rewrites every test, anew
 
-.PHONY: venv lock audit demo browse test test-share test-all test-times bench check format serve clean
+.PHONY: venv dev lock audit demo browse test test-share test-all test-times bench check format serve clean
 
-venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
+venv: $(VENV)/.runtime  ## the virtual environment .venv with what the program needs, nothing else
 
-$(VENV)/.installed: pyproject.toml tools/lock/dev.txt
-	@echo "== setting up $(VENV) (first time: a minute or two)"
+$(VENV)/.runtime: pyproject.toml tools/lock/build.txt tools/lock/runtime.txt
+	@echo "== setting up $(VENV) (first time: a minute)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tada-server needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes --requirement tools/lock/dev.txt
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement tools/lock/build.txt --requirement tools/lock/runtime.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+dev: $(VENV)/.dev  ## what tests and checks need, too
+
+$(VENV)/.dev: $(VENV)/.runtime tools/lock/dev.txt
+	@echo "== adding what tests and checks need (first time: a minute or two)"
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement tools/lock/dev.txt
 	@touch $@
 
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header \
 	--no-emit-index-url $(UPGRADE)
 
-lock: venv  ## tools/lock for what pyproject.toml asks, with the hashes of all files; UPGRADE=--upgrade: the newest of all others
+lock: dev  ## tools/lock for what pyproject.toml asks, with the hashes of all files; UPGRADE=--upgrade: the newest of all others
 	$(BIN)/python -m pip install --quiet uv==0.13.9
 	$(LOCK) tools/lock/build.in --output-file tools/lock/build.txt
 	$(LOCK) pyproject.toml tools/lock/build.in --extra dev --constraint tools/lock/build.txt --output-file tools/lock/dev.txt
 	$(LOCK) pyproject.toml --constraint tools/lock/dev.txt --output-file tools/lock/runtime.txt
 
-audit: venv  ## known faults of the locked packages, where a list of them can be reached
+audit: dev  ## known faults of the locked packages, where a list of them can be reached
 	$(BIN)/python tools/audit_packages.py
 
 demo: venv  ## one meal, from upload to record, on throwaway data
@@ -37,32 +44,32 @@ demo: venv  ## one meal, from upload to record, on throwaway data
 browse: venv  ## a sample study to look at in a browser, on throwaway data, until Ctrl-C
 	$(BIN)/tada demo --browse
 
-test: venv  ## the gate, by which a change is judged: seven to eight minutes on two quiet cores
+test: dev  ## the gate, by which a change is judged: seven to eight minutes on two quiet cores
 	$(TWO_WORKERS) -m "not slow"
 
-test-share: venv  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: 11 to 13 minutes
+test-share: dev  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: 11 to 13 minutes
 	$(TWO_WORKERS)
 
-test-all: venv  ## every test
+test-all: dev  ## every test
 	$(TWO_WORKERS)
 
-test-times: venv  ## every test, and docs/tests.md made anew; COVERAGE=FOLDER: which tests run which lines, too, which is slower
+test-times: dev  ## every test, and docs/tests.md made anew; COVERAGE=FOLDER: which tests run which lines, too, which is slower
 	mkdir -p $(RECORD)
 	start=$$(date +%s); $(TWO_WORKERS) -p tools.record_tests --record-times=$(RECORD)/times.jsonl \
 		$(if $(COVERAGE),--record-coverage=$(COVERAGE)); result=$$?; \
 	$(BIN)/python tools/test_times.py $(RECORD)/times.jsonl $$(($$(date +%s) - start)) && exit $$result
 
-bench: venv  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
+bench: dev  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench
 
-check: venv  ## lint, format, types, import rule
+check: dev  ## lint, format, types, import rule
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_private_names.py
 
-format: venv
+format: dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 

@@ -33,8 +33,17 @@ if TYPE_CHECKING:
 
     from app.vision.model import Photo
 
+WHAT_NEXT = """To begin: `tada demo` shows one meal from upload to record.
+
+`tada serve` runs a server on ./data; `tada staff create NAME --admin` makes an account for its pages at /dashboard.
+"""
 cli = typer.Typer(
-    name="tada", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help="Dietary assessment."
+    name="tada",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Dietary assessment.",
+    epilog=WHAT_NEXT,
 )
 records_cli = typer.Typer(no_args_is_help=True, help="Effective records.")
 db_cli = typer.Typer(no_args_is_help=True, help="The database.")

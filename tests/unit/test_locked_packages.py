@@ -32,7 +32,7 @@ def test_lock_has_what_the_project_asks_for_and_image_and_environment_install_by
     assert "hatchling" in locked("build.txt")
     assert "hatchling" not in locked("runtime.txt")  # the image has nothing that only builds it
     image, make = (ROOT / "docker" / "Dockerfile").read_text(), (ROOT / "Makefile").read_text()
-    for text, name in ((image, "runtime.txt"), (make, "dev.txt")):
+    for text, name in ((image, "runtime.txt"), (make, "runtime.txt"), (make, "dev.txt")):
         installs = re.findall(r"pip [^\n]*install[^\n]*", text)
         of_program = [line for line in installs if "--require-hashes" not in line and "uv==" not in line]
         of_program = [line for line in of_program if "/wheels/" not in line]
