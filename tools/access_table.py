@@ -1,60 +1,51 @@
-"""The table in docs/access.md, made from RULES: `python -m tools.access_table` writes it anew."""
+"""The table in docs/access.md, made from CALLS: `python -m tools.access_table` writes it anew."""
 
+from collections import defaultdict
 from pathlib import Path
 
-from app.people.access.access_rules import RULES, SAFE_METHODS, Rule
-from app.people.access.page_rules import OPEN_PAGES, PAGES
+from app.people.access.access_rules import CALLS, Rule
 
 PAGE = Path(__file__).parents[1] / "docs" / "access.md"
 START, END = "<!-- table from app/people/access/access_rules.py -->\n", "<!-- end of the table -->\n"
-PAGES_START, PAGES_END = "<!-- table from app/people/access/page_rules.py -->\n", "<!-- end of the pages -->\n"
-HEADINGS = ("call", "anybody", "phone", "viewer", "reviewer", "owner", "admin", "read-only token")
-LEAST = {"any": 0, "viewer": 1, "reviewer": 2, "owner": 3, "admin": 4}
+CHANGING = ("POST", "PUT", "PATCH", "DELETE")
 
 
 def access_table() -> str:
-    """Markdown: a row a route, a column a role."""
-    lines = [_row(HEADINGS), _row(["---"] * len(HEADINGS))]
-    lines += [
-        _row([f"`{method} {path}`", *_cells(method, rule)])
-        for (method, path), rule in sorted(RULES.items(), key=lambda entry: (entry[0][1], entry[0][0]))
-        if not rule.page
-    ]
-    return "".join(lines)
-
-
-def page_table() -> str:
-    """Markdown: a row a page of the dashboard, and the call whose rule it has."""
-    rows = {**dict.fromkeys(OPEN_PAGES, "anybody"), **{page: f"`{' '.join(call)}`" for page, call in PAGES.items()}}
-    lines = [_row(["page", "as"]), _row(["---", "---"])]
-    lines += [
-        _row([f"`{method} {path}`", rows[method, path]]) for method, path in sorted(rows, key=lambda at: at[::-1])
-    ]
+    """Return Markdown: one row per path, with who may read it and who may change it."""
+    by_path: defaultdict[str, dict[str, Rule]] = defaultdict(dict)
+    for call, rule in CALLS.items():
+        method, path = call.split()
+        by_path[path][method] = rule
+    lines = [_row("path", "`GET`", "changes"), _row("---", "---", "---")]
+    for path, rules in sorted(by_path.items()):
+        reading = _callers(rules["GET"]) if "GET" in rules else ""
+        changing = [method for method in CHANGING if method in rules]
+        changes = [f"`{method}` {_callers(rules[method])}" for method in changing]
+        lines.append(_row(f"`{path}`", reading, "; ".join(changes)))
     return "".join(lines)
 
 
 def page_with_table(page: str) -> str:
-    """The page with its table made anew."""
-    for start, table, end in ((START, access_table(), END), (PAGES_START, page_table(), PAGES_END)):
-        before, rest = page.split(start)
-        page = before + start + table + end + rest.split(end)[1]
-    return page
+    """Return the page with its table made anew."""
+    before, rest = page.split(START)
+    return before + START + access_table() + END + rest.split(END)[1]
 
 
-def _cells(method: str, rule: Rule) -> list[str]:
+def _callers(rule: Rule) -> str:
+    """Return who may call: a phone, and the least role."""
     if rule.is_open:
-        return ["yes"] * (len(HEADINGS) - 1)
+        return "anybody"
     if rule.scraper:
-        return ["with `TADA_METRICS_TOKEN`, or from the same machine", *[""] * (len(HEADINGS) - 2)]
-    staff = [rule.staff is not None and LEAST[rule.staff] <= LEAST[role] for role in ("viewer", "reviewer", "owner")]
-    staff.append(rule.staff is not None)
-    yes = "signed in" if rule.session else "yes"
-    reads = rule.staff is not None and method in SAFE_METHODS and not rule.session
-    return ["", "yes" if rule.device else "", *[yes if may else "" for may in staff], "yes" if reads else ""]
+        return "scraper"
+    staff = "signed in" if rule.session else rule.staff
+    callers = ["phone"] if rule.device else []
+    if staff is not None:
+        callers.append("staff" if staff == "any" else staff)
+    return ", ".join(callers)
 
 
-def _row(cells: list[str] | tuple[str, ...]) -> str:
-    return f"| {' | '.join(cells)} |\n"
+def _row(*cells: str) -> str:
+    return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) + "\n"
 
 
 if __name__ == "__main__":
