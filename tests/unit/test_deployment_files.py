@@ -3,8 +3,10 @@
 import os
 import pathlib
 import re
+import shutil
 import stat
 import subprocess
+import sys
 import sysconfig
 import tomllib
 
@@ -13,18 +15,20 @@ import yaml
 
 from app.core.settings import Settings
 from app.metrics import instruments
+from app.people.access.access_rules import RULES
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCRIPTS = pathlib.Path(sysconfig.get_path("scripts"))
 KNOWN = {f"TADA_{name.upper()}" for name in Settings.model_fields} | {"TADA_SECRETS_DIR"}
 OF_COMPOSE = re.compile(
-    r"^TADA_(HOSTNAME|VERSION|FRONT_SUBNET|SITE|UPSTREAMS|PROXY_HEALTH_PORT|\w+_(REPLICAS|MEMORY))$"
+    r"^TADA_(HOSTNAME|VERSION|LOCAL_PORT|FRONT_SUBNET|SITE|UPSTREAMS|PROXY_HEALTH_PORT|\w+_(REPLICAS|MEMORY))$"
 )
+SMALL_MACHINE_BYTES = 4 * 10**9
 OF_POSTGRES = {"TADA_POSTGRES_CONNECTIONS", "TADA_POSTGRES_BUFFERS"}
 
 
-def compose(**variables):
-    command = [SCRIPTS / "docker-compose", "--env-file", os.devnull, "-f", ROOT / "docker" / "compose.yaml"]
+def compose(file="compose.yaml", **variables):
+    command = [SCRIPTS / "docker-compose", "--env-file", os.devnull, "-f", ROOT / "docker" / file]
     environment = {"PATH": os.environ["PATH"], "HOME": os.environ.get("HOME", "/")} | variables
     return subprocess.run(
         [*command, "--profile", "*", "config"], env=environment, capture_output=True, text=True, check=False
@@ -96,8 +100,20 @@ def test_services_of_compose_have_limits_no_secrets_no_needless_rights_and_only_
         assert service["security_opt"] == ["no-new-privileges:true"], name
 
 
+def test_local_compose_file_needs_no_domain_and_is_reached_from_its_own_machine_only():
+    done = compose("compose.local.yaml")
+    assert done.returncode == 0, done.stderr
+    (service,) = yaml.safe_load(done.stdout)["services"].values()
+    assert service["command"] == ["serve"]
+    assert [(port["host_ip"], port["target"]) for port in service["ports"]] == [("127.0.0.1", 8000)]
+    assert int(service["deploy"]["resources"]["limits"]["memory"]) < SMALL_MACHINE_BYTES
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+
+
 def test_every_variable_of_compose_and_its_example_is_known():
-    for name in ("compose.yaml", ".env.example", "Caddyfile", "Dockerfile"):
+    for name in ("compose.yaml", "compose.local.yaml", ".env.example", "Caddyfile", "Dockerfile", "systemd/tada.env"):
         told = set(re.findall(r"\bTADA_[A-Z0-9_]+", (ROOT / "docker" / name).read_text()))
         assert {one for one in told if one not in KNOWN | OF_POSTGRES and not OF_COMPOSE.match(one)} == set(), name
 
@@ -117,8 +133,8 @@ def test_secrets_that_compose_reads_are_drawn_once_and_kept(tmp_path):
 
 
 def kubernetes():
-    text = (ROOT / "docs" / "deployment.md").read_text()
-    return list(yaml.safe_load_all(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1]))
+    files = sorted((ROOT / "docker" / "kubernetes").rglob("*.yaml"))
+    return [document for path in files for document in yaml.safe_load_all(path.read_text())]
 
 
 def pods():
@@ -129,7 +145,7 @@ def pods():
     }
 
 
-def test_kubernetes_page_has_settings_and_metrics_that_there_are_and_pods_run_as_nobody():
+def test_kubernetes_files_have_settings_and_metrics_that_there_are_and_pods_run_as_nobody():
     documents = kubernetes()
     assert {one["kind"] for one in documents} >= {"Deployment", "Job", "PodDisruptionBudget", "Service", "Ingress"}
     told = {name for one in documents if one["kind"] == "ConfigMap" for name in one["data"]}
@@ -156,3 +172,33 @@ def test_kubernetes_page_has_settings_and_metrics_that_there_are_and_pods_run_as
     source = "".join(path.read_text() for path in pathlib.Path(instruments.__file__).parents[1].rglob("*.py"))
     assert names
     assert all(name in source for name in names)
+
+
+def test_kubernetes_passes_on_every_route_but_metrics():
+    ingress = next(one for one in kubernetes() if one["kind"] == "Ingress")
+    passed = [(path["path"], path["pathType"]) for path in ingress["spec"]["rules"][0]["http"]["paths"]]
+
+    def is_passed(route):
+        return any(route == path or (kind == "Prefix" and route.startswith(f"{path}/")) for path, kind in passed)
+
+    routes = {path for _, path in RULES} | {"/docs", "/openapi.json", "/dashboard/static/x.css", "/capture/x.js"}
+    assert {route for route in routes if not is_passed(route)} == {"/metrics"}
+
+
+def test_pods_of_kubernetes_fit_a_machine_of_four_gigabytes():
+    mebibytes = 0
+    for one in kubernetes():
+        if one["kind"] == "Deployment":
+            (container,) = one["spec"]["template"]["spec"]["containers"]
+            limit = {"Gi": 1024, "Mi": 1}[container["resources"]["limits"]["memory"][-2:]]
+            mebibytes += one["spec"]["replicas"] * limit * int(container["resources"]["limits"]["memory"][:-2])
+    assert mebibytes * 2**20 < SMALL_MACHINE_BYTES
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="without systemd")
+def test_unit_of_systemd_is_valid(tmp_path):
+    unit = (ROOT / "docker" / "systemd" / "tada.service").read_text()
+    path = tmp_path / "tada.service"
+    path.write_text(unit.replace("/opt/tada/bin/tada", sys.executable))
+    done = subprocess.run(["systemd-analyze", "verify", path], capture_output=True, text=True, check=False)
+    assert "tada.service" not in done.stderr, done.stderr
