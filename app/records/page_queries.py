@@ -3,7 +3,7 @@
 The filters are resolved to ids first (study, participant, food). Each combination of ids that an index begins with is a
 branch, in which the index holds the rows in the page's order already; the branches are merged and the merge stops with
 the page. So a page costs the same at the start, in the middle and at the end, and a filter that leaves nothing costs
-nothing. What the rows are joined with is read for the page alone. docs/capacity.md tells which index serves what.
+nothing. What the rows are joined with is read for the page alone.
 """
 
 import itertools

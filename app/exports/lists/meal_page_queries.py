@@ -3,7 +3,7 @@
 Each filter has an index with its meals in the page's order: of meals (study, status and origin, failure, after-meal
 pair, participant) or of records (food, flags, not reviewed). The page is read from the index with the fewest meals, and
 the other filters are checked meal by meal. So a rare filter beside a common one is fast, and a filter without matches
-costs nothing. docs/capacity.md lists the indexes.
+costs nothing.
 """
 
 import itertools
