@@ -1,4 +1,4 @@
-"""How good the volumes are: the data's scorer over whole sets, methods and cameras, against the bars and Table I.
+"""How good the volumes are: the data's scorer over whole sets, methods and cameras, against the targets and Table I.
 
     python benchmarks/accuracy.py [--scenes SET_OR_FOLDER ...] [--method shape paper] [--camera calibrated exif]
                                   [--hints none|point|box|food] [--vessels] [--limit N] [--jobs N] [--markdown]
@@ -6,8 +6,8 @@
 
 Every figure is the scorer's own (accuracy/score.py of FOLDER, by default TADA_SHARED_DATA or ../shared): it runs
 `tada estimate` on each scene, and its summary is asked again over whatever is pooled. A folder's kind, which says what
-bars hold for it, is its name up to a hyphen: meals-fresh is held against the bars of meals. The set real_pairs, real
-photographs (real_pairs.py), has a table and bars of its own.
+targets hold for it, is its name up to a hyphen: meals-fresh is held against the targets of meals. The set real_pairs,
+real photographs (real_pairs.py), has a table and targets of its own.
 """
 
 import argparse
@@ -49,7 +49,7 @@ SCORER: dict[str, Any] = {
 }  # its options beside a Setting
 CAMERAS = ("calibrated", "exif")
 POOLED = "pooled"
-JUDGED_METHOD = "shape"  # the default, which the bars are for
+JUDGED_METHOD = "shape"  # the default, which the targets are for
 TABLE_I = {  # of the founding paper: true volume and its estimate, ml
     "apple": (185.0, 181.5),
     "orange": (118.0, 112.6),
@@ -61,8 +61,8 @@ TABLE_I = {  # of the founding paper: true volume and its estimate, ml
 
 
 @dataclass(frozen=True)
-class Bar:
-    """What a figure of a kind of scenes (POOLED: of all) must be. least_items: with fewer the bar is open."""
+class Target:
+    """What a figure of a kind of scenes (POOLED: of all) must be. least_items: with fewer the target is open."""
 
     kind: str
     camera: str
@@ -74,45 +74,45 @@ class Bar:
     least_items: int = 1
 
 
-BARS = (
-    Bar("paper6", "calibrated", "mape_percent", most=3.0),
-    Bar("paper6", "calibrated", "worst_percent", most=8.0),
-    Bar("paper6", "exif", "mape_percent", most=3.7),
-    *(Bar("meals", camera, "found_percent", least=100.0) for camera in CAMERAS),
-    *(Bar("meals", camera, "spurious", most=0) for camera in CAMERAS),
-    Bar("meals", "calibrated", "mape_percent", most=4.4),
-    Bar("meals", "calibrated", "median_percent", most=5.0),
-    Bar("meals", "exif", "mape_percent", most=5.0),
-    Bar("meals", "calibrated", "right_count_percent", least=100 * 14 / 16),
-    Bar("meals", "calibrated", "mean_iou", least=0.90),
-    Bar("meals", "calibrated", "mean_iou", least=0.93, hints="point"),
-    *(Bar("hard", camera, "found_percent", least=100.0) for camera in CAMERAS),
-    Bar("hard", "calibrated", "mape_percent", most=4.2),
-    Bar("hard", "exif", "mape_percent", most=4.4),
-    Bar("tables", "calibrated", "found_percent", least=95.0),
-    Bar("tables", "exif", "found_percent", least=93.0),
-    Bar("tables", "calibrated", "spurious_percent", most=2.0),
-    Bar("tables", "exif", "spurious_percent", most=3.0),
-    Bar("tables", "calibrated", "found_mape_percent", most=9.0),
-    Bar("tables", "exif", "found_mape_percent", most=10.0),
-    Bar("packs", "calibrated", "found_percent", least=90.0),
-    Bar("packs", "calibrated", "mape_percent", most=8.0),
-    Bar("packs", "exif", "mape_percent", most=10.0),
-    Bar("packs", "calibrated", "found_percent", least=100.0, hints="box"),
-    Bar("packs", "calibrated", "mape_percent", most=6.0, hints="box"),
-    Bar("packs", "exif", "mape_percent", most=8.0, hints="box"),
-    Bar("vessels", "calibrated", "mape_percent", most=12.0),
-    Bar("vessels", "exif", "mape_percent", most=14.0),
-    Bar("vessels", "calibrated", "mape_percent", most=6.0, vessels=True),
-    Bar("vessels", "exif", "mape_percent", most=8.0, vessels=True),
-    Bar(POOLED, "calibrated", "interval_coverage_percent", least=87.0, most=93.0, least_items=60),
-    Bar(POOLED, "exif", "interval_coverage_percent", least=85.0, most=95.0, least_items=60),
-    Bar(POOLED, "calibrated", "interval_skill", least=0.20),
-    Bar(POOLED, "exif", "interval_skill", least=0.10),
-    Bar(POOLED, "calibrated", "log_slope", least=0.98, most=1.02),
-    Bar(POOLED, "exif", "log_slope", least=0.97, most=1.03),
-    Bar(POOLED, "calibrated", "bias_percent", least=-2.0, most=2.0),
-    Bar(POOLED, "exif", "bias_percent", least=-3.0, most=3.0),
+TARGETS = (
+    Target("paper6", "calibrated", "mape_percent", most=3.0),
+    Target("paper6", "calibrated", "worst_percent", most=8.0),
+    Target("paper6", "exif", "mape_percent", most=3.7),
+    *(Target("meals", camera, "found_percent", least=100.0) for camera in CAMERAS),
+    *(Target("meals", camera, "spurious", most=0) for camera in CAMERAS),
+    Target("meals", "calibrated", "mape_percent", most=4.4),
+    Target("meals", "calibrated", "median_percent", most=5.0),
+    Target("meals", "exif", "mape_percent", most=5.0),
+    Target("meals", "calibrated", "right_count_percent", least=100 * 14 / 16),
+    Target("meals", "calibrated", "mean_iou", least=0.90),
+    Target("meals", "calibrated", "mean_iou", least=0.93, hints="point"),
+    *(Target("hard", camera, "found_percent", least=100.0) for camera in CAMERAS),
+    Target("hard", "calibrated", "mape_percent", most=4.2),
+    Target("hard", "exif", "mape_percent", most=4.4),
+    Target("tables", "calibrated", "found_percent", least=95.0),
+    Target("tables", "exif", "found_percent", least=93.0),
+    Target("tables", "calibrated", "spurious_percent", most=2.0),
+    Target("tables", "exif", "spurious_percent", most=3.0),
+    Target("tables", "calibrated", "found_mape_percent", most=9.0),
+    Target("tables", "exif", "found_mape_percent", most=10.0),
+    Target("packs", "calibrated", "found_percent", least=90.0),
+    Target("packs", "calibrated", "mape_percent", most=8.0),
+    Target("packs", "exif", "mape_percent", most=10.0),
+    Target("packs", "calibrated", "found_percent", least=100.0, hints="box"),
+    Target("packs", "calibrated", "mape_percent", most=6.0, hints="box"),
+    Target("packs", "exif", "mape_percent", most=8.0, hints="box"),
+    Target("vessels", "calibrated", "mape_percent", most=12.0),
+    Target("vessels", "exif", "mape_percent", most=14.0),
+    Target("vessels", "calibrated", "mape_percent", most=6.0, vessels=True),
+    Target("vessels", "exif", "mape_percent", most=8.0, vessels=True),
+    Target(POOLED, "calibrated", "interval_coverage_percent", least=87.0, most=93.0, least_items=60),
+    Target(POOLED, "exif", "interval_coverage_percent", least=85.0, most=95.0, least_items=60),
+    Target(POOLED, "calibrated", "interval_skill", least=0.20),
+    Target(POOLED, "exif", "interval_skill", least=0.10),
+    Target(POOLED, "calibrated", "log_slope", least=0.98, most=1.02),
+    Target(POOLED, "exif", "log_slope", least=0.97, most=1.03),
+    Target(POOLED, "calibrated", "bias_percent", least=-2.0, most=2.0),
+    Target(POOLED, "exif", "bias_percent", least=-3.0, most=3.0),
 )
 
 
@@ -280,7 +280,7 @@ def tables_of(scorer: ModuleType, scored: Sequence[Scored]) -> list[Table]:
 
 
 def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace) -> Table:
-    """Real photographs by method and camera, against their bars; refused pairs are counted apart."""
+    """Real photographs by method and camera, against their targets; refused pairs are counted apart."""
     command = f"{sys.executable} -m app.cli estimate"
     rows = []
     for method, camera in itertools.product(options.method, options.camera):
@@ -300,8 +300,8 @@ def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace
             (method, camera, measured, *figures, f"{s['bias']:+.1f} %", f"{s['coverage']:.0f} %", verdict_words)
         )
     low, high = real_pairs.COVERAGE_PERCENT
-    bars = f"mean error <= {real_pairs.MOST_MEAN_ERROR_PERCENT:g} %, {low:g} to {high:g} % in the interval"
-    header = ("method", "camera", "measured", "mean error", "median", "worst", "bias", "in the 90 % interval", bars)
+    targets = f"mean error <= {real_pairs.MOST_MEAN_ERROR_PERCENT:g} %, {low:g} to {high:g} % in the interval"
+    header = ("method", "camera", "measured", "mean error", "median", "worst", "bias", "in the 90 % interval", targets)
     return Table("Real photographs", header, tuple(rows))
 
 
@@ -372,30 +372,30 @@ def pooled_table(pooled: Mapping[Setting, Mapping[str, Any]]) -> Table:
 
 
 def bar_table(judged: Sequence[tuple[str, str, Setting, Mapping[str, Any]]]) -> Table:
-    """Each bar against each set of its kind that was measured in its way."""
+    """Each target against each set of its kind that was measured in its way."""
     rows = []
-    for bar in BARS:
+    for target in TARGETS:
         for name, kind, setting, summary in judged:
-            if (kind, setting) == (bar.kind, Setting(JUDGED_METHOD, bar.camera, bar.hints, bar.vessels)):
-                value = summary[bar.figure]
+            if (kind, setting) == (target.kind, Setting(JUDGED_METHOD, target.camera, target.hints, target.vessels)):
+                value = summary[target.figure]
                 shown = "-" if value is None else f"{value:g}" if isinstance(value, int) else f"{value:.3g}"
-                figure = bar.figure.replace("_percent", ", %").replace("_", " ")
-                rows.append((name, camera_words(setting), figure, limits(bar), shown, verdict(bar, summary)))
-    return Table("Bars of the default method", ("scenes", "camera", "figure", "must be", "is", ""), tuple(rows))
+                figure = target.figure.replace("_percent", ", %").replace("_", " ")
+                rows.append((name, camera_words(setting), figure, limits(target), shown, verdict(target, summary)))
+    return Table("Targets of the default method", ("scenes", "camera", "figure", "must be", "is", ""), tuple(rows))
 
 
-def verdict(bar: Bar, summary: Mapping[str, Any]) -> str:
+def verdict(target: Target, summary: Mapping[str, Any]) -> str:
     """Met, missed, or open where there are too few items to tell."""
-    value = summary[bar.figure]
-    if value is None or summary["items"] < bar.least_items:
+    value = summary[target.figure]
+    if value is None or summary["items"] < target.least_items:
         return f"open: {summary['items']} foods only"
-    return "met" if bar.least <= value <= bar.most else "MISSED"
+    return "met" if target.least <= value <= target.most else "MISSED"
 
 
-def limits(bar: Bar) -> str:
-    if bar.least == float("-inf"):
-        return f"<= {bar.most:g}"
-    return f">= {bar.least:g}" if bar.most == float("inf") else f"{bar.least:g} to {bar.most:g}"
+def limits(target: Target) -> str:
+    if target.least == float("-inf"):
+        return f"<= {target.most:g}"
+    return f">= {target.least:g}" if target.most == float("inf") else f"{target.least:g} to {target.most:g}"
 
 
 def percent(error: float | None) -> str:

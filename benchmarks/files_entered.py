@@ -23,7 +23,7 @@ from tests.support.estimates import found_item, save
 from tests.support.photographs import pair
 
 APP = str(Path(__file__).parents[1] / "app") + "/"
-BARS = {  # files, functions: of issue 22
+TARGETS = {  # files, functions: of issue 22
     "upload": (30, 150),
     "read a meal": (25, 130),
     "reviewer's set_food": (32, 200),
@@ -100,11 +100,11 @@ def main() -> None:
                 "page of records": lambda _: get("/v1/records?study=a", admin),
                 "records as CSV": lambda _: get("/v1/records?study=a&format=csv", admin),
             }
-            print("| call | files (bar) | functions (bar) |\n|---|---|---|")
+            print("| call | files (target) | functions (target) |\n|---|---|---|")
             for name, prepare in calls.items():
                 prepare(0)()
                 files, functions = entered.count(prepare(1))
-                most_files, most_functions = BARS[name]
+                most_files, most_functions = TARGETS[name]
                 print(f"| {name} | {len(files)} ({most_files}) | {functions} ({most_functions or '-'}) |")
                 if "-v" in sys.argv:
                     print("\n".join(files))

@@ -3,8 +3,8 @@
     python benchmarks/identification.py [--seeds 5] [--every 1] [--data FOLDER]
 
 1. Specimens held out by number (never one specimen on both sides), from the shipped index's own vectors: top-1, top-5
-   (bars: 92 %, 99 %), expected calibration error (bar: 0.05). The temperature that is judged was fitted to the other
-   folds alone. A food of one specimen cannot be known when that is held out: the figures are told with and without it.
+   (targets: 92 %, 99 %), expected calibration error (target: 0.05). The temperature that is judged was fitted to the
+   other folds alone. A food of one specimen cannot be known when that is held out: the figures are told with and without it.
 2. Classes held out: how probable "none of these" is for what the index does not know, and what would be taken
    for granted wrongly.
 3. Learning: a class left out of the index, confirmed one specimen's picture after another: how often it is first, among
@@ -273,7 +273,7 @@ def print_time(foods: Sequence[LabelledFood]) -> None:
             (whole, done - decoded),
         ):
             times.append(1e3 * span)
-    print("\none region, ms, median    (bar: 30 ms)")
+    print("\none region, ms, median    (target: 30 ms)")
     for name, times in (
         ("cut out of its box", cutting),
         ("described", describing),

@@ -98,7 +98,7 @@ def main() -> int:
         with filled_database(kind, rows, arguments.seed, arguments.folder, keep=arguments.keep) as (url, folder):
             is_met &= measure(kind, url, folder, arguments.samples, random.Random(arguments.seed))
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
-    print("all bars met" if is_met else "not all bars met")
+    print("all targets met" if is_met else "not all targets met")
     return 0 if is_met else 1
 
 
@@ -199,7 +199,7 @@ def measure(kind: str, url: str, folder: Path, samples: int, chance: random.Rand
         query_exports.days(kind, client, people[1].token)
     query_exports.writing(kind, database)
     database.dispose()
-    print(f"\n{kind}: slowest p95 of a page {slowest:.1f} ms, bar {TARGET_P95_MS:.0f} ms", flush=True)
+    print(f"\n{kind}: slowest p95 of a page {slowest:.1f} ms, target {TARGET_P95_MS:.0f} ms", flush=True)
     return slowest < TARGET_P95_MS and min(speeds) > TARGET_ROWS_A_SECOND
 
 

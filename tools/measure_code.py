@@ -10,7 +10,7 @@ import tokenize
 from collections import Counter
 from pathlib import Path
 
-MOST_TOKENS, MOST_ANY, MOST_FILES = 434_000, 120, 25  # bars of the redesign by domain, decision 0026
+MOST_TOKENS, MOST_ANY, MOST_FILES = 434_000, 120, 25  # targets of the redesign by domain, decision 0026
 LAYOUT = frozenset(
     {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 )
@@ -48,8 +48,8 @@ def main(folder: Path) -> None:
         print(f"{count:8,} {package}")
     fullest, most = files.most_common(1)[0]
     print(
-        f"{tokens.total():8,} tokens (bar {MOST_TOKENS:,}) in {files.total()} files; "
-        f"{anys} uses of Any (bar {MOST_ANY}); {most} files in {fullest} (bar {MOST_FILES})"
+        f"{tokens.total():8,} tokens (target {MOST_TOKENS:,}) in {files.total()} files; "
+        f"{anys} uses of Any (target {MOST_ANY}); {most} files in {fullest} (target {MOST_FILES})"
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import accuracy
-from benchmarks.accuracy import POOLED, Bar
+from benchmarks.accuracy import POOLED, Target
 
 
 def summary(**figures):
@@ -14,18 +14,18 @@ def summary(**figures):
 
 
 @pytest.mark.parametrize(
-    ("bar", "figures", "expected"),
+    ("target", "figures", "expected"),
     [
-        (Bar("meals", "exif", "mape_percent", most=9.0), {"mape_percent": 9.0}, "met"),
-        (Bar("meals", "exif", "mape_percent", most=9.0), {"mape_percent": 9.01}, "MISSED"),
-        (Bar(POOLED, "exif", "bias_percent", least=-3.0, most=3.0), {"bias_percent": -3.2}, "MISSED"),
-        (Bar(POOLED, "exif", "interval_skill", least=0.05), {}, "open: 58 foods only"),
-        (Bar(POOLED, "exif", "interval_coverage_percent", most=97.0, least_items=60), {}, "open: 58 foods only"),
-        (Bar(POOLED, "exif", "interval_coverage_percent", most=97.0, least_items=60), {"items": 60}, "met"),
+        (Target("meals", "exif", "mape_percent", most=9.0), {"mape_percent": 9.0}, "met"),
+        (Target("meals", "exif", "mape_percent", most=9.0), {"mape_percent": 9.01}, "MISSED"),
+        (Target(POOLED, "exif", "bias_percent", least=-3.0, most=3.0), {"bias_percent": -3.2}, "MISSED"),
+        (Target(POOLED, "exif", "interval_skill", least=0.05), {}, "open: 58 foods only"),
+        (Target(POOLED, "exif", "interval_coverage_percent", most=97.0, least_items=60), {}, "open: 58 foods only"),
+        (Target(POOLED, "exif", "interval_coverage_percent", most=97.0, least_items=60), {"items": 60}, "met"),
     ],
 )
-def test_bar_is_met_missed_or_open(bar, figures, expected):
-    assert accuracy.verdict(bar, summary(**figures)) == expected
+def test_target_is_met_missed_or_open(target, figures, expected):
+    assert accuracy.verdict(target, summary(**figures)) == expected
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, blank_views, cove
 
 STORED = {1: None, 3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}
 SIZES = ((CAMERA.width, CAMERA.height),) * 2
-TOLERANCE = 0.08  # a rig's bar and the scale that matches leave to exact poses
+TOLERANCE = 0.08  # a rig's target and the scale that matches leave to exact poses
 
 
 def sent(**changes):

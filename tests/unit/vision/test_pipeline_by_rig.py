@@ -11,7 +11,7 @@ from app.vision.pipeline import estimate_meal
 from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import BALL
 
-TOLERANCE = 0.06  # the bar of rendered meals by a rig of 60 mm
+TOLERANCE = 0.06  # the target of rendered meals by a rig of 60 mm
 
 
 @pytest.fixture(scope="module")
