@@ -4,7 +4,8 @@
 
 1. Specimens held out by number (never one specimen on both sides), from the shipped index's own vectors: top-1, top-5
    (targets: 92 %, 99 %), expected calibration error (target: 0.05). The temperature that is judged was fitted to the
-   other folds alone. A food of one specimen cannot be known when that is held out: the figures are told with and without it.
+   other folds alone. A food of one specimen cannot be known when that is held out: the figures are told with and
+   without it.
 2. Classes held out: how probable "none of these" is for what the index does not know, and what would be taken
    for granted wrongly.
 3. Learning: a class left out of the index, confirmed one specimen's picture after another: how often it is first, among
