@@ -8,13 +8,15 @@ import json
 import os
 import sys
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 PAGE = Path(__file__).parents[1] / "docs" / "tests.md"
 TABLES = "<!-- from here on made by `make test-times` -->\n"
 PHASES = ("setup", "call", "teardown")
-SLOWEST = 50
+SLOWEST = 15
+LEAST_SECONDS = 10.0  # of a folder that has a line of its own
 
 
 @dataclass(slots=True)
@@ -48,10 +50,9 @@ def main(times: Path, seconds: float) -> None:
 
 def tables(by_folder: dict[str, Taken], by_test: dict[str, Taken], seconds: float) -> str:
     """Return both tables as Markdown."""
-    whole = Taken(sum(taken.tests for taken in by_folder.values()))
-    for taken in by_folder.values():
-        for phase in PHASES:
-            whole.seconds[phase] += taken.seconds[phase]
+    whole = together(by_folder.values())
+    large = {name: taken for name, taken in by_folder.items() if taken.total >= LEAST_SECONDS}
+    small = [taken for name, taken in by_folder.items() if name not in large]
     load = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     run = f"{whole.tests:,} tests in {seconds / 60:.1f} minutes on {os.cpu_count()} cores"
     lines = [
@@ -60,7 +61,8 @@ def tables(by_folder: dict[str, Taken], by_test: dict[str, Taken], seconds: floa
         "",
         "| folder | tests | setup, s | call, s | teardown, s |",
         "|---|---|---|---|---|",
-        *(row(name, taken) for name, taken in by_size(by_folder)),
+        *(row(name, taken) for name, taken in by_size(large)),
+        row(f"{len(small)} others", together(small)),
         row("all", whole),
         "",
         "| slowest tests | setup, s | call, s | teardown, s |",
@@ -69,6 +71,16 @@ def tables(by_folder: dict[str, Taken], by_test: dict[str, Taken], seconds: floa
     for name, taken in by_size(by_test)[:SLOWEST]:
         lines.append(f"| `{name.removeprefix('tests/')}` | {phases(taken)} |")
     return "\n".join(lines) + "\n"
+
+
+def together(parts: Iterable[Taken]) -> Taken:
+    """Return the sums of several."""
+    whole = Taken()
+    for part in parts:
+        whole.tests += part.tests
+        for phase in PHASES:
+            whole.seconds[phase] += part.seconds[phase]
+    return whole
 
 
 def by_size(taken: dict[str, Taken]) -> list[tuple[str, Taken]]:
