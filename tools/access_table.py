@@ -1,34 +1,31 @@
-"""The table in docs/access.md, made from CALLS: `python -m tools.access_table` writes it anew."""
+"""The lists in docs/access.md, made from CALLS: `python -m tools.access_table` writes them anew."""
 
+import textwrap
 from collections import defaultdict
 from pathlib import Path
 
 from app.people.access.access_rules import CALLS, Rule
 
 PAGE = Path(__file__).parents[1] / "docs" / "access.md"
-START, END = "<!-- table from app/people/access/access_rules.py -->\n", "<!-- end of the table -->\n"
-CHANGING = ("POST", "PUT", "PATCH", "DELETE")
+START, END = "<!-- made from app/people/access/access_rules.py -->\n", "<!-- end of what is made -->\n"
+WIDTH = 160
+NO_BREAK = "\N{NO-BREAK SPACE}"  # between a method and its path
 
 
-def access_table() -> str:
-    """Return Markdown: one row per path, with who may read it and who may change it."""
-    by_path: defaultdict[str, dict[str, Rule]] = defaultdict(dict)
-    for call, rule in CALLS.items():
+def access_lists() -> str:
+    """Return Markdown: for each kind of caller the calls that they may make."""
+    calls: defaultdict[str, dict[str, list[str]]] = defaultdict(dict)
+    for call, rule in sorted(CALLS.items(), key=lambda entry: entry[0].split()[::-1]):
         method, path = call.split()
-        by_path[path][method] = rule
-    lines = [_row("path", "`GET`", "changes"), _row("---", "---", "---")]
-    for path, rules in sorted(by_path.items()):
-        reading = _callers(rules["GET"]) if "GET" in rules else ""
-        changing = [method for method in CHANGING if method in rules]
-        changes = [f"`{method}` {_callers(rules[method])}" for method in changing]
-        lines.append(_row(f"`{path}`", reading, "; ".join(changes)))
-    return "".join(lines)
+        calls[_callers(rule)].setdefault(path, []).append(method)
+    paragraphs = [_paragraph(callers, paths) for callers, paths in sorted(calls.items())]
+    return "\n" + "\n".join(paragraphs) + "\n"
 
 
-def page_with_table(page: str) -> str:
-    """Return the page with its table made anew."""
+def page_with_lists(page: str) -> str:
+    """Return the page with its lists made anew."""
     before, rest = page.split(START)
-    return before + START + access_table() + END + rest.split(END)[1]
+    return before + START + access_lists() + END + rest.split(END)[1]
 
 
 def _callers(rule: Rule) -> str:
@@ -44,9 +41,13 @@ def _callers(rule: Rule) -> str:
     return ", ".join(callers)
 
 
-def _row(*cells: str) -> str:
-    return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) + "\n"
+def _paragraph(callers: str, paths: dict[str, list[str]]) -> str:
+    """Return one item of the list: the callers, and their calls with the methods of a path together."""
+    calls = [f"`{','.join(methods)}{NO_BREAK}{path}`" for path, methods in paths.items()]
+    text = f"- **{callers}**: {', '.join(calls)}"
+    wrapped = textwrap.fill(text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return wrapped.replace(NO_BREAK, " ")
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page_with_table(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(page_with_lists(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -22,7 +22,7 @@ from app.people.access.secret_box import SecretBox
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
 from app.people.privacy_models import Tombstone
 from tests.integration.people.people import bearer
-from tools.access_table import PAGE, page_with_table
+from tools.access_table import PAGE, page_with_lists
 
 # what the server can do is no secret, nor are scripts and styles of the pages
 OUT_OF_THE_API = {"/openapi.json", "/docs", "/dashboard/static", "/capture"}
@@ -322,4 +322,4 @@ def test_route_without_a_rule_is_refused_to_everybody(client, state):
 
 def test_page_of_the_rules_is_up_to_date():
     page = PAGE.read_text()
-    assert page == page_with_table(page), "write it anew: python -m tools.access_table"
+    assert page == page_with_lists(page), "write it anew: python -m tools.access_table"
