@@ -183,7 +183,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--vessels", action="store_true", help="each scene's vessels as a study's library")
     parser.add_argument("--limit", type=int, help="only the first so many scenes of each set")
     parser.add_argument("--jobs", type=int, default=1, help="processes at once, one thread each")
-    parser.add_argument("--markdown", action="store_true", help="tables as docs/accuracy.md holds them")
+    parser.add_argument("--markdown", action="store_true", help="print the tables in Markdown")
     parser.add_argument("--json", type=Path, metavar="OUT", help="keep the scorer's rows")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
     return parser.parse_args(arguments)

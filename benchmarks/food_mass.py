@@ -156,7 +156,7 @@ def lines(errors: Sequence[FoodErrors], specimens: Mapping[str, Sequence[Specime
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python benchmarks/food_mass.py", description=__doc__)
-    parser.add_argument("--markdown", action="store_true", help="print the tables of docs/food-table.md")
+    parser.add_argument("--markdown", action="store_true", help="print the tables in Markdown")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
     options = parser.parse_args()
     specimens = read_specimens(options.data / "photos" / "ecustfd" / "density.xls")
