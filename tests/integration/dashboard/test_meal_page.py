@@ -263,6 +263,13 @@ def test_failed_meal_shows_reason_and_advice_and_a_reviewer_can_retry_it(show):
     assert seen.meal()["failure"]["code"] == "cancelled"
 
 
+def test_page_says_first_why_the_meal_is_doubtful_by_cause(show):
+    page = show("viewer", found_item(flags=["low_texture"]), unmeasured_item(hint=None)).html()
+    why = text_of(page[page.index('id="why"') : page.index('<dl class="figures">')])
+    assert FLAGS["low_texture"] in why
+    assert "The eaten amount is unknown. 2" in why
+
+
 def test_text_entry_and_incomplete_meal_have_pages(client, phone, sign_in_browser):
     ann = sign_in_browser("ann", pilot="reviewer")
     told = meal_metadata(items=[{"food": "apple"}])

@@ -79,7 +79,7 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     days, whole, people = told["days"], told["completeness"], told["participants"]
     now, rest = html.split('id="window"')
     waiting = {row["status"]: row["meals"] for row in told["waiting"]}
-    shown = ("receiving", "queued", "processing", "needs_review", "after_awaited", "failed")
+    shown = ("receiving", "queued", "processing", "needs_look", "after_awaited", "failed")
     assert figures_of(now) == [*(waiting[name] for name in shown), *values_of(told["failures"], "meals")]
     head = figures_of(rest[: rest.index('<div class="panels">')])
     assert head == [
