@@ -9,6 +9,7 @@ from tests.integration.dashboard.conftest import Browser, text_of
 from tests.integration.people.people import PASSWORD, sign_in
 
 SETTINGS = "/dashboard/studies/pilot/settings"
+ENROL = "/dashboard/studies/pilot/enrol"
 
 
 def version_of(page):
@@ -82,9 +83,20 @@ def test_refused_value_stays_in_the_form_beside_its_error(owner, study):
     assert study() == before
 
 
+def test_list_with_an_unknown_code_makes_no_card_and_ends_none(client, owner):
+    page = owner.post(ENROL, participants="P001").text
+    printed = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
+    answer = owner.post(ENROL, participants="P001\nP999")
+    assert answer.status_code == 422
+    assert "P999: " in html.unescape(answer.text)
+    assert 'class="secret"' not in answer.text
+    assert "P001\nP999</textarea>" in answer.text
+    body = {"code": printed, "device_name": "phone"}
+    assert client.post("/v1/enrolments", json=body).status_code == 201
+
+
 def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
-    page = owner.post("/dashboard/studies/pilot/enrol", participants="P001\nP999").text
-    assert "P999: " in html.unescape(page)
+    page = owner.post(ENROL, participants="P001").text
     code = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
     assert page.count("<svg") == 2
     assert f'href="http://testserver/capture/#code={code}"' in page
