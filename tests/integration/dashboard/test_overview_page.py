@@ -106,6 +106,12 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     assert {0.5, whole["median_delay_seconds"]} < set(figures_of(html))  # a share and a delay are among them
 
 
+def test_map_and_charts_of_delays_are_behind_a_fold(html):
+    closed = re.findall(r"<details><summary>(?:Map of places|Charts of delays)</summary>.*?</details>", html, re.DOTALL)
+    folded = "".join(closed)
+    assert all(html.count(part) == folded.count(part) == 1 for part in ('data-chart="late"', "<figure data-map"))
+
+
 def test_charts_draw_the_numbers_of_the_api(told, html):
     charts, days = charts_of(html), told["days"]
     drawn = {name: [series["values"] for series in chart["series"]] for name, chart in charts.items()}
