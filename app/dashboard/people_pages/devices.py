@@ -32,14 +32,15 @@ MOST_CARDS = 60  # a sheet
 class Card:
     """The card that a participant receives.
 
-    link: enrols a browser in the capture page. app_svg, browser_svg: QR codes for the study's app and of the link.
+    link: enrols a browser in the capture page. browser_svg: its QR code. app_svg: that of the study's app; None: it has
+    none.
     """
 
     participant: str
     code: str
     expires_at: datetime
     link: str
-    app_svg: Markup
+    app_svg: Markup | None
     browser_svg: Markup
 
 
@@ -74,7 +75,8 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
 
     A code that cannot get a card refuses the whole list: new codes would end those of cards that are printed already.
     """
-    entered = form_values(fields).get("participants", "")
+    values = form_values(fields)
+    entered, has_app = values.get("participants", ""), "app" in values
     codes = list(dict.fromkeys(entered.replace(",", " ").replace(";", " ").split()))
     if not codes or len(codes) > MOST_CARDS:
         raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
@@ -86,14 +88,15 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
     for code in codes:
         issued = issue_enrolment_code(page.state.database, study_code=study, participant_code=code, caller=page.caller)
         link = capture_link(server, issued.code)
-        app_svg, browser_svg = (
-            Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
-            for text in (enrolment_text(server, issued.code), link)
-        )
-        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, browser_svg))
+        app_svg = _drawn(enrolment_text(server, issued.code)) if has_app else None
+        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, _drawn(link)))
     locale = page.require_study().locale
     words = {code: sentences[locale] for code, sentences in catalogue("cards").items()}
     return page.render("enrol.html", cards=cards, refused=[], codes=entered, locale=locale, words=words)
+
+
+def _drawn(text: str) -> Markup:
+    return Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
 
 
 def _why_no_card(page: Page, study: str, code: str) -> str | None:

@@ -119,7 +119,18 @@ def test_owner_adds_many_and_codes_of_present_and_former_participants_are_listed
     assert "the study has them already: P001." in page
     assert "participants who left the study had these codes: P009." in page
     assert codes_of(client, admin) == ["P001", "P002", "P003", "P004"]
-    assert owner.post(PARTICIPANTS, codes="P005").status_code == 303
+    assert owner.post(PARTICIPANTS, codes="P005").status_code == 201
+
+
+def test_range_adds_its_participants_and_their_cards_follow_from_there(client, admin, enrol, sign_in_browser):
+    enrol()
+    owner = sign_in_browser("olga", pilot="owner")
+    page = owner.post(PARTICIPANTS, codes="T001-T003, T-009").text
+    assert codes_of(client, admin) == ["P001", "T-009", "T001", "T002", "T003"]
+    (codes,) = re.findall(r'name="participants" value="([^"]+)"', page)
+    cards = owner.post("/dashboard/studies/pilot/enrol", participants=codes).text
+    assert re.findall(r'aria-label="Card of ([^"]+)"', cards) == ["T001", "T002", "T003", "T-009"]
+    assert cards.count("<svg") == 4  # one code each: the study has no app
 
 
 def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_in_browser):

@@ -96,7 +96,7 @@ def test_list_with_an_unknown_code_makes_no_card_and_ends_none(client, owner):
 
 
 def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
-    page = owner.post(ENROL, participants="P001").text
+    page = owner.post(ENROL, participants="P001", app="true").text
     code = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
     assert page.count("<svg") == 2
     assert f'href="http://testserver/capture/#code={code}"' in page
