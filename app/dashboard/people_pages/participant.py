@@ -11,6 +11,7 @@ from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.forms import Fields, form_values, read_form, take_version
+from app.dashboard.meal_pages.line_fields import with_point
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.feedback import Feedback, read_feedback
@@ -46,7 +47,7 @@ def get_participant(page: CurrentPage, study: str, participant: str, last: LastD
 def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
     """Change the profile; emptied fields are removed."""
     values = form_values(fields)
-    profile = {key: values[key] for key in PROFILE_KEYS if values.get(key)}
+    profile = {key: with_point(values[key]) for key in PROFILE_KEYS if values.get(key)}
     emptied = {key: None for key in PROFILE_KEYS if key not in profile}
     try:
         body = read_form(ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")})

@@ -154,10 +154,11 @@ def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_
 
 def test_profile_keeps_filled_fields_and_loses_emptied_ones(client, admin, eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
-    assert owner.post(f"{PATH}/profile", sex="male", birth_year="1980", starts_on="2026-10-31").status_code == 303
+    filled = {"sex": "male", "birth_year": "1980", "height_cm": "170,5", "starts_on": "2026-10-31"}
+    assert owner.post(f"{PATH}/profile", **filled).status_code == 303
     told = client.get("/v1/studies/pilot/participants/P001", headers=admin).json()
     assert told["profile"]["sex"] == "male"
-    assert told["profile"]["weight_kg"] is None
+    assert (told["profile"]["height_cm"], told["profile"]["weight_kg"]) == (170.5, None)
     assert told["starts_on"] == "2026-10-31"
     assert owner.post(f"{PATH}/profile", birth_year="1700").status_code == 422
     assert "day 2" in text_of(article(owner.page(PATH), DAYS[0]))
