@@ -80,8 +80,10 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
 @router.post(f"{PATH}/withdrawal")
 def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
     """Withdraw the participant; the staff member types the code to confirm."""
-    if form_values(fields).get("code") != participant:
-        raise InvalidInputError("Type the participant's code to confirm that they leave the study.")
+    typed = form_values(fields).get("code", "")
+    if typed != participant:
+        wrong = {"withdrawal": f"“{typed[:64]}” is not the code {participant}: nobody was withdrawn."}
+        return _participant(page, study, participant, None, wrong=wrong, status=422)
     receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
     notice = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
     return page.redirect(study_address(study, "participants"), notice)

@@ -166,7 +166,10 @@ def test_profile_keeps_filled_fields_and_loses_emptied_ones(client, admin, eaten
 
 def test_participant_is_withdrawn_only_if_the_code_is_entered(eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
-    assert owner.post(f"{PATH}/withdrawal", code="P01").status_code == 422
+    answer = owner.post(f"{PATH}/withdrawal", code="P01")
+    assert answer.status_code == 422
+    assert "“P01” is not the code P001: nobody was withdrawn." in text_of(answer.text)
+    assert re.search(r"<details open>\s*<summary>Leaving the study", answer.text)
     assert eaten.get("/v1/me").status_code == 200
     assert owner.post(f"{PATH}/withdrawal", code="P001").status_code == 303
     assert eaten.get("/v1/me").status_code == 410
