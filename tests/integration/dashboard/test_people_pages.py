@@ -206,6 +206,15 @@ def test_audit_log_of_the_page_is_that_of_the_export(client, admin, owner):
     assert file.text.splitlines()[:2] == whole.text.splitlines()[:2]
 
 
+def test_audit_log_begins_with_the_newest_and_names_participants_by_their_code(client, admin, owner):
+    answer = client.patch("/v1/studies/pilot/participants/P001", headers=admin, json={"starts_on": "2026-11-01"})
+    assert answer.status_code == 200
+    rows = re.findall(r"<tr><td>.*?</tr>", owner.page("/dashboard/studies/pilot/audit"), re.DOTALL)
+    assert "participant.change" in rows[0]
+    assert "P001" in text_of(rows[0])
+    assert not re.search(r"[0-9a-f]{8}-", rows[0])
+
+
 def test_marker_is_a_pdf(owner):
     assert "plain:9x7:11" in owner.page("/dashboard/marker")
     answer = owner.get("/dashboard/marker.pdf", marker="plain:9x7:11")
