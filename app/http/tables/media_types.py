@@ -9,3 +9,9 @@ MEDIA_TYPES: dict[Output, str] = {
     "parquet": "application/vnd.apache.parquet",
     "geojson": "application/geo+json",
 }
+
+
+def attachment(output: str, *parts: object) -> dict[str, str]:
+    """Return the header that saves a file by its parts that are not None: pilot_meals_2026-11-01_2026-11-28.csv."""
+    name = "_".join(str(part) for part in parts if part is not None)
+    return {"Content-Disposition": f'attachment; filename="{name}.{output}"'}

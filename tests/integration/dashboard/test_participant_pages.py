@@ -56,7 +56,7 @@ def file_of(viewer, page, name):
     """The file that a page offers, and its address."""
     address = html.unescape(re.search(rf'href="(/dashboard/studies/pilot/files/{name}\?[^"]+)"', page)[1])
     file = viewer.get(address)
-    assert file.headers["content-disposition"] == f'attachment; filename="{name}.csv"'
+    assert re.fullmatch(rf'attachment; filename="pilot_{name}[0-9_-]*\.csv"', file.headers["content-disposition"])
     return file.content, address.replace("/dashboard/studies/pilot/files", "/v1/studies/pilot")
 
 
