@@ -68,13 +68,11 @@ class ListRoute(APIRoute):
                 page: BaseModel = endpoint(**arguments)
                 return page
             rows = _all_rows(endpoint, arguments, self._greatest_limit())
-            named = arguments | {"name": name}
+            days = (arguments.get("first_day"), arguments.get("last_day"))
             return Response(
                 b"".join(encode_flat(file_format, flat_paths(row, rows), rows)),
                 media_type=MEDIA_TYPES[file_format],
-                headers=attachment(
-                    file_format, *(named.get(part) for part in ("study", "name", "first_day", "last_day"))
-                ),
+                headers=attachment(file_format, arguments.get("study"), name, *days),
             )
 
         signature = inspect.signature(endpoint)
