@@ -32,8 +32,8 @@ def needs_look(record: type[EffectiveRecord]) -> Conditions:
 
     Overview, meals, review queue, exports and API all count by it. The first two are literals, as in the partial index.
     """
-    is_seen = sa.or_(record.origin != "declared", record.status == "needs_review")
-    return (holds(record), record.reviewed.is_(False), is_seen)
+    is_no_complete_text = sa.or_(record.origin != "declared", record.status == "needs_review")
+    return (holds(record), record.reviewed.is_(False), is_no_complete_text)
 
 
 def has_flags(record: type[EffectiveRecord]) -> Condition:

@@ -264,9 +264,9 @@ def test_failed_meal_shows_reason_and_advice_and_a_reviewer_can_retry_it(show):
 
 
 def test_page_says_first_why_the_meal_is_doubtful_by_cause(show):
-    page = show("viewer", found_item(flags=["low_texture"]), unmeasured_item(hint=None)).html()
+    page = show("viewer", found_item(flags=["support_not_measured"]), unmeasured_item(hint=None)).html()
     why = text_of(page[page.index('id="why"') : page.index('<dl class="figures">')])
-    assert FLAGS["low_texture"] in why
+    assert FLAGS["support_not_measured"] in why
     assert "The eaten amount is unknown. 2" in why
 
 
