@@ -15,7 +15,7 @@ from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
-from app.http.tables.media_types import MEDIA_TYPES, attachment
+from app.http.tables.media_types import MEDIA_TYPES
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller
@@ -138,9 +138,8 @@ def file_spec(
     return None
 
 
-def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) -> ClosingStream:
-    """Return the file as a download of this name. Raises as begin_export."""
+def answer_file(state: ApiState, caller: Caller, spec: ExportSpec) -> ClosingStream:
+    """Return the file as a download. Raises as begin_export."""
     file = begin_export(state.database, state.blobs, state.settings, state.part(ExportPlaces), caller, spec)
-    rows = spec.filters
-    headers = attachment(spec.output, rows.study_code, name, rows.first_day, rows.last_day)
+    headers = {"Content-Disposition": f'attachment; filename="{spec.file_name}"'}
     return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[spec.output], headers=headers)

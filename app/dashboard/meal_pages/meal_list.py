@@ -62,7 +62,7 @@ def get_meals(
     if output is not None:
         if not chosen.reaches(rows):
             raise InvalidInputError(f"A file of {rows} does not have all of these filters.", code="export_not_offered")
-        return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters), rows)
+        return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters))
     database = page.state.database
     if chosen.wrong_days is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)

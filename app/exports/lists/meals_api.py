@@ -73,7 +73,7 @@ def get_meals(
     require_known(state.database, caller, chosen)
     spec = file_spec(request, "meals", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
-        return answer_file(state, caller, spec, "meals")
+        return answer_file(state, caller, spec)
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
     body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
     return ModelResponse(body)
