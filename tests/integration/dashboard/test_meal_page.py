@@ -79,7 +79,7 @@ def test_every_figure_of_the_api_is_on_the_page_unrounded_and_its_json_is_the_ap
     missing = [number for number in expected if number not in figures and number != meal["totals"]["unmeasured_items"]]
     assert missing == []
     assert set(meal["run"]["stages"].values()) <= figures
-    assert "1 of the items have an unknown mass" in text_of(seen.html())
+    assert "The mass of 1 item is unknown" in text_of(seen.html())
     assert seen.browser.get(seen.path, format="json").json() == meal
 
 
