@@ -121,7 +121,8 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
     if (signal.aborted) return;
     const sentences = check ? [...new Set(check.problems.map((problem) => problem.message))] : [];
     result.replaceChildren(
-      ...(check ? [h("p", { class: check.ok ? "good" : "bad" }, t(check.ok ? "check_good" : "check_bad"))] : []),
+      ...(check && !check.ok ? [h("p", { class: "bad" }, t("check_bad"))] : []),
+      ...(check?.ok && !sentences.length ? [h("p", { class: "good" }, t("check_good"))] : []),
       ...(sentences.length ? [h("ul", {}, ...sentences.map((sentence) => h("li", {}, sentence)))] : []),
     );
   }
