@@ -1,0 +1,25 @@
+"""A meal's page on the phone: one that failed, what was eaten of it, what was said offline, and its note."""
+
+import pytest
+
+from tests.e2e.capture.capture_page import sent_meal
+from tests.support import estimates
+
+pytestmark = pytest.mark.slow
+
+FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
+
+
+def test_failed_meal_is_photographed_again_or_entered(served, open_phone):
+    tab = open_phone()
+    page, meal = tab.page, sent_meal(served, tab)
+    estimates.save(served, meal, failure=FAILURE)
+    page.click(f"li[data-meal='{meal}'] a")
+    page.get_by_role("button", name="Photograph it again").click()
+    page.get_by_role("heading", name="First photograph").wait_for()
+    page.go_back()
+    page.get_by_text("Enter what you ate").wait_for()
+    page.get_by_label("Search for another food").fill("honey")
+    page.locator(".actions .search .choices button").first.click()
+    page.wait_for_selector(".items > li:nth-child(1)")
+    assert [item["food"]["key"] for item in served.meal(meal)["items"]] == ["honey"]
