@@ -122,10 +122,9 @@ def test_refused_pair_gives_way_to_another_answer_once_the_person_agrees(served,
     page.once("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="I ate all of it").click()
     page.get_by_role("button", name="I ate all of it").wait_for(state="detached")
-    page.get_by_role("button", name="Erase this meal").wait_for()  # shown again once it was sent
+    wait_until(lambda: page.evaluate(KEPT, meal) == [[[meal, "sent"]], False], "the answer to be sent")
     expect(page.get_by_role("button", name="Photograph what is left")).to_have_count(0)
     assert served.meal(meal)["after"]["status"] == "nothing_left"
-    assert page.evaluate(KEPT, meal) == [[[meal, "sent"]], False]
 
 
 def test_meal_that_was_erased_elsewhere_leaves_nothing_on_the_phone(served, open_phone):

@@ -1,8 +1,9 @@
 """A meal's page on the phone: one that failed, what was eaten of it, what was said offline, and its note."""
 
 import pytest
+from playwright.sync_api import expect
 
-from tests.e2e.capture.capture_page import sent_meal
+from tests.e2e.capture.capture_page import open_estimated, sent_meal
 from tests.support import estimates
 
 pytestmark = pytest.mark.slow
@@ -23,3 +24,22 @@ def test_failed_meal_is_photographed_again_or_entered(served, open_phone):
     page.locator(".actions .search .choices button").first.click()
     page.wait_for_selector(".items > li:nth-child(1)")
     assert [item["food"]["key"] for item in served.meal(meal)["items"]] == ["honey"]
+
+
+@pytest.mark.parametrize("offline", [False, True])
+def test_all_eaten_is_acknowledged_and_taken_back(served, open_phone, offline):
+    tab = open_phone(service_workers="block")  # it would send what waits
+    tab.expect("Service Worker registration blocked|ERR_INTERNET_DISCONNECTED")
+    page, meal = tab.page, sent_meal(served, tab)
+    open_estimated(served, page, meal)
+    page.get_by_role("button", name="I ate all of it").wait_for()
+    page.context.set_offline(offline)
+    page.get_by_role("button", name="I ate all of it").click()
+    page.get_by_text("✓ I ate all of it").wait_for()
+    if not offline:
+        expect(page.get_by_text("Waiting to be sent")).to_have_count(0)
+        assert served.meal(meal)["after"]["status"] == "nothing_left"
+    page.get_by_role("button", name="Take it back").click()
+    page.get_by_role("button", name="I ate all of it").wait_for()
+    expect(page.get_by_text("✓ I ate all of it")).to_have_count(0)
+    assert served.meal(meal)["after"]["status"] != "nothing_left"

@@ -7,6 +7,7 @@ import { sentenceOf } from "../texts.js";
 import { localInstant, newDraft } from "./take.js";
 
 const PICTURE_PX = 1024;
+const MOST_EVENTS = 1000; // of a meal
 const CANDIDATES = 4;
 const FOUND_FOODS = 8;
 const TYPING_MS = 250;
@@ -23,11 +24,13 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const alert = h("p", { role: "alert" }); // why the person's last change failed
   const photograph = h("div", { class: "stage" });
   const items = h("ol", { class: "items" });
+  const eaten = h("div", { role: "status" });
   const actions = h("div", { class: "actions" });
   let meal = null;
+  let said = []; // the participant's own events of the meal, those that were not undone
   const afterId = `${id}/after`;
-  let isAfterWaiting = (await store.meal(afterId))?.state === "waiting";
-  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, actions);
+  let waitingAfter = await readWaitingAfter();
+  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, eaten, actions);
   store.onChange(noteAfter, stop.signal);
   follow().catch(showProblem);
   return () => stop.abort();
@@ -56,6 +59,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   async function render(fresh) {
     if (stop.signal.aborted) return;
     const isFirst = meal === null;
+    const isRead = meal?.version === fresh.version;
     meal = fresh;
     const failure = meal.failure?.localised?.[document.documentElement.lang] ?? meal.failure?.message;
     status.textContent = failure ?? t(`state_${meal.status}`);
@@ -63,7 +67,17 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     items.replaceChildren(...parts.map((item, index) => card(item, index + 1)));
     const isDone = ["estimated", "needs_review", "failed", "confirmed"].includes(meal.status);
     actions.replaceChildren(...(isDone ? mealActions(parts) : []));
+    showSaid();
+    if (!isRead) readSaid().catch(() => {}); // offline the meal is shown without it
     if (isFirst || parts.length) await drawFoods(parts);
+  }
+
+  async function readSaid() {
+    const { version } = meal;
+    const { body } = await client.request("GET", `/v1/meals/${id}/events`, { query: { limit: MOST_EVENTS }, signal: stop.signal });
+    if (version !== meal.version) return; // those of a later version are being read
+    said = body.items.filter((event) => event.layer === "participant" && !event.undone);
+    showSaid();
   }
 
   async function drawFoods(parts) {
@@ -149,7 +163,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     const isFailed = meal.status === "failed";
     const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
     const after = meal.after?.status ?? null;
-    const expectsAfter = !isAfterWaiting && phone.expects_after_pair && meal.images.left;
+    const expectsAfter = !waitingAfter && phone.expects_after_pair && meal.images.left;
     return [
       canConfirmAll ? button(t("confirm_all"), () => say({ kind: "confirm_meal" }), { kind: "main large" }) : null,
       isFailed ? button(t("photograph_again"), () => go("take"), { kind: "main large" }) : null,
@@ -177,8 +191,26 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   async function allEaten() {
     if (!(await mayReplaceRefused())) return;
     const record = { ...newDraft(phone, id), state: "waiting", captured_at: localInstant(new Date()), all_eaten: { id: newId() } };
-    if (await store.saveDraft(record, {}, ["draft", "refused"])) actions.replaceChildren(h("p", {}, t("state_waiting")));
-    else await reread(); // another tab has sent an answer meanwhile
+    if (!(await store.saveDraft(record, {}, ["draft", "refused"]))) await reread(); // another tab has sent an answer meanwhile
+  }
+
+  // That all was eaten, also before it is sent, and the way back. A reviewer's word is not the person's to take back.
+  function showSaid() {
+    const isEaten = waitingAfter?.all_eaten || meal.after?.status === "nothing_left";
+    const event = said.find((event) => event.kind === "nothing_left");
+    const takeBack = waitingAfter ? takeBackWaiting : event && (() => say({ kind: "undo", event: event.id }));
+    const parts = [
+      h("p", { class: "good" }, `✓ ${t("all_eaten")}`),
+      waitingAfter && h("p", {}, t("state_waiting")),
+      takeBack && button(t("take_back"), takeBack),
+    ];
+    eaten.replaceChildren(...(isEaten ? parts.filter(Boolean) : []));
+  }
+
+  async function takeBackWaiting() {
+    waitingAfter = null;
+    await store.deleteMeal(afterId, "waiting");
+    await render(meal);
   }
 
   async function mayReplaceRefused() {
@@ -186,12 +218,17 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     return record?.state !== "refused" || !record.slots.length || confirm(t("delete_here_confirm"));
   }
 
+  async function readWaitingAfter() {
+    const record = await store.meal(afterId);
+    return record?.state === "waiting" ? record : null;
+  }
+
   // What was left has been sent, or waits now: show the meal as it is then.
   async function noteAfter() {
-    const isWaiting = (await store.meal(afterId))?.state === "waiting";
-    if (isWaiting === isAfterWaiting) return;
-    isAfterWaiting = isWaiting;
-    if (!isWaiting) await reread().catch(showProblem);
+    const before = waitingAfter;
+    waitingAfter = await readWaitingAfter();
+    if (waitingAfter && !before && meal) await render(meal);
+    if (before && !waitingAfter) await reread().catch(showProblem);
   }
 
   async function erase() {
