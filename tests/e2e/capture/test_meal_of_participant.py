@@ -5,9 +5,14 @@ from playwright.sync_api import expect
 
 from tests.e2e.capture.capture_page import open_estimated, sent_meal
 from tests.support import estimates
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
+UNSENT = """async () => {
+  const store = await import("/capture/store.js");
+  return (await store.meals()).filter((record) => record.state !== "sent").length;
+}"""
 FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
 
 
@@ -43,3 +48,25 @@ def test_all_eaten_is_acknowledged_and_taken_back(served, open_phone, offline):
     page.get_by_role("button", name="I ate all of it").wait_for()
     expect(page.get_by_text("✓ I ate all of it")).to_have_count(0)
     assert served.meal(meal)["after"]["status"] != "nothing_left"
+
+
+@pytest.mark.parametrize(("has_changed", "status"), [(False, "confirmed"), (True, "estimated")])
+def test_confirmation_without_a_network_is_sent_later_for_the_meal_that_was_seen(
+    served, open_phone, has_changed, status
+):
+    tab = open_phone()
+    tab.expect("status of 412|ERR_INTERNET_DISCONNECTED")
+    page, meal = tab.page, sent_meal(served, tab)
+    open_estimated(served, page, meal)
+    page.get_by_role("button", name="That is right").wait_for()
+    page.context.set_offline(True)
+    page.get_by_role("button", name="That is right").click()
+    page.get_by_text("✓ That is right · Waiting to be sent").wait_for()
+    expect(page.get_by_role("button", name="All of it is right")).to_have_count(0)
+    if has_changed:
+        served.say(meal, "comment", text="Looks good.")
+    page.get_by_role("link", name="Meals").click()
+    page.wait_for_selector(f"li[data-meal='{meal}/review'][data-state=waiting]")
+    page.context.set_offline(False)
+    wait_until(lambda: page.evaluate(UNSENT) == 0, "the confirmation to leave the phone")
+    assert served.meal(meal)["status"] == status

@@ -29,9 +29,12 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   let meal = null;
   let said = []; // the participant's own events of the meal, those that were not undone
   const afterId = `${id}/after`;
+  const reviewId = `${id}/review`;
   let waitingAfter = await readWaitingAfter();
+  let waitingEvents = (await store.meal(reviewId))?.events ?? []; // confirmations without a network
   main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, eaten, actions);
   store.onChange(noteAfter, stop.signal);
+  store.onChange(noteEvents, stop.signal);
   follow().catch(showProblem);
   return () => stop.abort();
 
@@ -106,12 +109,14 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     const name = item.food?.name ?? t("food_unknown");
     const grams = item.mass_g === null ? t("amount_unknown") : t("grams", { grams: Math.round(item.mass_g), low: Math.round(item.mass_interval_g?.[0] ?? item.mass_g), high: Math.round(item.mass_interval_g?.[1] ?? item.mass_g) });
     const isSettled = item.status === "confirmed" || item.status === "corrected";
+    const canConfirm = item.food && item.mass_g !== null && !isSettled;
     return h(
       "li",
       { "data-item": item.id, "data-status": item.status },
       h("h2", {}, h("span", { class: "number", "aria-hidden": "true" }, String(number)), name, isSettled ? h("span", { class: "good" }, ` ✓ ${t(`item_${item.status}`)}`) : null),
       h("p", {}, grams),
-      item.food && item.mass_g !== null && !isSettled ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
+      isWaiting(item) ? h("p", { class: "good" }, `✓ ${t("confirm")} · ${t("state_waiting")}`) : null,
+      canConfirm && !isWaiting(item) ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
       h("details", {}, h("summary", {}, t("correct")), ...corrections(item)),
     );
   }
@@ -159,7 +164,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   }
 
   function mealActions(parts) {
-    const isOpen = parts.some((item) => item.status === "proposed" || item.status === "needs_review");
+    const isOpen = parts.some((item) => (item.status === "proposed" || item.status === "needs_review") && !isWaiting(item));
     const isFailed = meal.status === "failed";
     const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
     const after = meal.after?.status ?? null;
@@ -231,6 +236,14 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     if (before && !waitingAfter) await reread().catch(showProblem);
   }
 
+  // A confirmation waits now, or was sent.
+  async function noteEvents() {
+    const before = waitingEvents;
+    waitingEvents = (await store.meal(reviewId))?.events ?? [];
+    if (waitingEvents.length > before.length && meal) await render(meal);
+    if (waitingEvents.length < before.length) await reread().catch(showProblem);
+  }
+
   async function erase() {
     if (!confirm(t("erase_confirm"))) return;
     await client.deleteMeal(id).catch((error) => {
@@ -240,11 +253,27 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     go("meals");
   }
 
+  const isWaiting = (item) => waitingEvents.some((event) => event.kind === "confirm_meal" || event.item === item.id);
+
+  // A confirmation goes by the queue where there is no network.
+  async function sendOrQueue(event) {
+    const canWait = event.kind.startsWith("confirm");
+    const passNoNetwork = (error) => {
+      if (!canWait || error.name !== "NetworkError") throw error;
+    };
+    const changed = canWait && !navigator.onLine ? null : await client.sendEvent(meal, event).catch(passNoNetwork);
+    if (changed) return changed;
+    const { captured_at, version } = meal;
+    const first = { ...newDraft(phone, id), id: reviewId, part: "review", state: "waiting", captured_at, version, events: [] };
+    await store.addEvent(first, event);
+    return meal;
+  }
+
   // One tap, one event. If somebody else changed the meal meanwhile, show how it is now and let the person decide anew.
   async function say(event) {
     alert.textContent = "";
     try {
-      await render(await client.sendEvent(meal, { strict: true, ...event }));
+      await render(await sendOrQueue({ id: newId(), strict: true, ...event }));
     } catch (error) {
       if (error.code === "implausible_amount") {
         if (confirm(t("amount_confirm"))) await say({ ...event, strict: false });

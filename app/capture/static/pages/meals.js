@@ -108,6 +108,7 @@ function rowOfPhone(t, record, isOwn, server) {
       {},
       address && isOwn ? h("a", { href: address }, title) : h("strong", {}, title),
       isAfter ? h("p", {}, t(record.all_eaten ? "all_eaten" : "after_pair")) : null,
+      record.part === "review" ? h("p", {}, t("confirm")) : null,
       h("p", {}, isOwn ? t(`state_${state}`) : t("state_other_person")),
       foods(server),
       record.problem && isOwn ? h("p", { class: "problem" }, record.problem.code === "network" ? t("problem_network") : sentenceOf({ retryable: record.state === "waiting", ...record.problem }, t)) : null,
@@ -122,7 +123,7 @@ function actions(t, meal, isOwn) {
     "div",
     { class: "actions" },
     isOwn ? button(t("send_now"), async () => { await retryNow(meal.id); await sendWaiting(); }) : null,
-    isOwn ? button(t("save_photographs"), () => savePhotographs(meal)) : null,
+    isOwn && meal.slots.length ? button(t("save_photographs"), () => savePhotographs(meal)) : null,
     meal.state === "refused" || !isOwn ? button(t("delete_here"), () => confirm(t("delete_here_confirm")) && store.deleteMeal(meal.id), { kind: "danger" }) : null,
   );
 }
