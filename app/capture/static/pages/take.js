@@ -5,6 +5,7 @@
 // sent, or the browser's "back" leads to, belongs to the queue.
 
 import { canTakeStills, grabFrame, openCamera, pickPhotograph, thumbnail } from "../camera.js";
+import { isPhotograph } from "../chosen_file.js";
 import { newId } from "../client/index.js";
 import { button, h, picture, svg } from "../dom.js";
 import * as store from "../store.js";
@@ -41,6 +42,7 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
     const video = h("video", { playsinline: true, muted: true, "aria-label": t("preview") });
     const outline = svg("svg", { class: "outline", "aria-hidden": "true" });
     const advice = h("p", { class: "advice", role: "status" });
+    const alert = h("p", { role: "alert" });
     let camera = null;
     let help = null;
 
@@ -50,7 +52,14 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
       await next();
     }
     // Not awaited: a browser may never tell that the person has cancelled, and the buttons must stay usable.
-    const pick = (fromCamera) => void pickPhotograph({ fromCamera }).then((file) => keep(file, file && !fromCamera ? timeOf(file) : new Date()));
+    const pick = (fromCamera) => void pickPhotograph({ fromCamera }).then((file) => file && keepFile(file, fromCamera));
+
+    async function keepFile(file, fromCamera) {
+      const bytes = new Uint8Array(await file.arrayBuffer());
+      alert.textContent = isPhotograph(bytes) ? "" : t("not_a_photograph");
+      if (isPhotograph(bytes)) await keep(file, fromCamera ? new Date() : timeOf(file));
+    }
+
 
     page.append(
       h("h1", {}, t(isSecond ? "second_title" : "first_title")),
@@ -76,6 +85,7 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
         isSecond && !isAfter ? button(t("only_one"), () => send()) : null,
         button(t("cancel"), cancel),
       ),
+      alert,
     );
     close = () => {
       help?.stop();
