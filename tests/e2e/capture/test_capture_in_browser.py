@@ -266,7 +266,7 @@ def test_large_photograph_continues_after_a_broken_line_and_a_reload(served, ope
         checked = line.photograph_bytes
         line.broken_bodies += [400_000, *[0] * 100]  # the page tries twice, then its queue waits; Chromium tries, too
         page.get_by_role("button", name="Send").click()
-        page.wait_for_selector("li[data-state=waiting] .problem")
+        page.wait_for_selector("li[data-state=waiting] .offline")
         line.broken_bodies.clear()
         page.reload()
         page.wait_for_selector("li[data-state=sent]")

@@ -1,7 +1,7 @@
 // The diary: closing a day, the study's feedback on it where the study gives any, and questions of its reviewers.
 
 import { button, h } from "../dom.js";
-import { sentenceOf } from "../texts.js";
+import { showSentence } from "../texts.js";
 
 const DAYS = 7;
 const DAY_MS = 86_400_000;
@@ -79,7 +79,7 @@ export async function showDays(main, { t, phone, client }) {
     } catch (error) {
       if (stop.signal.aborted) return;
       if (error.code === "precondition_failed") await readDays(); // somebody else was faster: show how it is now
-      alert.textContent = sentenceOf(error, t);
+      showSentence(alert, error, t);
     }
   }
 }

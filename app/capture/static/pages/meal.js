@@ -3,7 +3,7 @@
 import { newId } from "../client/index.js";
 import { button, h, svg } from "../dom.js";
 import * as store from "../store.js";
-import { sentenceOf } from "../texts.js";
+import { showSentence } from "../texts.js";
 import { localInstant, newDraft } from "./take.js";
 
 const PICTURE_PX = 1024;
@@ -47,7 +47,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
         return void (await client.waitForEstimate(id, { signal: stop.signal, onChange: showFresh }));
       } catch (error) {
         if (stop.signal.aborted) return;
-        following.textContent = sentenceOf(error, t);
+        showSentence(following, error, t);
         if (error.name !== "NetworkError" && !error.retryable) return;
         await new Promise((resolve) => setTimeout(resolve, TRY_AGAIN_MS));
       }
@@ -278,7 +278,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
       if (error.code === "implausible_amount") {
         if (confirm(t("amount_confirm"))) await say({ ...event, strict: false });
       } else if (error.code === "precondition_failed") {
-        alert.textContent = t("changed_meanwhile");
+        showProblem(error);
         await reread();
       } else showProblem(error);
     }
@@ -289,7 +289,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   }
 
   function showProblem(error) {
-    alert.textContent = sentenceOf(error, t);
+    showSentence(alert, error, t);
   }
 }
 

@@ -31,8 +31,8 @@ export async function showMeals(main, { t, phone, client, go }) {
     const waiting = meals.filter(isUnsent).length;
     const { free_bytes, persisted } = await store.room();
     notices.replaceChildren(
+      ...(waiting && !navigator.onLine ? [h("p", { class: "offline" }, t("offline", { count: waiting }))] : []),
       ...[
-        waiting && !navigator.onLine && t("offline", { count: waiting }),
         free_bytes !== null && free_bytes < LOW_ROOM_BYTES && t("storage_low"),
         persisted === false && waiting && t("storage_not_persisted"),
       ]
@@ -111,11 +111,16 @@ function rowOfPhone(t, record, isOwn, server) {
       record.part === "review" ? h("p", {}, t("confirm")) : null,
       h("p", {}, isOwn ? t(`state_${state}`) : t("state_other_person")),
       foods(server),
-      record.problem && isOwn ? h("p", { class: "problem" }, record.problem.code === "network" ? t("problem_network") : sentenceOf({ retryable: record.state === "waiting", ...record.problem }, t)) : null,
+      record.problem && isOwn ? problem(t, record) : null,
       record.is_note_refused && isOwn ? h("p", { class: "problem" }, t("voice_refused")) : null,
       record.state === "waiting" || record.state === "refused" || !isOwn ? actions(t, record, isOwn) : null,
     ),
   );
+}
+
+function problem(t, record) {
+  if (record.problem.code === "network") return h("p", { class: "offline" }, t("problem_network"));
+  return h("p", { class: "problem" }, sentenceOf({ retryable: record.state === "waiting", ...record.problem }, t));
 }
 
 function actions(t, meal, isOwn) {
