@@ -9,7 +9,6 @@ from playwright.sync_api import expect
 from tests.e2e.capture.capture_page import enrolled, first_photograph, open_estimated, photograph, send
 from tests.e2e.dashboard_server import require
 
-
 RED = """() => {  // what is shown in the colour of a fault
   const probe = document.createElement("i");
   probe.style.color = "var(--bad)";

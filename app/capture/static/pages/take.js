@@ -5,7 +5,7 @@
 // sent, or the browser's "back" leads to, belongs to the queue.
 
 import { canTakeStills, grabFrame, openCamera, pickPhotograph, thumbnail } from "../camera.js";
-import { isPhotograph } from "../chosen_file.js";
+import { isPhotograph, takenAt } from "../chosen_file.js";
 import { newId } from "../client/index.js";
 import { button, h, picture, svg } from "../dom.js";
 import * as store from "../store.js";
@@ -57,7 +57,24 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
     async function keepFile(file, fromCamera) {
       const bytes = new Uint8Array(await file.arrayBuffer());
       alert.textContent = isPhotograph(bytes) ? "" : t("not_a_photograph");
-      if (isPhotograph(bytes)) await keep(file, fromCamera ? new Date() : timeOf(file));
+      if (!isPhotograph(bytes)) return;
+      const taken = fromCamera ? new Date() : takenAt(bytes);
+      const isTimeKnown = isSecond || (taken && taken <= new Date()); // a meal's time is that of its first photograph
+      if (isTimeKnown) await keep(file, taken ?? new Date());
+      else askTime(file);
+    }
+
+    function askTime(file) {
+      const time = h("input", { id: "taken", type: "datetime-local", max: localInstant(new Date()).slice(0, 16), required: true });
+      close();
+      page.replaceChildren(
+        h("h1", {}, t("taken_title")),
+        h("p", {}, t("taken_explain")),
+        h("label", { for: "taken" }, t("taken_time")),
+        time,
+        button(t("taken_keep"), () => time.reportValidity() && keep(file, new Date(time.value)), { kind: "main large" }),
+        h("div", { class: "actions" }, button(t("cancel"), next)),
+      );
     }
 
 
@@ -204,9 +221,6 @@ export function newDraft(phone, meal) {
     first_board: null,
   };
 }
-
-// A file that was chosen shows an earlier meal, as far as its date says.
-const timeOf = (file) => new Date(Math.min(file.lastModified, Date.now()));
 
 /** RFC 3339 with the phone's offset, to the second. */
 export function localInstant(date) {
