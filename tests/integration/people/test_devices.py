@@ -25,6 +25,7 @@ def test_me_returns_phone_participant_and_protocol(enrol):
     me = phone.get("/v1/me").json()
     assert (me["participant"], me["study"]["code"], me["study"]["marker"]) == ("P001", "pilot", "plain:9x7:11")
     assert (me["study"]["expects_after_pair"], me["study"]["locale"]) == (True, "de")
+    assert (me["study"]["retention_days"], me["study"]["withdrawal_policy"]) == (None, "erase")
     assert (me["study"]["gives_feedback"], me["study"]["day_starts"]) == (False, "04:00")
     assert me["device"]["name"] == "test phone"
 

@@ -100,8 +100,7 @@ async function enrolPhone(code, deviceName) {
 export async function refreshPhone(client, { token }) {
   const { study } = await client.getMe().catch(() => ({ study: null }));
   if (!study) return;
-  const { name, marker, locale, expects_after_pair, after_window_minutes, gives_feedback, sandbox } = study;
-  const protocol = { name, marker, locale, expects_after_pair, after_window_minutes, gives_feedback, sandbox };
+  const { code, version, ...protocol } = study;
   await store.changePhone(token, (phone) => ({ ...phone, ...protocol }));
 }
 

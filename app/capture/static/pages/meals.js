@@ -16,6 +16,7 @@ const ON_ITS_WAY = new Set(["receiving", "queued", "processing"]);
 export async function showMeals(main, { t, phone, client, go }) {
   const list = h("ul", { class: "meals" });
   const notices = h("div", { role: "status" });
+  const welcome = h("section");
   let sent = []; // of the server, newest first
 
   async function render() {
@@ -28,6 +29,7 @@ export async function showMeals(main, { t, phone, client, go }) {
     ];
     rows.sort((a, b) => new Date(b.at) - new Date(a.at));
     list.replaceChildren(...rows.map((row) => row.element));
+    welcome.replaceChildren(...(rows.length ? [] : welcomeParts(t, phone)));
     const waiting = meals.filter(isUnsent).length;
     const { free_bytes, persisted } = await store.room();
     notices.replaceChildren(
@@ -45,6 +47,7 @@ export async function showMeals(main, { t, phone, client, go }) {
     h("h1", {}, t("meals")),
     h("p", { class: "who" }, t("who", { participant: phone.participant, study: phone.name ?? phone.study })),
     ...(phone.sandbox ? [h("p", { class: "notice" }, t("sandbox"))] : []),
+    welcome,
     button(t("take_meal"), () => go("take"), { kind: "main large" }),
     notices,
     list,
@@ -92,6 +95,19 @@ export async function showMeals(main, { t, phone, client, go }) {
       await render();
     }
   }
+}
+
+// Before the first meal: whose study it is, what to photograph, and what becomes of it.
+function welcomeParts(t, phone) {
+  const { participant, name, study, retention_days: days, withdrawal_policy, location_policy } = phone;
+  const photographs = days === null ? t("privacy_photographs_kept") : t("privacy_photographs_deleted", { days });
+  const policies = [photographs, t(`privacy_place_${location_policy}`), t(`privacy_leave_${withdrawal_policy}`)];
+  return [
+    h("h2", {}, t("welcome", { study: name ?? study })),
+    h("img", { class: "welcome", src: "plate_and_board.svg", alt: t("welcome_picture") }),
+    h("p", {}, t("first_explain")),
+    h("p", { class: "who" }, [t("privacy", { participant }), ...policies].join(" ")),
+  ];
 }
 
 function rowOfPhone(t, record, isOwn, server) {
