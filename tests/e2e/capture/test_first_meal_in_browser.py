@@ -27,6 +27,7 @@ def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, op
     page.fill("#note", "with my sister")
     meal = send(page)
     open_estimated(served, page, meal)
+    page.get_by_text("Your note: with my sister").wait_for()
     page.get_by_text("Correct it").click()
     page.get_by_label("Search for another food").first.fill("pear")
     page.locator(".search .choices button").first.click()

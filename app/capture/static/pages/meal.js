@@ -24,6 +24,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const alert = h("p", { role: "alert" }); // why the person's last change failed
   const photograph = h("div", { class: "stage" });
   const items = h("ol", { class: "items" });
+  const notes = h("div");
   const eaten = h("div", { role: "status" });
   const actions = h("div", { class: "actions" });
   let meal = null;
@@ -32,7 +33,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const reviewId = `${id}/review`;
   let waitingAfter = await readWaitingAfter();
   let waitingEvents = (await store.meal(reviewId))?.events ?? []; // confirmations without a network
-  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, eaten, actions);
+  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, notes, items, eaten, actions);
   store.onChange(noteAfter, stop.signal);
   store.onChange(noteEvents, stop.signal);
   follow().catch(showProblem);
@@ -80,6 +81,8 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     const { body } = await client.request("GET", `/v1/meals/${id}/events`, { query: { limit: MOST_EVENTS }, signal: stop.signal });
     if (version !== meal.version) return; // those of a later version are being read
     said = body.items.filter((event) => event.layer === "participant" && !event.undone);
+    const comments = said.filter((event) => event.kind === "comment");
+    notes.replaceChildren(...comments.map((event) => h("p", {}, t("note_sent", { text: event.new.text }))));
     showSaid();
   }
 
