@@ -327,5 +327,6 @@ class MeOut(BaseModel):
 
     participant: str = Field(description=PARTICIPANT)
     starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
+    joined_at: datetime = Field(description="When the participant's first phone was enrolled.")
     study: PhoneProtocol = Field(description="The part of the study's protocol that concerns the phone.")
     device: PhoneOut = Field(description="This phone.")

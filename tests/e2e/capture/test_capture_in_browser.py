@@ -208,6 +208,7 @@ def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone)
     page.get_by_label("Was the bread buttered?").wait_for(state="detached")
     require_accessible(page)
     day = served.meal(meal)["local_date"]
+    assert page.locator("li[data-day]").count() < 7  # none before the person joined, today
     page.locator(f"li[data-day='{day}']").get_by_role("button", name="That was everything").click()
     page.wait_for_selector(f"li[data-day='{day}'][data-status=closed]")
     page.locator(f"li[data-day='{day}']").get_by_role("button", name="Open again").click()

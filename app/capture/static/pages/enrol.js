@@ -98,10 +98,10 @@ async function enrolPhone(code, deviceName) {
 
 /** Read the study's protocol and keep it, for when there is no network. Without one, what was kept stays. */
 export async function refreshPhone(client, { token }) {
-  const { study } = await client.getMe().catch(() => ({ study: null }));
-  if (!study) return;
-  const { code, version, ...protocol } = study;
-  await store.changePhone(token, (phone) => ({ ...phone, ...protocol }));
+  const me = await client.getMe().catch(() => null);
+  if (!me) return;
+  const { code, version, ...protocol } = me.study;
+  await store.changePhone(token, (phone) => ({ ...phone, ...protocol, joined_at: me.joined_at }));
 }
 
 async function scannedCode(video, isOpen) {
