@@ -117,8 +117,9 @@ def test_refused_pair_gives_way_to_another_answer_once_the_person_agrees(served,
 
     first_photograph(page)
     page.evaluate(REFUSED, after)
-    page.evaluate(ANNOUNCED_AFTER, meal)  # its metadata had arrived: those of another pair would be refused
+    page.evaluate(ANNOUNCED_AFTER, meal)  # its metadata had arrived
     page.goto(f"{served.address}/capture/#meal/{meal}")
+    page.get_by_role("button", name="Photograph what is left").wait_for()
     page.once("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="I ate all of it").click()
     page.get_by_role("button", name="I ate all of it").wait_for(state="detached")

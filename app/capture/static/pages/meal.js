@@ -171,12 +171,13 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     const isFailed = meal.status === "failed";
     const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
     const after = meal.after?.status ?? null;
+    const isAfterLost = after === "receiving" && !Object.keys(meal.after.images).length; // announced, and nothing waits
     const expectsAfter = !waitingAfter && phone.expects_after_pair && meal.images.left;
     return [
       canConfirmAll ? button(t("confirm_all"), () => say({ kind: "confirm_meal" }), { kind: "main large" }) : null,
       isFailed ? button(t("photograph_again"), () => go("take"), { kind: "main large" }) : null,
       h("details", { open: isFailed }, h("summary", {}, t(isFailed ? "enter_eaten" : "something_missing")), addFood()),
-      expectsAfter && AFTER_OPEN.has(after) ? button(t("after_pair"), photographLeft) : null,
+      expectsAfter && (AFTER_OPEN.has(after) || isAfterLost) ? button(t("after_pair"), photographLeft) : null,
       expectsAfter && EATEN_OPEN.has(after) ? button(t("all_eaten"), allEaten) : null,
       button(t("erase_meal"), erase, { kind: "danger" }),
     ].filter(Boolean);
