@@ -39,7 +39,8 @@ def test_scripts_ask_for_all_texts_and_for_no_others():
 
 
 def test_every_state_of_a_meal_every_policy_and_every_piece_of_advice_has_a_text():
-    policies = {f"place_{policy}" for policy in LOCATION_POLICIES} | {f"leave_{policy}" for policy in WITHDRAWAL_POLICIES}
+    policies = {f"place_{policy}" for policy in LOCATION_POLICIES}
+    policies |= {f"leave_{policy}" for policy in WITHDRAWAL_POLICIES}
     privacy = {key.removeprefix("privacy_") for key in texts_of("en") if key.startswith("privacy_")}
     assert privacy == policies | {"photographs_kept", "photographs_deleted"}
     states = {key.removeprefix("state_") for key in texts_of("en") if key.startswith("state_")}
