@@ -70,7 +70,8 @@ export function waitMs(tries, retryAfterSeconds, random) {
   return Math.max(most * (0.5 + 0.5 * random()), (retryAfterSeconds ?? 0) * 1000);
 }
 
-// Confirmations first, since their version is older than all that waits; then the oldest first. Token and owner come from one reading: another person may join meanwhile.
+// Confirmations first, since what else waits makes a later version of their meal; then the oldest first. Token and owner
+// come from one reading: another person may join meanwhile.
 async function sendAll(now, random) {
   const phone = await store.phone();
   const client = clientOf(phone, { retries: ONE_TRY });

@@ -118,7 +118,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
       { "data-item": item.id, "data-status": item.status },
       h("h2", {}, h("span", { class: "number", "aria-hidden": "true" }, String(number)), name, isSettled ? h("span", { class: "good" }, ` ✓ ${t(`item_${item.status}`)}`) : null),
       h("p", {}, grams),
-      isWaiting(item) ? h("p", { class: "good" }, `✓ ${t("confirm")} · ${t("state_waiting")}`) : null,
+      canConfirm && isWaiting(item) ? h("p", { class: "good" }, `✓ ${t("confirm")} · ${t("state_waiting")}`) : null,
       canConfirm && !isWaiting(item) ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
       h("details", {}, h("summary", {}, t("correct")), ...corrections(item)),
     );
@@ -257,7 +257,9 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     go("meals");
   }
 
-  const isWaiting = (item) => waitingEvents.some((event) => event.kind === "confirm_meal" || event.item === item.id);
+  function isWaiting(item) {
+    return waitingEvents.some((event) => event.kind === "confirm_meal" || event.item === item.id);
+  }
 
   // A confirmation goes by the queue where there is no network.
   async function sendOrQueue(event) {

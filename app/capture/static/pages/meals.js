@@ -100,13 +100,14 @@ export async function showMeals(main, { t, phone, client, go }) {
 // Before the first meal: whose study it is, what to photograph, and what becomes of it.
 function welcomeParts(t, phone) {
   const { participant, name, study, retention_days: days, withdrawal_policy, location_policy } = phone;
-  const photographs = days === null ? t("privacy_photographs_kept") : t("privacy_photographs_deleted", { days });
-  const policies = [photographs, t(`privacy_place_${location_policy}`), t(`privacy_leave_${withdrawal_policy}`)];
+  const photographs = () => (days === null ? t("privacy_photographs_kept") : t("privacy_photographs_deleted", { days }));
+  const policies = () => [photographs(), t(`privacy_place_${location_policy}`), t(`privacy_leave_${withdrawal_policy}`)];
+  const isRead = withdrawal_policy !== undefined; // not if the server could not be asked when the person joined
   return [
     h("h2", {}, t("welcome", { study: name ?? study })),
     h("img", { class: "welcome", src: "plate_and_board.svg", alt: t("welcome_picture") }),
     h("p", {}, t("first_explain")),
-    h("p", { class: "who" }, [t("privacy", { participant }), ...policies].join(" ")),
+    h("p", { class: "who" }, [t("privacy", { participant }), ...(isRead ? policies() : [])].join(" ")),
   ];
 }
 
