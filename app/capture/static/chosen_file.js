@@ -15,6 +15,7 @@ export function isPhotograph(bytes) {
 }
 
 const EXIF_HEADER = [0x45, 0x78, 0x69, 0x66, 0, 0]; // "Exif", before a TIFF structure, in JPEG and HEIC
+const BYTE_ORDERS = [0x49, 0x4d]; // "II" or "MM": what a TIFF structure begins with; HEIC names its parts "Exif", too
 const EXIF_IFD = 0x8769;
 const DATE_TIME_ORIGINAL = 0x9003;
 const OFFSET_TIME_ORIGINAL = 0x9011;
@@ -30,10 +31,10 @@ export function takenAt(bytes) {
 }
 
 function exifStart(bytes) {
+  const isExif = (start) =>
+    EXIF_HEADER.every((byte, place) => bytes[start + place] === byte) && BYTE_ORDERS.includes(bytes[start + EXIF_HEADER.length]);
   let start = bytes.indexOf(EXIF_HEADER[0]);
-  while (start >= 0 && !EXIF_HEADER.every((byte, place) => bytes[start + place] === byte)) {
-    start = bytes.indexOf(EXIF_HEADER[0], start + 1);
-  }
+  while (start >= 0 && !isExif(start)) start = bytes.indexOf(EXIF_HEADER[0], start + 1);
   if (start < 0) throw new RangeError("There is no EXIF.");
   return start + EXIF_HEADER.length;
 }
