@@ -119,7 +119,8 @@ def test_capture_page_passes(judge, open_page):
         page.get_by_role("button", name="Send").click()
         page.get_by_role("button", name="Photograph a meal").wait_for()
     expect(page.locator("li[data-state=sent]")).to_have_count(2, timeout=PATIENCE_MS)
-    apple, salad = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]  # by EXIF's times
+    # the newest first, by their EXIF
+    apple, salad = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]
     page.click(f"li[data-meal='{apple}'] a")
     page.get_by_role("button", name="That is right").first.click()
     page.get_by_text("The meal has changed meanwhile. This is ").wait_for()
