@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 
 from app import __version__
 from app.dashboard.addresses import study_address
-from app.dashboard.menus import server_menu, study_menu
+from app.dashboard.menus import FOODS, server_menu, study_menu
 from app.people.access.page_rules import PREFIX
 
 FOLDER = Path(__file__).parent
@@ -42,7 +42,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     jinja.globals |= {"static": static, "prefix": PREFIX, "version": __version__, "study_url": study_url}
-    jinja.globals |= {"study_menu": study_menu, "server_menu": server_menu}
+    jinja.globals |= {"study_menu": study_menu, "foods_entry": FOODS, "server_menu": server_menu}
     jinja.filters |= {
         "amount": amount,
         "interval": interval,

@@ -24,7 +24,7 @@ from app.http.model_response import ModelResponse
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
 from app.http.tables.flat_rows import encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES
+from app.http.tables.media_types import MEDIA_TYPES, attachment
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/studies", tags=["days"])
@@ -88,7 +88,7 @@ def get_overview(
     if output == "json" or part is None:
         return ModelResponse(overview)
     note_overview_export(state.database, staff, study, part, output)
-    headers = {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
+    headers = attachment(output, study, f"overview-{part}", overview.first_day, overview.last_day)
     content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(overview, part)))
     return Response(content, media_type=MEDIA_TYPES[output], headers=headers)
 

@@ -20,9 +20,11 @@ from app.meals.models import Meal, MealStatus
 from app.people import privacy_queries as privacy
 from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
+from app.records.review.queries import count_meals_to_look_at
 
-CountedStatus = Literal[MealStatus, "after_awaited", "after_failed"]
+CountedStatus = Literal[MealStatus, "needs_look", "after_awaited", "after_failed"]
 WAITING: tuple[MealStatus, ...] = ("receiving", "queued", "processing", "needs_review", "failed")  # need an action
+NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status
 AFTER_PENDING = ("receiving", "queued", "processing")
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
@@ -167,13 +169,14 @@ class Window:
 
 
 def count_waiting(session: Session, study_id: uuid.UUID) -> dict[CountedStatus, int]:
-    """Count a study's meals that wait now, whenever they were eaten, by WAITING, then AFTER_PAIRS."""
+    """Count a study's meals that wait now, whenever they were eaten, by WAITING, needs_look, then AFTER_PAIRS."""
     query = (
         sa.select(Meal.status, sa.func.count())
         .where(Meal.study_id == study_id, Meal.status.in_(WAITING))
         .group_by(Meal.status)
     )
     counts: dict[CountedStatus, int] = {row[0]: row[1] for row in session.execute(query)}
+    counts[NEEDS_LOOK] = count_meals_to_look_at(session, study_id)
     # few meals of all studies have a due time: coalesce keeps SQLite from scanning all of this study's meals instead,
     # and IS NOT NULL would not use an index
     is_in_study = sa.func.coalesce(Meal.study_id, study_id) == study_id
@@ -185,7 +188,7 @@ def count_waiting(session: Session, study_id: uuid.UUID) -> dict[CountedStatus, 
     for name, condition in zip(AFTER_PAIRS, conditions, strict=True):
         count = sa.select(sa.func.count()).select_from(Meal).where(*condition)
         counts[name] = session.execute(count).scalar_one()
-    return {name: counts.get(name, 0) for name in (*WAITING, *AFTER_PAIRS)}
+    return {name: counts.get(name, 0) for name in (*WAITING, NEEDS_LOOK, *AFTER_PAIRS)}
 
 
 def count_failures(session: Session, study_id: uuid.UUID) -> dict[str, int]:

@@ -73,9 +73,11 @@ class OverviewDayOut(BaseModel):
 
 
 class OverviewStatusOut(BaseModel):
-    """Meals of a status, or whose after-meal pair is pending (after_awaited) or has failed (after_failed)."""
+    """Meals of a status, that need a look, or whose after-meal pair is pending or has failed."""
 
-    status: CountedStatus = Field(description="A meal's status, or after_awaited or after_failed.")
+    status: CountedStatus = Field(
+        description="A meal's status, or needs_look (counted up to 1,000), after_awaited or after_failed."
+    )
     meals: int = Field(description="How many meals there are.")
 
 

@@ -118,9 +118,8 @@ def open_export(database: Database, caller: StaffCaller, study_code: str, export
         if export.blob_key is None or export.sha256 is None:
             raise NotFoundError("There is no such export.")
         audit.note(session, caller, "export.download", study_id=export.study_id, subject=str(export.id))
-        spec = spec_of_json(export.spec)
         return StoredFile(
-            name=f"{study_code}-{spec.rows}.{spec.output}",
+            name=spec_of_json(export.spec).file_name,
             length=export.bytes,
             sha256=export.sha256,
             blob_key=export.blob_key,

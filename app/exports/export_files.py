@@ -138,8 +138,8 @@ def file_spec(
     return None
 
 
-def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) -> ClosingStream:
-    """Return the file as a download of this name. Raises as begin_export."""
+def answer_file(state: ApiState, caller: Caller, spec: ExportSpec) -> ClosingStream:
+    """Return the file as a download. Raises as begin_export."""
     file = begin_export(state.database, state.blobs, state.settings, state.part(ExportPlaces), caller, spec)
-    headers = {"Content-Disposition": f'attachment; filename="{name}.{spec.output}"'}
+    headers = {"Content-Disposition": f'attachment; filename="{spec.file_name}"'}
     return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[spec.output], headers=headers)

@@ -12,7 +12,7 @@ from pydantic import JsonValue, TypeAdapter
 from app.core.errors import InvalidInputError
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
-from app.http.tables.media_types import Output
+from app.http.tables.media_types import Output, file_name
 
 Rows = Literal["items", "meals", "days", "photographs"]
 Layout = Literal["wide", "long"]
@@ -50,6 +50,12 @@ class ExportSpec:
     components: Components = "headline"
     filters: RowFilter = field(default_factory=RowFilter)
     provenance: bool = True
+
+    @property
+    def file_name(self) -> str:
+        """The file's name: its study, its table and its days, as far as they are chosen."""
+        rows, table = self.filters, "records" if self.rows == "items" else self.rows
+        return file_name(self.output, rows.study_code, table, rows.first_day, rows.last_day)
 
 
 SPEC = TypeAdapter(ExportSpec)

@@ -20,7 +20,7 @@ from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
 from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES
+from app.http.tables.media_types import MEDIA_TYPES, attachment
 
 MOST_ROWS = 50_000
 LIST_FIELDS = ("items", "groups")
@@ -68,10 +68,11 @@ class ListRoute(APIRoute):
                 page: BaseModel = endpoint(**arguments)
                 return page
             rows = _all_rows(endpoint, arguments, self._greatest_limit())
+            days = (arguments.get("first_day"), arguments.get("last_day"))
             return Response(
                 b"".join(encode_flat(file_format, flat_paths(row, rows), rows)),
                 media_type=MEDIA_TYPES[file_format],
-                headers={"Content-Disposition": f'attachment; filename="{name}.{file_format}"'},
+                headers=attachment(file_format, arguments.get("study"), name, *days),
             )
 
         signature = inspect.signature(endpoint)

@@ -50,13 +50,17 @@ def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
         _revoke(session, caller, device, participant)
 
 
-def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Participant, Device]:
-    """Return a phone with its study and participant. Raises GoneError: its participant left meanwhile."""
+def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Participant, Device, datetime]:
+    """Return a phone's study, its participant, the phone, and when the participant joined.
+
+    Raises GoneError: its participant left meanwhile.
+    """
     with database.read() as session:
         participant, device = session.get(Participant, caller.participant_id), session.get(Device, caller.device_id)
         if participant is None or device is None:
             raise withdrawn_error()
-        return session.get_one(Study, caller.study_id), participant, device
+        joined_at = people.first_enrolment(session, participant.id)
+        return session.get_one(Study, caller.study_id), participant, device, joined_at
 
 
 def _revoke(session: Session, caller: Caller, device: Device, participant: Participant) -> None:

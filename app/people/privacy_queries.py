@@ -139,7 +139,9 @@ def remove_scheduled_deletions(session: Session, keys: Collection[str]) -> None:
     session.execute(sa.delete(BlobDeletion).where(BlobDeletion.blob_key.in_(keys)))
 
 
-def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
+def page_of_audit(
+    session: Session, chosen: AuditFilter, *, after: int | None, limit: int, is_newest_first: bool = False
+) -> list[AuditRow]:
     """Return at most `limit` events in order, after the id `after`."""
     event = AuditEvent
     query = (
@@ -155,7 +157,7 @@ def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, l
             event.request_id,
         )
         .outerjoin(Study, Study.id == event.study_id)
-        .order_by(event.id)
+        .order_by(event.id.desc() if is_newest_first else event.id)
         .limit(limit)
     )
     if chosen.study_id is not None:
@@ -167,7 +169,7 @@ def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, l
     if chosen.until is not None:
         query = query.where(event.at < chosen.until)
     if after is not None:
-        query = query.where(event.id > after)
+        query = query.where(event.id < after if is_newest_first else event.id > after)
     return [AuditRow(*row) for row in session.execute(query)]
 
 

@@ -172,6 +172,12 @@ def page_of_devices(
     return [(device, code) for device, code in session.execute(query)]
 
 
+def first_enrolment(session: Session, participant_id: uuid.UUID) -> datetime:
+    """Return when the participant's first phone was enrolled. Raises NoResultFound without one."""
+    query = sa.select(Device.enrolled_at).where(Device.participant_id == participant_id)
+    return session.scalars(query.order_by(Device.enrolled_at).limit(1)).one()
+
+
 def end_tokens_of_device(session: Session, device_id: uuid.UUID, now: datetime) -> None:
     """Revoke a device's tokens, and end its reminders."""
     session.execute(sa.delete(PushSubscription).where(PushSubscription.device_id == device_id))

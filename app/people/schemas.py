@@ -314,6 +314,9 @@ class PhoneProtocol(BaseModel):
     )
     locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether the participant may see what they ate (GET /v1/me/summary).")
+    location_policy: LocationPolicy = Field(description="What is kept of a meal's place.")
+    retention_days: int | None = Field(description="Photographs are deleted so many days after upload; null: never.")
+    withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
     sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study.")
@@ -324,5 +327,6 @@ class MeOut(BaseModel):
 
     participant: str = Field(description=PARTICIPANT)
     starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
+    joined_at: datetime = Field(description="When the participant's first phone was enrolled.")
     study: PhoneProtocol = Field(description="The part of the study's protocol that concerns the phone.")
     device: PhoneOut = Field(description="This phone.")

@@ -7,7 +7,7 @@ and `blob`). A new table without a declaration fails tests/integration/privacy/t
 import uuid
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date, datetime
 from functools import cache
 from typing import Literal
 
@@ -30,6 +30,22 @@ from app.tables import METADATA
 
 Ids = sa.Select[uuid.UUID]
 Owner = Literal["meal", "participant"]  # also the names of their tables
+
+
+def participants_by_alias(session: Session, aliases: Collection[uuid.UUID]) -> dict[str, str]:
+    """Return alias -> code of the participants who have one of these aliases."""
+    query = sa.select(Participant.alias, Participant.code).where(Participant.alias.in_(aliases))
+    return {str(alias): code for alias, code in session.execute(query)}
+
+
+def meals_by_alias(session: Session, aliases: Collection[uuid.UUID]) -> dict[str, tuple[str, date]]:
+    """Return alias -> (participant's code, local day) of the meals that have one of these aliases."""
+    query = (
+        sa.select(Meal.alias, Participant.code, Meal.local_date)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .where(Meal.alias.in_(aliases))
+    )
+    return {str(alias): (code, local_date) for alias, code, local_date in session.execute(query)}
 
 
 def sandbox_participants_since(session: Session, before: datetime) -> list[uuid.UUID]:

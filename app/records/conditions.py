@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session, aliased
 
-from app.db.statements import AnyColumn, AnyQuery, Condition
+from app.db.statements import AnyColumn, AnyQuery, Condition, Conditions
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
@@ -25,6 +25,15 @@ NO_ID = uuid.UUID(int=0)
 def holds(record: type[EffectiveRecord]) -> Condition:
     """The record counts: nobody has rejected it. A literal, as partial indexes have it: planners see no parameters."""
     return record.status != sa.literal_column("'rejected'")
+
+
+def needs_look(record: type[EffectiveRecord]) -> Conditions:
+    """A reviewer should look at the item: none has settled it, and it is no text entry that is complete.
+
+    Overview, meals, review queue, exports and API all count by it. The first two are literals, as in the partial index.
+    """
+    is_no_complete_text = sa.or_(record.origin != "declared", record.status == "needs_review")
+    return (holds(record), record.reviewed.is_(False), is_no_complete_text)
 
 
 def has_flags(record: type[EffectiveRecord]) -> Condition:

@@ -1,7 +1,8 @@
 """Receive the after-meal pair, part by part, any part again, until its metadata and both photographs are here.
 
 The rules are those of the meal's own pair (submit_meal.py): photographs are sealed first, then written in one
-transaction; the same bytes again change nothing, other bytes are refused. One difference: a pair that failed may be
+transaction; the same bytes again change nothing, other bytes are refused. Two differences: metadata may be replaced
+as long as no photograph is stored, since the phone may have lost those that it announced; a pair that failed may be
 replaced by another, since the meal cannot be eaten again; its photographs are then erased. The meal's own status never
 changes here.
 """
@@ -124,8 +125,8 @@ class SubmitAfterPair:
     def announce(self, caller: DeviceCaller, client_id: uuid.UUID, metadata: AfterMetadata) -> bool:
         """Keep the pair's metadata, before its second photograph. Returns whether something was added.
 
-        Raises NotFoundError, GoneError, InvalidInputError (before the meal), ConflictError (other metadata are here;
-        the pair is queued already; the meal has no photographs).
+        Raises NotFoundError, GoneError, InvalidInputError (before the meal), ConflictError (other metadata are here
+        with a photograph; the pair is queued already; the meal has no photographs).
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
         return self._keep(caller, _Upload(meal_id, metadata.details(), metadata.time.captured_at))
@@ -167,7 +168,7 @@ class SubmitAfterPair:
                 raise ConflictError("Another pair came in at the same time: GET the meal, then send again.")
             if stored.is_replaced:
                 _erase_failed_pair(session, meal, stored.images.values(), now)
-            has_new_details = upload.details is not None and meal.after_details is None
+            has_new_details = bool(_changed_fields(upload.details, meal.after_details))
             if has_new_details:
                 meal.after_details = upload.details
             session.add_all(image_row(meal_id, slot, photo, sealed.keys[slot], now) for slot, photo in added.items())
@@ -216,7 +217,7 @@ class SubmitAfterPair:
                 slot=other[0],
                 stored_sha256=images[other[0]].received_sha256,
             )
-        if changed and meal.after_details is not None:
+        if changed and meal.after_details is not None and images:
             raise ConflictError(
                 "This after-meal pair is already here with other metadata.", code="after_pair_differs", fields=changed
             )

@@ -35,7 +35,10 @@ METADATA_BODY: dict[str, Any] = {
     openapi_extra=METADATA_BODY,
 )
 async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
-    """Say when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
+    """Say when the after-meal pair was taken and what is left where: before its second photograph, or not at all.
+
+    Said anew it replaces what was said, as long as no photograph of the pair is stored.
+    """
     checked, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
 
     def work() -> tuple[bool, MealView]:

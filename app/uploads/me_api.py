@@ -14,10 +14,11 @@ router = APIRouter(prefix="/v1/me", tags=["me"])
 @router.get("", responses=problem_responses(401, 403, 410))
 def get_me(state: State, caller: CurrentDevice) -> MeOut:
     """The phone's participant, study and itself. Ask again now and then: the protocol may change."""
-    study, participant, device = devices.read_phone(state.database, caller)
+    study, participant, device, joined_at = devices.read_phone(state.database, caller)
     return MeOut(
         participant=participant.code,
         starts_on=participant.starts_on,
+        joined_at=joined_at,
         study=PhoneProtocol(**render_study(study).model_dump(include=set(PhoneProtocol.model_fields))),
         device=PhoneOut.model_validate(device, from_attributes=True),
     )

@@ -132,7 +132,7 @@ def test_food_is_chosen_by_keyboard_and_stands_in_the_address_with_the_other_fil
     page.wait_for_url(f"**{MEALS}?view=table")
     with page.expect_download() as download:
         page.click(".meals-files a:has-text('CSV') >> nth=0")
-    assert download.value.suggested_filename == "meals.csv"
+    assert download.value.suggested_filename == "list_meals.csv"
 
 
 def validation_message(page):

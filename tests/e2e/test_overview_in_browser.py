@@ -41,6 +41,7 @@ def opened(served, study, open_page):
         tab = open_page(served.address, **options)
         tab.sign_in("oda", PASSWORD, PATH)
         tab.page.wait_for_selector("figure[data-chart=nutrient].is-drawn canvas")
+        tab.page.click("summary:text('Map of places')")
         tab.page.wait_for_selector("figure[data-map].is-drawn canvas")
         expect(tab.page.locator("figure[data-chart]:not(.is-drawn)")).to_have_count(0)
         return tab

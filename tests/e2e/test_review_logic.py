@@ -149,9 +149,9 @@ def test_items_passed_by_are_shown_at_the_end_those_skipped_are_not_and_none_twi
 
 
 def test_numbers_are_read_as_people_type_them_and_ids_are_such_as_the_api_takes(run):
-    typed = ["120", "120,5", " 1 200.25 ", "0", "-3", "1e3", "", "abc", "20001", "5."]
+    typed = ["120", "120,5", " 1 200.25 ", "0", "-3", "1e3", "", "abc", "20001", "5.", "1,500", "0,125"]
     done = run(f"return {{ read: {typed!r}.map(typedNumber), ids: [newId(), newId()] }};")
-    assert done["read"] == [120, 120.5, 1200.25, None, None, None, None, None, None, 5]
+    assert done["read"] == [120, 120.5, 1200.25, None, None, None, None, None, None, 5, None, 0.125]
     assert done["ids"][0] != done["ids"][1]
     assert all(one[14] == "4" and len(one) == 36 for one in done["ids"])
 

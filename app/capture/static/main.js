@@ -4,7 +4,7 @@ import { h } from "./dom.js";
 import { renewReminders } from "./reminders.js";
 import { clientOf, nextTryMs, sendWaiting } from "./sender.js";
 import * as store from "./store.js";
-import { bestLanguage, loadTexts, sentenceOf } from "./texts.js";
+import { bestLanguage, loadTexts, showSentence } from "./texts.js";
 import { showDays } from "./pages/days.js";
 import { showEnrol } from "./pages/enrol.js";
 import { showMeal } from "./pages/meal.js";
@@ -99,6 +99,7 @@ async function renew() {
 async function showError(error) {
   const alert = document.querySelector("#error");
   const t = await store.phone().then(textsOf).catch(() => null);
-  alert.textContent = t ? sentenceOf(error, t) : error.message;
+  if (t) showSentence(alert, error, t);
+  else alert.textContent = error.message;
   alert.hidden = false;
 }

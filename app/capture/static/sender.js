@@ -70,15 +70,17 @@ export function waitMs(tries, retryAfterSeconds, random) {
   return Math.max(most * (0.5 + 0.5 * random()), (retryAfterSeconds ?? 0) * 1000);
 }
 
-// The oldest first. Token and owner come from one reading: another person may join meanwhile.
+// Confirmations first, since what else waits makes a later version of their meal; then the oldest first. Token and owner
+// come from one reading: another person may join meanwhile.
 async function sendAll(now, random) {
   const phone = await store.phone();
   const client = clientOf(phone, { retries: ONE_TRY });
   if (!client) return;
-  for (const record of (await waitingOf(phone)).reverse()) {
+  const records = (await waitingOf(phone)).reverse().sort((a, b) => (b.part === "review") - (a.part === "review"));
+  for (const record of records) {
     if (isEarly(record, now())) continue;
     try {
-      await (record.part === "after" ? sendAfter(client, record) : sendMeal(client, record));
+      await { meal: sendMeal, after: sendAfter, review: sendReview }[record.part](client, record);
     } catch (error) {
       if ((await noteEnd(error, phone)) || !(await noteFailure(record, error, now(), random))) return;
     }
@@ -126,6 +128,14 @@ async function sendAfter(client, record) {
   await store.deleteMeal(record.id, "waiting");
 }
 
+// Each for the version that the one before it has made: what nobody has seen is not confirmed.
+async function sendReview(client, { id, meal, version, events }) {
+  for (const event of events) {
+    ({ version } = await client.sendEvent({ id: meal, version }, event));
+    await store.dropEvent(id, event, version);
+  }
+}
+
 // A pair that is already queued has its metadata: the photographs decide whether they are the same.
 function passIfQueued(error) {
   if (!(error instanceof Problem && error.code === "after_pair_queued")) throw error;
@@ -170,12 +180,16 @@ const isRefusal = (error) =>
   error instanceof Problem && error.code !== OF_PROXIES && !error.retryable && error.code !== "precondition_failed";
 
 // Returns whether the next record may be tried: not if the network or the server's patience is at an end.
-async function noteFailure({ id, meal }, error, now_ms, random) {
+async function noteFailure({ id, meal, part }, error, now_ms, random) {
   if (error.code === "meal_deleted") {
     await store.eraseMeal(meal);
     return true;
   }
   const isRefused = isRefusal(error);
+  if (part === "review" && (isRefused || error.code === "precondition_failed")) {
+    await store.deleteMeal(id); // the meal has changed: its page asks again
+    return true;
+  }
   await store.changeMeal(id, (record) => {
     record.tries += 1;
     const code = error instanceof Problem ? error.code : error instanceof NetworkError ? "network" : "internal";

@@ -1,9 +1,10 @@
 // The phone's store: its enrolment, its meals and their photographs, in IndexedDB. A photograph's bytes are deleted
 // only by `markDurable`, that is after the server said that it has them on its disk, and where the person deletes them.
 //
-// A record is a meal's pair, or its after-meal pair: {id, meal, part, owner, state, captured_at, time_zone, created_ms, slots,
+// A record is a meal's pair, its after-meal pair, or what the person confirmed of it without a network: {id, meal, part, owner, state, captured_at, time_zone, created_ms, slots,
 //   durable, comment, all_eaten, is_announced, tries, waited_from_ms, next_try_ms, problem, thumbnail, first_board, is_note_refused}
-//   id: the meal's, made on this phone; of an after-meal pair "ID/after". meal: the meal's id. part: "meal" or "after"
+//   id: the meal's, made on this phone; of an after-meal pair "ID/after", of confirmations "ID/review". meal: the meal's id
+//   part: "meal", "after" or "review"; this one has events, to be sent in their order, and the meal's version that they are about
 //   owner: the participant who took it: a phone that is enrolled anew for somebody else sends only that person's meals
 //   state: "draft" (being photographed), "waiting" (to be sent), "refused" (the server cannot accept it), "sent"
 //   slots: the photographs that belong to it; durable: those of them that the server has on its disk
@@ -102,6 +103,25 @@ export async function changeMeal(id, change) {
   return changed;
 }
 
+/** Add an event to the record of its meal's confirmations, or to `first` if there is none yet. */
+export const addEvent = (first, event) =>
+  write(["meals"], (stores) => {
+    stores.meals.get(first.id).onsuccess = ({ target }) => {
+      const record = target.result ?? first;
+      stores.meals.put({ ...record, events: [...record.events, event] });
+    };
+  });
+
+/** Note that an event was sent, and the meal's version since then. Without further events its record is deleted. */
+export const dropEvent = (id, sent, version) =>
+  write(["meals"], (stores) => {
+    stores.meals.get(id).onsuccess = ({ target }) => {
+      const events = (target.result?.events ?? []).filter((event) => event.id !== sent.id);
+      if (events.length) stores.meals.put({ ...target.result, events, version });
+      else stores.meals.delete(id);
+    };
+  });
+
 /** Note that the server has these photographs on its disk, and delete their bytes here. */
 export async function markDurable(id, slots) {
   await write(["meals", "photographs"], (stores) => {
@@ -135,10 +155,10 @@ export const deleteMeal = (id, state) =>
     };
   });
 
-/** Delete here a meal that the server has erased: also its after-meal pair, and the photographs of both. */
+/** Delete here a meal that the server has erased: also its after-meal pair, its confirmations, and all photographs. */
 export const eraseMeal = (meal) =>
   write(["meals", "photographs"], (stores) => {
-    for (const id of [meal, `${meal}/after`]) remove(stores, id);
+    for (const id of [meal, `${meal}/after`, `${meal}/review`]) remove(stores, id);
   });
 
 /**

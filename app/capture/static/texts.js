@@ -42,3 +42,9 @@ export function sentenceOf(error, t) {
   if (typeof code !== "string" || code === "internal") return t("problem_phone", { detail: detail ?? message ?? String(error) });
   return retryable ? t("problem_busy") : t("problem_other", { detail });
 }
+
+/** Show an error's sentence in an element; that there is no network is a quiet line, no alarm. */
+export function showSentence(element, error, t) {
+  element.textContent = sentenceOf(error, t);
+  element.classList.toggle("offline", error?.name === "NetworkError");
+}

@@ -30,7 +30,6 @@ router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/exports"
 EXPORTS_A_PAGE = 25
-FILE_NAMES = {"items": "records", "meals": "meals", "days": "days", "photographs": "photographs"}  # as in the API
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +75,7 @@ def get_list(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
 def get_table(page: CurrentPage, study: str) -> Response:
     """The rows as a file, at once."""
     spec = _spec(page, study)
-    return answer_file(page.state, page.study_caller, spec, FILE_NAMES[spec.rows])
+    return answer_file(page.state, page.study_caller, spec)
 
 
 @router.get(f"{PATH}/dictionary")

@@ -9,6 +9,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.core.errors import InvalidInputError
+from app.dashboard.meal_pages.line_fields import with_point
 from app.dashboard.refusals import sentence
 from app.records.review.schemas import AnyEventIn, EventIn
 
@@ -39,6 +40,7 @@ LABELS: Mapping[str, str] = {
 }
 LEFTOVER_FIELDS = {"leftover_of": "of", "leftover_class": "class"}
 AMOUNT_FIELDS = ("mass_g", "volume_ml", "portion", "count", "of", "relative_sd")
+NUMBERS = ("mass_g", "count", "volume_ml", "relative_sd", "share", *HAND_LABELS)
 _PAIR = re.compile(r"[\s,;]+")
 
 Short = Annotated[str, Field(max_length=200)]
@@ -116,6 +118,7 @@ def read_polygon(text: str) -> object:
 def _body(form: EventForm) -> dict[str, object]:
     """Return the fields as the API's body has them."""
     body: dict[str, object] = {name: value.strip() for name, value in form.filled_fields().items()}
+    body |= {name: with_point(str(body[name])) for name in NUMBERS if name in body}
     if "polygon" in body:
         body["polygon"] = read_polygon(form.polygon)
     if "mass_g" not in body:  # the form always sends this choice

@@ -1,6 +1,9 @@
 """The meaning of each flag and what to do, as in docs/flags.md, docs/after-meal.md and docs/review.md."""
 
-from collections.abc import Mapping
+import uuid
+from collections.abc import Collection, Mapping, Sequence
+
+from app.records.meal_schemas import ItemOut
 
 FLAGS: Mapping[str, str] = {
     # of a measurement
@@ -60,6 +63,27 @@ FLAGS: Mapping[str, str] = {
     "marker_darker_than_scene": "The board lies in a shadow: the exposure was lowered.",
     "colour_uncorrected": "The board's paper is too dark or not visible: colours are as taken.",
 }
+
+
+def reasons_of(food: object, consumed_g: float | None, flags: Collection[str]) -> list[str]:
+    """Return the causes of doubt about an item, in words; none: only its interval is."""
+    reasons = ["Nobody has stated the food, and the server is not sure enough."] if food is None else []
+    if consumed_g is None:
+        reasons.append("The eaten amount is unknown.")
+    reasons += [FLAGS.get(flag, flag.replace("_", " ") + ".") for flag in flags]
+    return reasons
+
+
+def doubts_of(items: Sequence[ItemOut], numbers: Mapping[uuid.UUID, int]) -> dict[str, list[str]]:
+    """Return cause of doubt -> the items that have it, by number and food; without rejected and reviewed items."""
+    doubts: dict[str, list[str]] = {}
+    for item in items:
+        if item.reviewed or item.status == "rejected":
+            continue
+        name = f"{numbers[item.id]}: {item.food.name}" if item.food is not None else str(numbers[item.id])
+        for reason in reasons_of(item.food, item.consumed_g, item.flags):
+            doubts.setdefault(reason, []).append(name)
+    return doubts
 
 
 def flag_meaning(code: str) -> str:

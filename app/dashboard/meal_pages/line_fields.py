@@ -7,14 +7,21 @@ from typing import TypeVar
 T = TypeVar("T")
 
 _NUMBER = re.compile(r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"-?(?:0?,\d+|\d+,(?!\d{3}$)\d+)")
 
 
 class WrongFieldError(ValueError):
     """The text of a field cannot be read; the message says why."""
 
 
+def with_point(text: str) -> str:
+    """Return a number that has a decimal comma with a point; `1,500` stays as it is, for it may be 1500."""
+    return text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text
+
+
 def number(text: str) -> float:
-    """Read a number such as `4.6`. Raises WrongFieldError, also for a comma, which is ambiguous."""
+    """Read a number such as `4.6` or `4,6`. Raises WrongFieldError."""
+    text = with_point(text)
     if not _NUMBER.fullmatch(text):
         raise WrongFieldError(f"“{text[:40]}” is no number: write it as 4.6.")
     return float(text)

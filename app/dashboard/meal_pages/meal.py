@@ -13,7 +13,7 @@ from app.core.errors import InvalidInputError, TadaError
 from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.event_form import HAND_LABELS, EventForm
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
-from app.dashboard.meal_pages.flag_words import flag_meaning
+from app.dashboard.meal_pages.flag_words import doubts_of, flag_meaning
 from app.dashboard.meal_pages.meal_figures import FIGURES, as_runs, headline, label_place, outline_path
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
@@ -147,6 +147,7 @@ def render_meal_page(
     story = read_story(page.state.database, page.study_caller, meal_id, participant)
     view, meal = story.view, render_meal(story.view)
     scene_names = _scene_names(story)
+    numbers = {item.id: number for number, item in enumerate(meal.items, start=1)}
     run, here = view.run, meal_address(page, view.participant_code, meal_id)
     return page.render(
         "meal_body.html" if is_section else "meal.html",
@@ -156,7 +157,8 @@ def render_meal_page(
         row=view.meal,
         items=[item for item in meal.items if not GONE & set(item.flags)],
         gone=[item for item in meal.items if GONE & set(item.flags)],
-        numbers={item.id: number for number, item in enumerate(meal.items, start=1)},
+        numbers=numbers,
+        doubts=doubts_of(meal.items, numbers),
         images=dict(sorted(((image.slot, image) for image in view.images), key=lambda pair: SLOTS.index(pair[0]))),
         colour=run.colour if run is not None else None,
         steps={artefact.name: artefact for artefact in view.artefacts},

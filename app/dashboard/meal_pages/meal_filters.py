@@ -16,7 +16,7 @@ from app.meals.models import AfterStatus, MealStatus
 
 Origin = Literal["photographed", "declared"]
 Needs = Literal["review", "answer"]
-Order = Literal["newest", "oldest"]
+Order = Literal["newest", "oldest", "doubt"]
 View = Literal["gallery", "table"]
 
 

@@ -19,7 +19,14 @@ from app.dashboard.meal_pages.meal_list_views import FAILURES, ListedMeal, eleme
 from app.dashboard.page import CurrentPage, Page
 from app.exports.export_files import answer_file
 from app.exports.export_spec import ExportSpec, Rows
-from app.exports.lists.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, missing_meals
+from app.exports.lists.list_meals import (
+    MOST_WATCHED,
+    changed_meals,
+    count_meals,
+    list_doubtful_meals,
+    list_meals,
+    missing_meals,
+)
 from app.foods.foods import food_names
 from app.http.paging import Cursor
 from app.http.tables.media_types import Output
@@ -55,13 +62,15 @@ def get_meals(
     if output is not None:
         if not chosen.reaches(rows):
             raise InvalidInputError(f"A file of {rows} does not have all of these filters.", code="export_not_offered")
-        return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters), rows)
+        return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters))
     database = page.state.database
     if chosen.wrong_days is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
-    meals = list_meals(
-        database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=MEALS_A_PAGE[chosen.view]
-    )
+    limit = MEALS_A_PAGE[chosen.view]
+    if chosen.order == "doubt":
+        doubtful = list_doubtful_meals(database, caller, chosen.filters, limit)
+        return _render(page, chosen, [listed_meal(row) for row in doubtful], next_cursor=None)
+    meals = list_meals(database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=limit)
     return _render(page, chosen, [listed_meal(row) for row in meals.rows], next_cursor=meals.cursor)
 
 
@@ -112,6 +121,7 @@ def _render(
     page: Page, chosen: MealFilters, meals: list[ListedMeal], *, next_cursor: str | None, status: int = 200
 ) -> Response:
     database, filters = page.state.database, chosen.filters
+    counts, needs_look = count_meals(database, page.require_study().id)
     return page.render(
         "meals.html",
         status=status,
@@ -119,7 +129,8 @@ def _render(
         filters=filters,
         meals=meals,
         next=next_cursor,
-        counts=count_meals(database, page.require_study().id),
+        counts=[count for count in counts if count.status != "needs_review"],
+        needs_look=needs_look,
         watch=watch_address(chosen.study, chosen.view, [meal.watched for meal in meals if meal.is_moving]),
         view=chosen.view,
         food_names=food_names(database, filters.food_keys),

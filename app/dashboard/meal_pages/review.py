@@ -8,25 +8,33 @@ from fastapi import APIRouter, Query
 from starlette.responses import HTMLResponse
 
 from app.dashboard.forms import Blank
+from app.dashboard.meal_pages.flag_words import reasons_of
 from app.dashboard.meal_pages.review_views import (
     Choice,
     Outline,
     choices_of,
     describe_events,
     outline_of,
-    reasons_of,
     why_unmarked,
 )
 from app.dashboard.page import CurrentPage
 from app.http.paging import Cursor
+from app.meals.models import MealOrigin
 from app.people.access.page_rules import PREFIX
 from app.records.review.queries import QUEUED_STATUSES, QueueFilter
-from app.records.review.review_items import ReviewItem, count_waiting, read_review_item, read_review_page
+from app.records.review.review_items import (
+    ReviewItem,
+    count_meals_to_look_at,
+    count_waiting,
+    read_review_item,
+    read_review_page,
+)
 
 router = APIRouter(include_in_schema=False)
 
 REVIEW = PREFIX + "/studies/{study}/review"
 ITEMS_A_PAGE = 12  # one is shown, the others are loaded in advance
+ONLY_ITS_INTERVAL = "No reviewer has looked at it; its only doubt is the interval of its amount."
 COUNTED = 500  # beyond it: "more than"
 
 DOUBTS = (("", "any"), *((str(least), f"{100 * least:.0f} % and more") for least in (0.1, 0.25, 0.5, 0.75, 0.9)))
@@ -70,6 +78,7 @@ def get_review(
     min_doubt: Annotated[float | None, Query(ge=0, le=1), Blank] = None,
     provisional: Annotated[bool | None, Blank] = None,
     participant: Annotated[str | None, Query(max_length=64), Blank] = None,
+    origin: Annotated[MealOrigin | None, Query(), Blank] = None,
     cursor: Cursor = None,
 ) -> HTMLResponse:
     """The queue from its start; as a fragment the cards after the cursor."""
@@ -80,6 +89,7 @@ def get_review(
         min_doubt=min_doubt,
         provisional=provisional,
         participant_code=participant,
+        origin=origin,
     )
     database = page.state.database
     items = read_review_page(database, chosen, cursor=cursor, limit=ITEMS_A_PAGE)
@@ -90,8 +100,9 @@ def get_review(
         more=page.address(cursor=items.cursor) if items.cursor is not None else None,
         waiting=min(waiting, COUNTED),
         is_more=waiting > COUNTED,
+        waiting_meals=count_meals_to_look_at(database, chosen.study_id),
         chosen=chosen,
-        is_filtered=any(value is not None for value in (status, food, min_doubt, provisional, participant)),
+        is_filtered=any(value is not None for value in (status, food, min_doubt, provisional, participant, origin)),
         statuses=[("", "any"), *((code, code.replace("_", " ")) for code in QUEUED_STATUSES)],
         doubts=DOUBTS,
         key_table=KEYS,
@@ -122,4 +133,5 @@ def card_of(item: ReviewItem) -> Card:
     """Return an item's card."""
     choices = choices_of(item)
     unmarked, ids = why_unmarked(item, choices), (uuid.uuid4(), uuid.uuid4())
-    return Card(item, outline_of(item), choices, unmarked, reasons_of(item), ids)
+    reasons = reasons_of(item.row.food, item.row.record.consumed_g, item.row.record.flags) or [ONLY_ITS_INTERVAL]
+    return Card(item, outline_of(item), choices, unmarked, reasons, ids)

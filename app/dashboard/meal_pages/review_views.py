@@ -1,11 +1,11 @@
-"""What a review card shows beside an item's figures: outline and crop, candidates, reasons, recent events."""
+"""What a review card shows beside an item's figures: outline and crop, candidates, recent events."""
 
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from app.foods.models import Food
-from app.meals.item_state import FOOD_DOUBTFUL, FOOD_IDENTIFIED, ITEM_DECISIONS
+from app.meals.item_state import FOOD_DOUBTFUL, ITEM_DECISIONS
 from app.meals.meal_parts import FROM_MODEL
 from app.records.review.meal_history import HistoryRow
 from app.records.review.review_items import ReviewItem
@@ -158,26 +158,6 @@ def why_unmarked(item: ReviewItem, choices: Sequence[Choice]) -> str:
     if item.row.food is not None:
         return "The phone and the server disagree"
     return "Probably none of these" if choices[0].probability is not None else "None of these was stated"
-
-
-def reasons_of(item: ReviewItem) -> list[str]:
-    """Return the reasons for the item's place in the queue; its doubt is the record's (docs/review.md)."""
-    record = item.row.record
-    reasons = []
-    if record.food_id is None:
-        reasons.append("Nobody has stated the food, and the server is not sure enough.")
-    if record.consumed_g is None:
-        reasons.append("The eaten amount is unknown.")
-    if FOOD_IDENTIFIED in record.flags:
-        reasons.append("Only the server has identified the food.")
-    if FOOD_DOUBTFUL in record.flags:
-        reasons.append("The phone's hint and the server disagree about the food.")
-    others = [flag for flag in record.flags if flag not in (FOOD_IDENTIFIED, FOOD_DOUBTFUL)]
-    if others:
-        reasons.append("The measurement has a cause of doubt: see its flags.")
-    if not reasons:
-        reasons.append("No reviewer has looked at it; the doubt is that of its amount.")
-    return reasons
 
 
 def describe_events(item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID) -> list[RecentEvent]:

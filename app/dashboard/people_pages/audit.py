@@ -13,6 +13,7 @@ from app.people.access.audit_api import audit_file
 from app.people.access.audit_log import read_audit
 from app.people.access.page_rules import PREFIX
 from app.people.privacy_queries import AuditFilter
+from app.privacy.audit_names import names_of_aliases
 
 router = APIRouter(include_in_schema=False)
 
@@ -60,9 +61,17 @@ def _audit(
     )
     if output == "csv":
         return audit_file(page.state, page.caller, study, chosen)
-    events = read_audit(page.state.database, page.caller, study, chosen, cursor=cursor, limit=EVENTS_A_PAGE)
+    database = page.state.database
+    events = read_audit(database, page.caller, study, chosen, cursor=cursor, limit=EVENTS_A_PAGE, is_newest_first=True)
     return page.render(
-        "audit.html", rows=events.rows, next=events.cursor, action=action, first=first, last=last, of_study=study
+        "audit.html",
+        rows=events.rows,
+        names=names_of_aliases(database, [text for row in events.rows for text in (row.actor, row.subject)]),
+        next=events.cursor,
+        action=action,
+        first=first,
+        last=last,
+        of_study=study,
     )
 
 

@@ -9,13 +9,13 @@ from fastapi import APIRouter, Query
 from markupsafe import Markup
 from starlette.responses import Response
 
-from app.core.errors import ConflictError, InvalidInputError, NotFoundError
+from app.core.errors import InvalidInputError, NotFoundError
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, form_values
-from app.dashboard.page import CurrentPage
+from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.messages.catalogue import catalogue
-from app.people import devices
+from app.people import devices, participants
 from app.people.access.page_rules import PREFIX
 from app.people.enrol import issue_enrolment_code
 from app.people.enrolment_qr import capture_link, enrolment_text, qr_svg
@@ -32,14 +32,15 @@ MOST_CARDS = 60  # a sheet
 class Card:
     """The card that a participant receives.
 
-    link: enrols a browser in the capture page. app_svg, browser_svg: QR codes for the study's app and of the link.
+    link: enrols a browser in the capture page. browser_svg: its QR code. app_svg: that of the study's app; None: it has
+    none.
     """
 
     participant: str
     code: str
     expires_at: datetime
     link: str
-    app_svg: Markup
+    app_svg: Markup | None
     browser_svg: Markup
 
 
@@ -70,27 +71,37 @@ def get_enrol(page: CurrentPage, participant: Annotated[str, Query(max_length=64
 
 @router.post(ENROL)
 def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """A sheet with one card per participant, shown once; their earlier unused codes become invalid."""
-    entered = form_values(fields).get("participants", "")
+    """A sheet with one card per participant, shown once; their earlier unused codes become invalid.
+
+    A code that cannot get a card refuses the whole list: new codes would end those of cards that are printed already.
+    """
+    values = form_values(fields)
+    entered, has_app = values.get("participants", ""), "app" in values
     codes = list(dict.fromkeys(entered.replace(",", " ").replace(";", " ").split()))
     if not codes or len(codes) > MOST_CARDS:
         raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
+    wrong_codes = [(code, wrong) for code in codes if (wrong := _why_no_card(page, study, code))]
+    if wrong_codes:
+        return page.render("enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered)
     server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
-    cards, refused = [], []
+    cards = []
     for code in codes:
-        try:
-            issued = issue_enrolment_code(
-                page.state.database, study_code=study, participant_code=code, caller=page.caller
-            )
-        except (NotFoundError, ConflictError) as error:
-            refused.append((code, error.message))
-            continue
+        issued = issue_enrolment_code(page.state.database, study_code=study, participant_code=code, caller=page.caller)
         link = capture_link(server, issued.code)
-        app_svg, browser_svg = (
-            Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
-            for text in (enrolment_text(server, issued.code), link)
-        )
-        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, browser_svg))
+        app_svg = _drawn(enrolment_text(server, issued.code)) if has_app else None
+        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, _drawn(link)))
     locale = page.require_study().locale
     words = {code: sentences[locale] for code, sentences in catalogue("cards").items()}
-    return page.render("enrol.html", cards=cards, refused=refused, codes=entered, locale=locale, words=words)
+    return page.render("enrol.html", cards=cards, refused=[], codes=entered, locale=locale, words=words)
+
+
+def _drawn(text: str) -> Markup:
+    return Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
+
+
+def _why_no_card(page: Page, study: str, code: str) -> str | None:
+    try:
+        participant = participants.read_participant(page.state.database, study, code)
+    except NotFoundError as error:
+        return error.message
+    return "This participant has left the study." if participant.withdrawn_at is not None else None

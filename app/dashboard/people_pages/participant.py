@@ -11,6 +11,7 @@ from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.forms import Fields, form_values, read_form, take_version
+from app.dashboard.meal_pages.line_fields import with_point
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.feedback import Feedback, read_feedback
@@ -46,7 +47,7 @@ def get_participant(page: CurrentPage, study: str, participant: str, last: LastD
 def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
     """Change the profile; emptied fields are removed."""
     values = form_values(fields)
-    profile = {key: values[key] for key in PROFILE_KEYS if values.get(key)}
+    profile = {key: with_point(values[key]) for key in PROFILE_KEYS if values.get(key)}
     emptied = {key: None for key in PROFILE_KEYS if key not in profile}
     try:
         body = read_form(ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")})
@@ -79,8 +80,10 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
 @router.post(f"{PATH}/withdrawal")
 def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
     """Withdraw the participant; the staff member types the code to confirm."""
-    if form_values(fields).get("code") != participant:
-        raise InvalidInputError("Type the participant's code to confirm that they leave the study.")
+    typed = form_values(fields).get("code", "")
+    if typed != participant:
+        wrong = {"withdrawal": f"“{typed[:64]}” is not the code {participant}: nobody was withdrawn."}
+        return _participant(page, study, participant, None, wrong=wrong, status=422)
     receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
     notice = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
     return page.redirect(study_address(study, "participants"), notice)

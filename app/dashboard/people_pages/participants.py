@@ -11,10 +11,10 @@ from pydantic import ValidationError
 from starlette.responses import Response
 
 from app.core.errors import ConflictError
-from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
+from app.dashboard.people_pages.devices import MOST_CARDS
 from app.diary import day_summaries
 from app.diary.adequacy import Adequacy, find_component, judge_study
 from app.http.paging import Cursor, require_order
@@ -33,6 +33,7 @@ USUAL_COMPONENT = "vitamin_c_mg"
 LONGEST_CODE = 64
 SHOWN = 80  # characters of an invalid code in its message
 _BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")  # no blanks: "Anna Müller" would become two participants
+_RANGE = re.compile(r"(?P<stem>[A-Za-z]\w*?)(?P<first>\d{1,9}) ?[-–] ?(?P=stem)(?P<last>\d{1,9})", re.ASCII)
 
 ComponentIn = Annotated[str, Query(max_length=64)]
 
@@ -45,9 +46,9 @@ def get_participants(page: CurrentPage, study: str, cursor: Cursor = None) -> Re
 
 @router.post(f"{STUDY_PAGES}/participants")
 def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Add participants by their codes. An invalid code adds nobody; codes that are taken are listed."""
+    """Add participants by their codes and ranges. An invalid code adds nobody; codes that are taken are listed."""
     entered = form_values(fields).get("codes", "")
-    codes = list(dict.fromkeys(code for code in map(str.strip, _BETWEEN_CODES.split(entered)) if code))
+    codes = list(dict.fromkeys(code for text in _BETWEEN_CODES.split(entered) for code in _codes_of(text.strip())))
     if not codes or len(codes) > MOST_AT_ONCE:
         wrong = [f"Name one to {MOST_AT_ONCE} participants; these are {len(codes)}."]
     else:
@@ -62,11 +63,9 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
             )
         except ConflictError as error:
             refused[error.code].append(code)
-    added = len(codes) - sum(map(len, refused.values()))
-    notice = f"{added} participant{'s were' if added != 1 else ' was'} added."
-    if any(refused.values()):
-        return _participants(page, study, None, refused=refused, added=notice, status=409)
-    return page.redirect(study_address(study, "participants"), notice)
+    taken = {code for codes_of_error in refused.values() for code in codes_of_error}
+    added = [code for code in codes if code not in taken]
+    return _participants(page, study, None, refused=refused, added=added, status=409 if taken else 201)
 
 
 @router.get(f"{STUDY_PAGES}/intakes")
@@ -128,6 +127,15 @@ def _adequacy(page: Page, judged: Adequacy | None, component: str, first: date |
     )
 
 
+def _codes_of(text: str) -> list[str]:
+    """Return the codes of a range such as T001-T020; any other text is one code, blank text none."""
+    ends = _RANGE.fullmatch(text)
+    if ends is None or len(ends["first"]) != len(ends["last"]):
+        return [text] if text else []
+    first, last, width = int(ends["first"]), int(ends["last"]), len(ends["first"])
+    return [f"{ends['stem']}{number:0{width}}" for number in range(first, min(last, first + MOST_AT_ONCE) + 1)]
+
+
 def _is_code(code: str) -> bool:
     try:
         ParticipantIn(code=code)
@@ -152,7 +160,7 @@ def _participants(
     entered: str = "",
     wrong: Sequence[str] = (),
     refused: Mapping[str, Sequence[str]] = NO_CODES,
-    added: str = "",
+    added: Sequence[str] | None = None,
     status: int = 200,
 ) -> Response:
     """entered: stays in the field; wrong: why nobody was added; refused: error code -> participants."""
@@ -167,4 +175,5 @@ def _participants(
         existing=refused.get("participant_exists", ()),
         spent=refused.get("participant_code_spent", ()),
         added=added,
+        cards_a_sheet=MOST_CARDS,
     )

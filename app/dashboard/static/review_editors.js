@@ -4,8 +4,9 @@ import { foodSearch } from "./review_food.js";
 
 const MOST = 20_000; // grams or millilitres, as in the API
 
-// Reads a number, also with a comma ("120,5"); null if it is none.
+// Reads a number, also with a comma ("120,5"); null if it is none, or may be thousands ("1,500").
 export function typedNumber(text) {
+  if (/[1-9]\d*,\d{3}$/.test(text.trim())) return null;
   const plain = text.trim().replace(/\s/g, "").replace(",", ".");
   if (!/^\d*\.?\d+$|^\d+\.$/.test(plain)) return null;
   const value = Number(plain);

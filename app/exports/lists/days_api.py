@@ -116,7 +116,7 @@ def get_days(
     require_known(state.database, caller, chosen)
     spec = file_spec(request, "days", chosen, output, layout, components)
     if spec is not None:
-        return answer_file(state, caller, spec, "days")
+        return answer_file(state, caller, spec)
     page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = DaySummaryPage(
         items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows], next=next_page(request, page.cursor)

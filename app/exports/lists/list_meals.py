@@ -17,10 +17,12 @@ from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, lis
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records.queries import FoodName
+from app.records.review.queries import count_meals_to_look_at
 
 Order = Literal["newest", "oldest"]
 
 MOST_COUNTED = 1000  # meals of a status
+MOST_SORTED = 1000  # meals that are sorted by their doubt
 MOST_WATCHED = 60  # meals in one request for changes: a page of a gallery
 
 
@@ -92,11 +94,24 @@ def sums_of(row: MealRow) -> MealSums:
     )
 
 
-def count_meals(database: Database, study_id: uuid.UUID) -> list[StatusCount]:
-    """Count a study's meals by status, in the order in which a meal goes through them; up to 1,000 each."""
+def list_doubtful_meals(database: Database, caller: Caller, chosen: RowFilter, limit: int) -> list[MealRow]:
+    """Return the most doubtful of the newest 1,000 meals of these filters, the most doubtful first."""
+    with database.read() as session:
+        return meal_rows.most_doubtful(session, visible_rows(caller, chosen), MOST_SORTED, limit)
+
+
+def count_meals(database: Database, study_id: uuid.UUID) -> tuple[list[StatusCount], int]:
+    """Count a study's meals by status, in the order in which a meal goes through them, and those that need a look.
+
+    Up to 1,000 each.
+    """
     with database.read() as session:
         counts = meal_rows.count_by_status(session, study_id, MOST_COUNTED + 1)
-    return [StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED) for status, count in counts.items()]
+        to_look_at = count_meals_to_look_at(session, study_id)
+    by_status = [
+        StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED) for status, count in counts.items()
+    ]
+    return by_status, to_look_at
 
 
 def changed_meals(database: Database, study_id: uuid.UUID, versions: Sequence[tuple[uuid.UUID, int]]) -> list[MealRow]:

@@ -157,9 +157,8 @@ def _filters(
     if chosen.flags:
         yield _flagged(session, chosen, studies, is_on_sqlite=is_on_sqlite)
     if chosen.needs == "review":
-        part = (conditions_of.holds(record), record.reviewed.is_(False))
-        not_reviewed = stream(record, (record.study_id,), studies, part=part)
-        yield _Filter(not_reviewed, of_record=lambda entity: entity.reviewed.is_(False))
+        to_review = stream(record, (record.study_id,), studies, part=conditions_of.needs_look(record))
+        yield _Filter(to_review, of_record=lambda entity: sa.and_(*conditions_of.needs_look(entity)))
     if chosen.needs == "answer":
         questions = Stream(Meal, (), [()], (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)), True)
         yield _Filter(questions, is_of_questions=True)

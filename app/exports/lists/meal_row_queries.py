@@ -11,7 +11,7 @@ from typing import NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, defer
 
-from app.exports.lists.meal_page_queries import keys_of, search_of
+from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
 from app.meals.models import MEAL_STATUSES, Meal, MealImage
@@ -59,6 +59,21 @@ def page_of_meals(
         return []
     keys = keys_of(session, search, after, limit, is_newest_first=is_newest_first)
     return rows_of(session, [meal for _, meal in keys])
+
+
+def most_doubtful(session: Session, chosen: RowFilter, searched: int, limit: int) -> list[MealRow]:
+    """Return the `limit` most doubtful meals of the newest `searched`, by their most doubtful record."""
+    keys = next(pages_of_keys(session, chosen, size=searched, is_newest_first=True), [])
+    record = EffectiveRecord
+    worst = sa.func.max(record.doubt)
+    query = (
+        sa.select(record.meal_id)
+        .where(record.meal_id.in_([meal for _, meal in keys]), holds(record))
+        .group_by(record.meal_id)
+        .order_by(worst.desc(), record.meal_id)
+        .limit(limit)
+    )
+    return rows_of(session, list(session.scalars(query)))
 
 
 def rows_of(session: Session, meal_ids: Sequence[uuid.UUID]) -> list[MealRow]:

@@ -80,6 +80,7 @@ class MealCounts(BaseModel):
     items: list[StatusCountOut] = Field(
         description="One entry per status, in the order in which a meal goes through them."
     )
+    needs_look: int = Field(description="Meals with an item in the review queue, up to 1,000.")
 
 
 class ChangedMeals(BaseModel):

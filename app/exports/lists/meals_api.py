@@ -73,7 +73,7 @@ def get_meals(
     require_known(state.database, caller, chosen)
     spec = file_spec(request, "meals", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
-        return answer_file(state, caller, spec, "meals")
+        return answer_file(state, caller, spec)
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
     body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
     return ModelResponse(body)
@@ -82,8 +82,9 @@ def get_meals(
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
 def get_meal_counts(study: StudyCode, state: State, _: CurrentStaff) -> MealCounts:
     """The study's number of meals by status, up to 1,000 each."""
-    counts = count_meals(state.database, read_study(state.database, study).id)
-    return MealCounts(items=[StatusCountOut.model_validate(count, from_attributes=True) for count in counts])
+    counts, needs_look = count_meals(state.database, read_study(state.database, study).id)
+    items = [StatusCountOut.model_validate(count, from_attributes=True) for count in counts]
+    return MealCounts(items=items, needs_look=needs_look)
 
 
 @router.get("/studies/{study}/changed-meals", responses=problem_responses(401, 403, 404, 422))

@@ -41,7 +41,7 @@ def get_photographs(
     require_known(state.database, caller, chosen)
     spec = file_spec(request, "photographs", chosen, output)
     if spec is not None:
-        return answer_file(state, caller, spec, "photographs")
+        return answer_file(state, caller, spec)
     page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = PhotographPage(
         items=[PhotographOut.model_validate(row) for row in page.rows], next=next_page(request, page.cursor)

@@ -52,7 +52,7 @@ def get_records(
     require_known(state.database, caller, chosen)
     spec = file_spec(request, "items", chosen, output, layout, components, provenance=provenance)
     if spec is not None:
-        return answer_file(state, caller, spec, "records")
+        return answer_file(state, caller, spec)
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
     return ModelResponse(body)

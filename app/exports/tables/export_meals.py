@@ -158,7 +158,7 @@ def _counts(meal: _Meal) -> Row:
     return (
         len(records),
         sum(record.consumed_g is None for record in records),
-        sum(not record.reviewed for record in records),
+        sum(record.needs_look for record in records),
         max((record.doubt for record in records), default=None),
         meal.row.version,
         consumed_g,

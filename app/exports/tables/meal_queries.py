@@ -16,6 +16,7 @@ from app.meals.models import Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Participant, Study
 from app.photos.slots import SLOTS
+from app.records.conditions import needs_look
 
 
 class ExportedMeal(NamedTuple):
@@ -47,7 +48,7 @@ class HeldAmounts(NamedTuple):
     food_key: str | None
     consumed_g: float | None
     provisional: bool
-    reviewed: bool
+    needs_look: bool
     flags: list[str]
     doubt: float
     amounts: tuple[float | None, ...]
@@ -104,7 +105,7 @@ def records_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UU
             Food.key,
             record.consumed_g,
             record.provisional,
-            record.reviewed,
+            sa.and_(*needs_look(record)),
             record.flags,
             record.doubt,
             *(getattr(record, name) for name in HEADLINE_COLUMNS),

@@ -71,7 +71,7 @@ COUNTS = Part(
         Column(
             "unmeasured_items", "integer", None, "Of these, those whose eaten grams are not known: not in the sums."
         ),
-        Column("unreviewed_items", "integer", None, "Of these, those that no reviewer has spoken of."),
+        Column("unreviewed_items", "integer", None, "Of these, those that need a reviewer's look."),
         Column(
             "doubt",
             "number",

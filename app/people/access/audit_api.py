@@ -13,7 +13,7 @@ from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.state import ApiState
 from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES
+from app.http.tables.media_types import MEDIA_TYPES, attachment
 from app.http.text_schemas import AwareInstant
 from app.people.access.audit_log import read_audit, stream_audit
 from app.people.access.audit_schemas import AuditEventOut, AuditPage
@@ -106,7 +106,7 @@ def audit_file(
             (_event_out(row).model_dump(mode="json") for row in chain(first, rows)),
         ),
         media_type=MEDIA_TYPES[output],
-        headers={"Content-Disposition": f'attachment; filename="audit.{output}"'},
+        headers=attachment(output, study, "audit"),
     )
 
 

@@ -9,12 +9,14 @@ from sqlalchemy.orm import Session
 
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
-from app.meals.models import Meal, MealImage
+from app.meals.models import Meal, MealImage, MealOrigin
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Participant, Staff
+from app.records.conditions import meal_is, needs_look
 from app.records.page_queries import MOST_BRANCHES, food_ids, participants_of
 
 QUEUED_STATUSES = tuple(status for status in RECORD_STATUSES if status != "rejected")
+MOST_MEALS = 1000  # that need a look, as they are counted
 QUESTIONS_LOOKED_AT = 1000  # of one participant, the newest
 
 
@@ -28,6 +30,7 @@ class QueueFilter:
     min_doubt: float | None = None
     provisional: bool | None = None
     participant_code: str | None = None
+    origin: MealOrigin | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +90,7 @@ def words_about_questions(session: Session, participant_id: uuid.UUID) -> list[t
 def page_of_queue(
     session: Session, chosen: QueueFilter, *, after: tuple[float, uuid.UUID] | None, limit: int
 ) -> list[QueueRow]:
-    """At most `limit` items that count and no reviewer has spoken of, the most doubtful first, behind `after`."""
+    """At most `limit` items that need a look (conditions.needs_look), the most doubtful first, behind `after`."""
     page = queue_keys(session, chosen, after=after, limit=limit)
     if page is None:
         return []
@@ -110,6 +113,15 @@ def count_queue(session: Session, chosen: QueueFilter, most: int) -> int:
     return 0 if page is None else session.scalar(sa.select(sa.func.count()).select_from(page)) or 0
 
 
+def count_meals_to_look_at(session: Session, study_id: uuid.UUID) -> int:
+    """How many meals of the study have an item that needs a look, counted up to MOST_MEALS."""
+    record = EffectiveRecord
+    meals = (
+        sa.select(record.meal_id).where(record.study_id == study_id, *needs_look(record)).distinct().limit(MOST_MEALS)
+    )
+    return session.scalar(sa.select(sa.func.count()).select_from(meals.subquery())) or 0
+
+
 def left_photographs(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, MealImage]:
     """Meal -> its left photograph, of those that have one that is not erased."""
     query = sa.select(MealImage).where(
@@ -128,7 +140,9 @@ def queue_keys(
     record, branches = EffectiveRecord, _branches(session, chosen)
     if not branches:
         return None
-    conditions = [record.study_id == chosen.study_id, record.reviewed.is_(False)]
+    conditions = [record.study_id == chosen.study_id, *needs_look(record)]
+    if chosen.origin is not None:
+        conditions.append(meal_is(record.meal_id, [Meal.origin == chosen.origin]))
     if chosen.min_doubt is not None:
         conditions.append(record.doubt >= chosen.min_doubt)
     if after is not None:

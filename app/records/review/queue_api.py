@@ -9,6 +9,7 @@ from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, next_page
 from app.http.parameters import OfParticipant, StudyCode
 from app.http.problems import problem_responses
+from app.meals.models import MealOrigin
 from app.meals.record_models import EffectiveRecord
 from app.people.access.deps import CurrentStaff, State
 from app.people.studies import read_study
@@ -36,10 +37,11 @@ def get_review_queue(
     min_doubt: Annotated[float | None, Query(ge=0, le=1, description="Only items of at least this doubt.")] = None,
     provisional: Annotated[bool | None, Query(description="Whether an after-meal pair may still come.")] = None,
     participant: OfParticipant = None,
+    origin: Annotated[MealOrigin | None, Query(description="Only items of meals photographed, or declared.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Items of a page, at most.")] = 50,
     cursor: Cursor = None,
 ) -> ReviewQueue:
-    """Items that count and that no reviewer has spoken of, by doubt, the greatest first."""
+    """Items that need a look, by doubt, the greatest first: not settled by a reviewer, nor by a complete text entry."""
     chosen = QueueFilter(
         study_id=read_study(state.database, study).id,
         status=status,
@@ -47,6 +49,7 @@ def get_review_queue(
         min_doubt=min_doubt,
         provisional=provisional,
         participant_code=participant,
+        origin=origin,
     )
     page = read_queue(state.database, chosen, cursor=cursor, limit=limit)
     return ReviewQueue(items=[_item(queued) for queued in page.rows], next=next_page(request, page.cursor))

@@ -12,7 +12,7 @@ from app.records.meal_schemas import CandidateOut
 
 
 class QueuedItemOut(BaseModel):
-    """An item that no reviewer has spoken of, with what a decision needs."""
+    """An item that needs a look, with what a decision needs."""
 
     item: uuid.UUID = Field(description="The item's id.")
     meal: uuid.UUID = Field(description=MEAL_ID)

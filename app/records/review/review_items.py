@@ -65,6 +65,12 @@ def count_waiting(database: Database, chosen: QueueFilter, most: int) -> int:
         return review.count_queue(session, chosen, most)
 
 
+def count_meals_to_look_at(database: Database, study_id: uuid.UUID) -> int:
+    """Count the meals that have an item in the queue, up to 1,000."""
+    with database.read() as session:
+        return review.count_meals_to_look_at(session, study_id)
+
+
 def read_review_item(
     database: Database,
     caller: StaffCaller,

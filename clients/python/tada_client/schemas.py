@@ -431,6 +431,7 @@ class LocationIn(TypedDict):
 class MeOut(TypedDict):
     participant: str
     starts_on: str | None
+    joined_at: str
     study: "PhoneProtocol"
     device: "PhoneOut"
 
@@ -574,6 +575,9 @@ class PhoneProtocol(TypedDict):
     after_window_minutes: int
     locale: Literal["en", "de", "es", "zh"]
     gives_feedback: bool
+    location_policy: Literal["drop", "round", "keep"]
+    retention_days: int | None
+    withdrawal_policy: Literal["keep", "anonymise", "erase"]
     day_starts: str
     sandbox: bool
     version: int

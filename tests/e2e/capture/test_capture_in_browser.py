@@ -117,15 +117,15 @@ def test_refused_pair_gives_way_to_another_answer_once_the_person_agrees(served,
 
     first_photograph(page)
     page.evaluate(REFUSED, after)
-    page.evaluate(ANNOUNCED_AFTER, meal)  # its metadata had arrived: those of another pair would be refused
+    page.evaluate(ANNOUNCED_AFTER, meal)  # its metadata had arrived
     page.goto(f"{served.address}/capture/#meal/{meal}")
+    page.get_by_role("button", name="Photograph what is left").wait_for()
     page.once("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="I ate all of it").click()
     page.get_by_role("button", name="I ate all of it").wait_for(state="detached")
-    page.get_by_role("button", name="Erase this meal").wait_for()  # shown again once it was sent
+    wait_until(lambda: page.evaluate(KEPT, meal) == [[[meal, "sent"]], False], "the answer to be sent")
     expect(page.get_by_role("button", name="Photograph what is left")).to_have_count(0)
     assert served.meal(meal)["after"]["status"] == "nothing_left"
-    assert page.evaluate(KEPT, meal) == [[[meal, "sent"]], False]
 
 
 def test_meal_that_was_erased_elsewhere_leaves_nothing_on_the_phone(served, open_phone):
@@ -209,6 +209,7 @@ def test_day_is_closed_and_a_reviewer_s_question_is_answered(served, open_phone)
     page.get_by_label("Was the bread buttered?").wait_for(state="detached")
     require_accessible(page)
     day = served.meal(meal)["local_date"]
+    assert page.locator("li[data-day]").count() < 7  # none before the person joined, today
     page.locator(f"li[data-day='{day}']").get_by_role("button", name="That was everything").click()
     page.wait_for_selector(f"li[data-day='{day}'][data-status=closed]")
     page.locator(f"li[data-day='{day}']").get_by_role("button", name="Open again").click()
@@ -267,7 +268,7 @@ def test_large_photograph_continues_after_a_broken_line_and_a_reload(served, ope
         checked = line.photograph_bytes
         line.broken_bodies += [400_000, *[0] * 100]  # the page tries twice, then its queue waits; Chromium tries, too
         page.get_by_role("button", name="Send").click()
-        page.wait_for_selector("li[data-state=waiting] .problem")
+        page.wait_for_selector("li[data-state=waiting] .offline")
         line.broken_bodies.clear()
         page.reload()
         page.wait_for_selector("li[data-state=sent]")

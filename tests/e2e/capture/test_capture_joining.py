@@ -82,6 +82,7 @@ def cards(chromium, served):
     desk = WatchedPage(chromium.new_page(device_scale_factor=DOTS_PER_PX), served.address)
     desk.sign_in("olga", PASSWORD, "/dashboard/studies/capture/enrol")
     desk.page.get_by_label("Participants").fill(f"{CAMERA_APPS} {PAGES}")
+    desk.page.get_by_label("The study has an app").check()
     desk.page.get_by_role("button", name="Create the cards").click()
     desk.page.emulate_media(media="print")
     cards = {}

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from app.capture.files import STATIC
-from tests.e2e.capture.capture_page import enrolled, sent_meal
+from tests.e2e.capture.capture_page import enrolled, photograph, sent_meal
 from tests.e2e.static_modules import open_modules
 from tests.support import estimates
 from tests.support.estimates import identified_item
@@ -14,6 +14,7 @@ from tests.support.estimates import identified_item
 OF_THE_PHONE = "An error occurred on this phone (x is null). Please try again later."
 BUSY = "The study's server cannot answer now. Please try again later."
 REFUSAL = {"code": "invalid_input", "detail": "No such food.", "retryable": False}
+BLURRED = {"code": "image_blurred", "severity": "warn", "side": "left", "message": "The left photo is blurred."}
 END_OF_A_FORMER_TOKEN = """async () => {
   const { noteEnd } = await import("/capture/sender.js");
   const store = await import("/capture/store.js");
@@ -98,3 +99,14 @@ def test_texts_that_the_server_could_not_give_are_asked_for_again(open_phone):
 @pytest.mark.slow
 def test_end_of_a_former_token_is_not_the_end_of_the_one_that_the_person_has_joined_with_since(served, open_phone):
     assert enrolled(served, open_phone()).evaluate(END_OF_A_FORMER_TOKEN)
+
+
+@pytest.mark.slow
+def test_pair_with_a_warning_is_not_called_good(served, open_phone):
+    tab = open_phone(service_workers="block")  # a worker's requests cannot be routed
+    tab.expect("Service Worker registration blocked")
+    page = enrolled(served, tab)
+    page.route("**/v1/checks", lambda route: route.fulfill(json={"ok": True, "problems": [BLURRED]}))
+    photograph(page)
+    page.get_by_text("The left photo is blurred.").wait_for()
+    expect(page.get_by_text("The photographs are good.")).to_have_count(0)

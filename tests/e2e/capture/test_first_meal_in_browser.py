@@ -9,6 +9,15 @@ from playwright.sync_api import expect
 from tests.e2e.capture.capture_page import enrolled, first_photograph, open_estimated, photograph, send
 from tests.e2e.dashboard_server import require
 
+RED = """() => {  // what is shown in the colour of a fault
+  const probe = document.createElement("i");
+  probe.style.color = "var(--bad)";
+  document.body.append(probe);
+  const { color } = getComputedStyle(probe);
+  const shown = [...document.querySelectorAll("main *")].filter((element) => element.innerText);
+  return shown.filter((element) => getComputedStyle(element).color === color).map((element) => element.outerHTML);
+}"""
+
 
 def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, open_phone):
     tab = open_phone()
@@ -18,6 +27,7 @@ def test_food_and_portion_are_corrected_and_what_was_missing_is_added(served, op
     page.fill("#note", "with my sister")
     meal = send(page)
     open_estimated(served, page, meal)
+    page.get_by_text("Your note: with my sister").wait_for()
     page.get_by_text("Correct it").click()
     page.get_by_label("Search for another food").first.fill("pear")
     page.locator(".search .choices button").first.click()
@@ -58,9 +68,11 @@ def test_reload_between_the_photographs_and_one_without_a_network_lose_nothing(s
     page.get_by_role("heading", name="Second photograph").wait_for()
     page.context.set_offline(True)
     page.get_by_role("button", name="Send with one photograph").click()
-    page.wait_for_selector("li[data-state=waiting] .problem")
+    page.wait_for_selector("li[data-state=waiting] .offline")
     page.reload()  # by the service worker
-    page.wait_for_selector("li[data-state=waiting] .problem")
+    page.wait_for_selector("li[data-state=waiting] .offline")
+    page.get_by_text("There is no network.").wait_for()
+    assert page.evaluate(RED) == []
     page.context.set_offline(False)
     page.get_by_role("button", name="Try again now").click()
     page.wait_for_selector("li[data-state=sent]")

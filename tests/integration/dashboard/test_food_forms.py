@@ -107,7 +107,7 @@ def test_conflict_shows_the_other_change_and_keeps_both(client, admin, boss, foo
 def test_refused_field_keeps_its_text_and_says_what_is_wrong(boss, food):
     form = Form(boss.page(EDIT))
     for changes, sign in (
-        ({"nutrient__203": "1,5"}, 'id="nutrient-203-wrong"'),
+        ({"nutrient__203": "1,500"}, 'id="nutrient-203-wrong"'),
         ({"nutrient__203": "99"}, 'role="alert"'),  # by the food's own rules: more than there is of it
         ({"name": ""}, 'id="name-wrong"'),
         ({"form": "gas"}, 'id="form-wrong"'),

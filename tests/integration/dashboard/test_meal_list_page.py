@@ -128,9 +128,10 @@ def test_pages_follow_one_another_with_their_filters(state, viewer):
 
 
 def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals_and_files(client, admin, various, viewer):
-    counts = client.get("/v1/studies/pilot/meal-counts", headers=admin).json()["items"]
+    answer = client.get("/v1/studies/pilot/meal-counts", headers=admin).json()
+    counts = [count for count in answer["items"] if count["status"] != "needs_review"]
     nav = re.search(r'<nav aria-label="All meals.*?</nav>', viewer.page(PAGE), re.DOTALL)[0]
-    assert figures_of(nav) == [each["count"] for each in counts]
+    assert figures_of(nav) == [answer["needs_look"], *(each["count"] for each in counts)]
     for each in counts:
         assert f'href="{PAGE}?status={each["status"]}"' in nav
         assert len(CARD.findall(viewer.page(PAGE, status=each["status"]))) == each["count"]
@@ -148,6 +149,14 @@ def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals_and_files(cli
     of_status = viewer.page(PAGE, status="failed")
     assert "rows=items" not in of_status
     assert "Items have the filters participant, days and foods" in of_status
+
+
+def test_most_doubtful_meal_comes_first_by_choice(client, admin, various, viewer):
+    rows = client.get("/v1/meals", headers=admin, params={"study": "pilot"}).json()["items"]
+    doubts = {row["id"]: row["doubt"] for row in rows if row["doubt"] is not None}
+    page = viewer.page(PAGE, order="doubt")
+    assert ids(CARD.findall(page)) == sorted(doubts, key=doubts.get, reverse=True)
+    assert 'value="doubt" selected' in page
 
 
 def watch_of(page):

@@ -79,7 +79,7 @@ def test_every_figure_of_the_api_is_on_the_page_unrounded_and_its_json_is_the_ap
     missing = [number for number in expected if number not in figures and number != meal["totals"]["unmeasured_items"]]
     assert missing == []
     assert set(meal["run"]["stages"].values()) <= figures
-    assert "1 of the items have an unknown mass" in text_of(seen.html())
+    assert "The mass of 1 item is unknown" in text_of(seen.html())
     assert seen.browser.get(seen.path, format="json").json() == meal
 
 
@@ -261,6 +261,13 @@ def test_failed_meal_shows_reason_and_advice_and_a_reviewer_can_retry_it(show):
     assert seen.meal()["status"] == "queued"
     assert seen.browser.post(f"{seen.path}/cancel").status_code == 303
     assert seen.meal()["failure"]["code"] == "cancelled"
+
+
+def test_page_says_first_why_the_meal_is_doubtful_by_cause(show):
+    page = show("viewer", found_item(flags=["support_not_measured"]), unmeasured_item(hint=None)).html()
+    why = text_of(page[page.index('id="why"') : page.index('<dl class="figures">')])
+    assert FLAGS["support_not_measured"] in why
+    assert "The eaten amount is unknown. 2" in why
 
 
 def test_text_entry_and_incomplete_meal_have_pages(client, phone, sign_in_browser):

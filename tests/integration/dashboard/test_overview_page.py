@@ -79,7 +79,7 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     days, whole, people = told["days"], told["completeness"], told["participants"]
     now, rest = html.split('id="window"')
     waiting = {row["status"]: row["meals"] for row in told["waiting"]}
-    shown = ("receiving", "queued", "processing", "needs_review", "after_awaited", "failed")
+    shown = ("receiving", "queued", "processing", "needs_look", "after_awaited", "failed")
     assert figures_of(now) == [*(waiting[name] for name in shown), *values_of(told["failures"], "meals")]
     head = figures_of(rest[: rest.index('<div class="panels">')])
     assert head == [
@@ -104,6 +104,12 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     assert table_of(html, "places") == values_of(told["places"], "latitude", "longitude")
     assert len(told["places"]) == told["located_meals"] > 3
     assert {0.5, whole["median_delay_seconds"]} < set(figures_of(html))  # a share and a delay are among them
+
+
+def test_map_and_charts_of_delays_are_behind_a_fold(html):
+    closed = re.findall(r"<details><summary>(?:Map of places|Charts of delays)</summary>.*?</details>", html, re.DOTALL)
+    folded = "".join(closed)
+    assert all(html.count(part) == folded.count(part) == 1 for part in ('data-chart="late"', "<figure data-map"))
 
 
 def test_charts_draw_the_numbers_of_the_api(told, html):

@@ -56,7 +56,7 @@ def file_of(viewer, page, name):
     """The file that a page offers, and its address."""
     address = html.unescape(re.search(rf'href="(/dashboard/studies/pilot/files/{name}\?[^"]+)"', page)[1])
     file = viewer.get(address)
-    assert file.headers["content-disposition"] == f'attachment; filename="{name}.csv"'
+    assert re.fullmatch(rf'attachment; filename="pilot_{name}[0-9_-]*\.csv"', file.headers["content-disposition"])
     return file.content, address.replace("/dashboard/studies/pilot/files", "/v1/studies/pilot")
 
 
@@ -119,7 +119,18 @@ def test_owner_adds_many_and_codes_of_present_and_former_participants_are_listed
     assert "the study has them already: P001." in page
     assert "participants who left the study had these codes: P009." in page
     assert codes_of(client, admin) == ["P001", "P002", "P003", "P004"]
-    assert owner.post(PARTICIPANTS, codes="P005").status_code == 303
+    assert owner.post(PARTICIPANTS, codes="P005").status_code == 201
+
+
+def test_range_adds_its_participants_and_their_cards_follow_from_there(client, admin, enrol, sign_in_browser):
+    enrol()
+    owner = sign_in_browser("olga", pilot="owner")
+    page = owner.post(PARTICIPANTS, codes="T001-T003, T-009").text
+    assert codes_of(client, admin) == ["P001", "T-009", "T001", "T002", "T003"]
+    (codes,) = re.findall(r'name="participants" value="([^"]+)"', page)
+    cards = owner.post("/dashboard/studies/pilot/enrol", participants=codes).text
+    assert re.findall(r'aria-label="Card of ([^"]+)"', cards) == ["T001", "T002", "T003", "T-009"]
+    assert cards.count("<svg") == 4  # one code each: the study has no app
 
 
 def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_in_browser):
@@ -143,10 +154,11 @@ def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_
 
 def test_profile_keeps_filled_fields_and_loses_emptied_ones(client, admin, eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
-    assert owner.post(f"{PATH}/profile", sex="male", birth_year="1980", starts_on="2026-10-31").status_code == 303
+    filled = {"sex": "male", "birth_year": "1980", "height_cm": "170,5", "starts_on": "2026-10-31"}
+    assert owner.post(f"{PATH}/profile", **filled).status_code == 303
     told = client.get("/v1/studies/pilot/participants/P001", headers=admin).json()
     assert told["profile"]["sex"] == "male"
-    assert told["profile"]["weight_kg"] is None
+    assert (told["profile"]["height_cm"], told["profile"]["weight_kg"]) == (170.5, None)
     assert told["starts_on"] == "2026-10-31"
     assert owner.post(f"{PATH}/profile", birth_year="1700").status_code == 422
     assert "day 2" in text_of(article(owner.page(PATH), DAYS[0]))
@@ -154,7 +166,10 @@ def test_profile_keeps_filled_fields_and_loses_emptied_ones(client, admin, eaten
 
 def test_participant_is_withdrawn_only_if_the_code_is_entered(eaten, sign_in_browser):
     owner = sign_in_browser("olga", pilot="owner")
-    assert owner.post(f"{PATH}/withdrawal", code="P01").status_code == 422
+    answer = owner.post(f"{PATH}/withdrawal", code="P01")
+    assert answer.status_code == 422
+    assert "“P01” is not the code P001: nobody was withdrawn." in text_of(answer.text)
+    assert re.search(r"<details open>\s*<summary>Leaving the study", answer.text)
     assert eaten.get("/v1/me").status_code == 200
     assert owner.post(f"{PATH}/withdrawal", code="P001").status_code == 303
     assert eaten.get("/v1/me").status_code == 410

@@ -9,6 +9,7 @@ from tests.integration.dashboard.conftest import Browser, text_of
 from tests.integration.people.people import PASSWORD, sign_in
 
 SETTINGS = "/dashboard/studies/pilot/settings"
+ENROL = "/dashboard/studies/pilot/enrol"
 
 
 def version_of(page):
@@ -82,9 +83,20 @@ def test_refused_value_stays_in_the_form_beside_its_error(owner, study):
     assert study() == before
 
 
+def test_list_with_an_unknown_code_makes_no_card_and_ends_none(client, owner):
+    page = owner.post(ENROL, participants="P001").text
+    printed = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
+    answer = owner.post(ENROL, participants="P001\nP999")
+    assert answer.status_code == 422
+    assert "P999: " in html.unescape(answer.text)
+    assert 'class="secret"' not in answer.text
+    assert "P001\nP999</textarea>" in answer.text
+    body = {"code": printed, "device_name": "phone"}
+    assert client.post("/v1/enrolments", json=body).status_code == 201
+
+
 def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
-    page = owner.post("/dashboard/studies/pilot/enrol", participants="P001\nP999").text
-    assert "P999: " in html.unescape(page)
+    page = owner.post(ENROL, participants="P001", app="true").text
     code = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
     assert page.count("<svg") == 2
     assert f'href="http://testserver/capture/#code={code}"' in page
@@ -192,6 +204,15 @@ def test_audit_log_of_the_page_is_that_of_the_export(client, admin, owner):
     assert file.headers["content-type"].startswith("text/csv")
     whole = client.get("/v1/studies/pilot/audit", headers=admin, params={"format": "csv"})
     assert file.text.splitlines()[:2] == whole.text.splitlines()[:2]
+
+
+def test_audit_log_begins_with_the_newest_and_names_participants_by_their_code(client, admin, owner):
+    answer = client.patch("/v1/studies/pilot/participants/P001", headers=admin, json={"starts_on": "2026-11-01"})
+    assert answer.status_code == 200
+    rows = re.findall(r"<tr><td>.*?</tr>", owner.page("/dashboard/studies/pilot/audit"), re.DOTALL)
+    assert "participant.change" in rows[0]
+    assert "P001" in text_of(rows[0])
+    assert not re.search(r"[0-9a-f]{8}-", rows[0])
 
 
 def test_marker_is_a_pdf(owner):

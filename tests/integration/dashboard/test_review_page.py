@@ -77,7 +77,7 @@ def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_
     browser = sign_in_browser("ann", pilot="reviewer")
     rows = client.get(QUEUE, headers=admin).json()["items"]
     first = browser.page(PAGE)
-    assert "14 items wait" in text_of(first)
+    assert "14 items need a look" in text_of(first)
     part = browser.get(html.unescape(attribute(first, "more")), headers={"HX-Request": "true"}).text
     assert "<html" not in part
     assert [attribute(card, "item") for card in cards_of(first) + cards_of(part)] == [row["item"] for row in rows]

@@ -1,5 +1,6 @@
 """Signing in and out, ended sessions, cross-site requests, headers of every response."""
 
+import itertools
 from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
@@ -149,8 +150,10 @@ def test_sign_in_redirects_to_no_other_site():
 
 
 def test_menus_link_only_to_existing_pages():
-    for entry in menus.STUDY:
-        assert ("GET", "/".join(["/dashboard/studies/{study}", *entry.path])) in PAGES, entry
+    assert list(menus.STUDY) == ["Data", "People", "Results", "Setup"]
+    for entry in itertools.chain(*menus.STUDY.values()):
+        start = "/dashboard" if entry == menus.FOODS else "/dashboard/studies/{study}"
+        assert ("GET", "/".join([start, *entry.path])) in PAGES, entry
     for entry in (*menus.SERVER, *menus.ADMIN):
         assert ("GET", "/".join(["/dashboard", *entry.path])) in PAGES, entry
 

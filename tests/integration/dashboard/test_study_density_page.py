@@ -49,7 +49,7 @@ def test_refused_measurement_keeps_the_entered_values(owner, measured):
         ({"food": "moon-rock", "specimens": "200 168\n250 204"}, "food-wrong"),
         ({"specimens": "200 168"}, "specimens-wrong"),
         ({"specimens": "a b"}, "specimens-wrong"),
-        ({"g_per_ml": "0,8", "sd_g_per_ml": "0.1"}, "g_per_ml-wrong"),
+        ({"g_per_ml": "1,800", "sd_g_per_ml": "0.1"}, "g_per_ml-wrong"),
         (density | {"measured_on": "yesterday"}, "measured_on-wrong"),
         (density | {"measured_on": "2999-01-01"}, "measured_on-wrong"),
         (density | {"method": '"><script>', "kind": "gas"}, "kind-wrong"),

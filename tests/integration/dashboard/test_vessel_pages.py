@@ -71,7 +71,7 @@ def test_form_of_an_older_version_changes_nothing_and_shows_the_current_one(owne
 
 def test_refused_vessel_keeps_the_entered_values(owner, library):
     for changes, field in (
-        ({"rim_diameter_mm": "8,2"}, "rim_diameter_mm-wrong"),
+        ({"rim_diameter_mm": "8,200"}, "rim_diameter_mm-wrong"),
         ({"kind": "bucket"}, "kind-wrong"),
         ({"name": ""}, "name-wrong"),
         ({"capacity_ml": ""}, "refused"),

@@ -126,7 +126,7 @@ def test_statuses_are_of_the_window_and_waiting_meals_of_the_study(client, admin
                      "confirmed": 1}  # fmt: skip
     waiting = {row["status"]: row["meals"] for row in found["waiting"]}
     assert waiting == {"receiving": 0, "queued": 0, "processing": 0, "needs_review": 0, "failed": 1,
-                       "after_awaited": 0, "after_failed": 0}  # fmt: skip
+                       "needs_look": 0, "after_awaited": 0, "after_failed": 0}  # fmt: skip
     assert found["failures"] == [{"failure_code": "marker_not_found", "meals": 1}]
 
 
@@ -216,6 +216,16 @@ def as_cell(value):
     if value is None:
         return ""
     return f"'{value}" if isinstance(value, str) and value.startswith("=") else str(value)
+
+
+def test_file_is_named_by_study_table_and_days(enrol, client, admin):
+    enrol("P001")
+    days = {"from": "2026-11-01", "to": "2026-11-03"}
+    answer = client.get(DAY_PATH, headers=admin, params=days | {"format": "csv", "part": "days"})
+    name = "pilot_overview-days_2026-11-01_2026-11-03.csv"
+    assert answer.headers["content-disposition"] == f'attachment; filename="{name}"'
+    answer = client.get("/v1/meals", headers=admin, params=days | {"study": "pilot", "format": "csv"})
+    assert 'filename="pilot_meals_2026-11-01_2026-11-03.csv"' in answer.headers["content-disposition"]
 
 
 def test_study_without_a_meal_has_an_overview_of_nothing_and_impossible_windows_are_refused(enrol, client, admin):

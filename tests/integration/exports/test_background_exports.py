@@ -74,7 +74,7 @@ def test_file_made_in_the_background_is_the_one_that_is_streamed(viewer, run, st
     assert fetched.headers["content-type"] == streamed.headers["content-type"]
     assert export["sha256"] == hashlib.sha256(fetched.content).hexdigest()
     assert export["bytes"] == len(fetched.content) == int(fetched.headers["content-length"])
-    assert f'filename="pilot-items.{output}"' in fetched.headers["content-disposition"]
+    assert f'filename="pilot_records.{output}"' in fetched.headers["content-disposition"]
     assert export["asked_by"] == "vera"
     assert run() is None
     assert [event.actor for event in events(state, "export.request")] == ["vera"]

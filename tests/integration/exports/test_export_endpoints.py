@@ -210,7 +210,7 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
     parquet = {"Accept": "application/vnd.apache.parquet"}
     answer = client.get("/v1/records?study=pilot&food=apple", headers=admin | parquet)
     assert (answer.headers["content-type"], answer.content[:4]) == (parquet["Accept"], b"PAR1")
-    assert 'filename="records.parquet"' in answer.headers["content-disposition"]
+    assert 'filename="pilot_records.parquet"' in answer.headers["content-disposition"]
     client.get("/v1/days?study=pilot", headers=admin)  # a page is no export
     assert client.get("/v1/days?format=csv", headers=study.headers).status_code == 200
     client.get("/v1/days?format=csv&from=2026-11-01", headers=admin)

@@ -25,8 +25,11 @@ def test_me_returns_phone_participant_and_protocol(enrol):
     me = phone.get("/v1/me").json()
     assert (me["participant"], me["study"]["code"], me["study"]["marker"]) == ("P001", "pilot", "plain:9x7:11")
     assert (me["study"]["expects_after_pair"], me["study"]["locale"]) == (True, "de")
+    assert (me["study"]["retention_days"], me["study"]["withdrawal_policy"]) == (None, "erase")
     assert (me["study"]["gives_feedback"], me["study"]["day_starts"]) == (False, "04:00")
     assert me["device"]["name"] == "test phone"
+    assert me["joined_at"] == me["device"]["enrolled_at"]
+    assert enrol().get("/v1/me").json()["joined_at"] == me["joined_at"]  # another phone of the same person
 
 
 def test_last_use_model_app_version_and_clock_are_noted(enrol, client, admin, state):

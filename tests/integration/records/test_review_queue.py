@@ -1,7 +1,10 @@
 """The reviewers' queue and the participant's open questions."""
 
+import json
+
 import pytest
 
+from tests.integration.conftest import meal_metadata
 from tests.integration.records.eating import eaten
 from tests.integration.records.reviewing import Speaker, new_event
 from tests.support.estimates import found_item, unmeasured_item
@@ -60,6 +63,27 @@ def test_item_stays_in_the_queue_until_food_and_amount_are_known(queue, phone, m
     assert (row["food"]["key"], row["doubt"]) == ("pear", 1.0)
     speaker.say("set_mass", item=item["id"], mass_g=80)
     assert queue()["items"] == []
+
+
+def test_one_number_of_meals_needs_a_look_everywhere(queue, phone, meal_of, client, admin):
+    meal_of(phone, found_item(), found_item(90.0))
+    meal_of(phone, unmeasured_item())
+    settled = Speaker(client, admin, meal_of(phone, found_item()))
+    settled.say("confirm", item=settled.items()[0]["id"])
+    for item in ({"food": "apple", "amount": {"mass_g": 24}}, {"food": "apple"}):  # of the second the amount is missing
+        answer = client.post("/v1/declared-meals", headers=phone.headers, json=meal_metadata(items=[item]))
+        assert answer.status_code == 201
+    rows = queue()["items"]
+    meals = {row["meal"] for row in rows}
+    listed = client.get("/v1/meals", headers=admin, params={"study": "pilot", "needs": "review"}).json()["items"]
+    file = client.get("/v1/meals", headers=admin, params={"study": "pilot", "format": "ndjson"}).text.splitlines()
+    overview = client.get("/v1/studies/pilot/overview", headers=admin).json()["waiting"]
+    assert (len(rows), len(meals)) == (4, 3)
+    assert {row["id"] for row in listed} == meals
+    assert {row["meal_id"] for row in map(json.loads, file) if row["unreviewed_items"]} == meals
+    assert client.get("/v1/studies/pilot/meal-counts", headers=admin).json()["needs_look"] == 3
+    assert [row["meals"] for row in overview if row["status"] == "needs_look"] == [3]
+    assert [len(queue(origin=origin)["items"]) for origin in ("declared", "photographed")] == [1, 3]
 
 
 def test_question_of_a_reviewer_is_open_to_its_participant_until_it_is_answered(client, enrol, admin, meal_of):

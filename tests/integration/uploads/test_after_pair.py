@@ -56,7 +56,7 @@ def test_pair_of_a_waiting_meal_is_queued_once_and_other_bytes_are_refused(table
     assert refusal(table.tell()) == (409, "after_pair_queued")
 
 
-def test_metadata_of_the_pair_is_kept_and_a_different_one_is_refused(table, state):
+def test_metadata_of_the_pair_are_replaced_until_a_photograph_is_here(table, state):
     item = str(uuid.uuid4())
     told = {"hints": [{"point": [5, 6], "item": item, "class": "refuse"}]}
     assert [table.tell(**told).status_code for _ in range(2)] == [202, 200]
@@ -65,6 +65,9 @@ def test_metadata_of_the_pair_is_kept_and_a_different_one_is_refused(table, stat
         meal = session.query(Meal).one()
         assert meal.after_details["hints"] == [{"point": [5.0, 6.0], "item": item, "class": "refuse"}]
         assert meal.after_details["time_zone"] == "Asia/Shanghai"
+    assert table.tell(**told, captured_at="2026-11-20T12:57:00+08:00").status_code == 202  # photographed anew
+    assert table.after["captured_at"] == "2026-11-20T12:57:00+08:00"
+    table.put("after_left")
     other = table.tell(**told, captured_at="2026-11-20T12:58:00+08:00")
     assert (*refusal(other), other.json()["fields"]) == (409, "after_pair_differs", ["captured_at"])
 

@@ -8,10 +8,11 @@ import pytest
 
 from app.capture.files import STATIC
 from app.meals.models import MealStatus
+from app.people.models import LOCATION_POLICIES, WITHDRAWAL_POLICIES
 
 LANGUAGES = ("en", "de", "es", "zh")
 SCRIPTS = [path for path in STATIC.rglob("*.js") if "vendor" not in path.parts]
-BY_THEIR_VALUE = ("state_", "item_", "entry_", "advice_")  # the rest of these keys is a code
+BY_THEIR_VALUE = ("state_", "item_", "entry_", "advice_", "privacy_")  # the rest of these keys is a code
 STATES_OF_THE_PHONE = {"draft", "waiting", "waiting_problem", "refused", "sent", "other_person"}
 
 
@@ -37,7 +38,11 @@ def test_scripts_ask_for_all_texts_and_for_no_others():
     assert {key for key in asked if not key.startswith(BY_THEIR_VALUE)} == fixed
 
 
-def test_every_state_of_a_meal_and_every_piece_of_advice_has_a_text():
+def test_every_state_of_a_meal_every_policy_and_every_piece_of_advice_has_a_text():
+    policies = {f"place_{policy}" for policy in LOCATION_POLICIES}
+    policies |= {f"leave_{policy}" for policy in WITHDRAWAL_POLICIES}
+    privacy = {key.removeprefix("privacy_") for key in texts_of("en") if key.startswith("privacy_")}
+    assert privacy == policies | {"photographs_kept", "photographs_deleted"}
     states = {key.removeprefix("state_") for key in texts_of("en") if key.startswith("state_")}
     assert states == set(get_args(MealStatus)) | STATES_OF_THE_PHONE
     listed = re.search(r"CODES = \[(.*?)\]", (STATIC / "live" / "advice.js").read_text(), re.DOTALL)[1]

@@ -7,6 +7,7 @@ import pytest
 
 from app.core.errors import InvalidInputError
 from app.dashboard.meal_pages.event_form import EventForm, event_of
+from app.dashboard.meal_pages.line_fields import WrongFieldError, number
 
 RINGS = [[[0.5, 0.0], [90.25, 0.0], [90.0, 90.0]], [[20.5, 20.5], [20.5, 60.0], [60.0, 60.0]]]
 HAND = {"section": "prism", "x_mm": "80.5", "y_mm": "-12", "length_mm": "100", "width_mm": "60", "height_mm": "30"}
@@ -32,6 +33,15 @@ def test_numbers_of_a_form_by_hand_are_one_form():
     form = read("reshape", **HAND, yaw_deg="-30.5", lean_deg="", base_mm="4").form
     assert (form.section, form.centre_mm, form.length_mm, form.yaw_deg) == ("prism", (80.5, -12.0), 100.0, -30.5)
     assert (form.lean_deg, form.base_mm) == (0.0, 4.0)
+
+
+def test_decimal_comma_is_read_where_it_cannot_mean_thousands():
+    assert read("set_mass", mass_g="1,5").mass_g == 1.5
+    assert [number(text) for text in ("1,5", "0,125", ",5", "1.5", "120,25")] == [1.5, 0.125, 0.5, 1.5, 120.25]
+    with pytest.raises(WrongFieldError):
+        number("1,500")
+    with pytest.raises(InvalidInputError, match=r"^Grams: "):
+        read("set_mass", mass_g="1,500")
 
 
 @pytest.mark.parametrize(

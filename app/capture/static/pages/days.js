@@ -1,7 +1,7 @@
 // The diary: closing a day, the study's feedback on it where the study gives any, and questions of its reviewers.
 
 import { button, h } from "../dom.js";
-import { sentenceOf } from "../texts.js";
+import { showSentence } from "../texts.js";
 
 const DAYS = 7;
 const DAY_MS = 86_400_000;
@@ -18,12 +18,14 @@ export async function showDays(main, { t, phone, client }) {
   });
   return () => stop.abort();
 
-  // A day that nothing was entered for is open, at version 0.
+  // A day that nothing was entered for is open, at version 0; one before the person joined is not asked about.
   async function readDays() {
     const dates = Array.from({ length: DAYS }, (_, back) => localDate(new Date(Date.now() - back * DAY_MS)));
     const listed = await client.getDays({ from: dates.at(-1), to: dates[0], signal: stop.signal });
-    const shown = dates.map((date) => listed.find((day) => day.date === date) ?? { date, status: "open", ate_nothing: false, meals: 0, meals_after_closing: 0, version: 0 });
-    days.replaceChildren(...shown.map(card));
+    const joined = phone.joined_at ? localDate(new Date(phone.joined_at)) : dates.at(-1);
+    const empty = (date) => date >= joined && { date, status: "open", ate_nothing: false, meals: 0, meals_after_closing: 0, version: 0 };
+    const shown = dates.map((date) => listed.find((day) => day.date === date) ?? empty(date));
+    days.replaceChildren(...shown.filter(Boolean).map(card));
   }
 
   function card(day) {
@@ -79,7 +81,7 @@ export async function showDays(main, { t, phone, client }) {
     } catch (error) {
       if (stop.signal.aborted) return;
       if (error.code === "precondition_failed") await readDays(); // somebody else was faster: show how it is now
-      alert.textContent = sentenceOf(error, t);
+      showSentence(alert, error, t);
     }
   }
 }

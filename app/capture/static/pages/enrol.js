@@ -98,11 +98,10 @@ async function enrolPhone(code, deviceName) {
 
 /** Read the study's protocol and keep it, for when there is no network. Without one, what was kept stays. */
 export async function refreshPhone(client, { token }) {
-  const { study } = await client.getMe().catch(() => ({ study: null }));
-  if (!study) return;
-  const { name, marker, locale, expects_after_pair, after_window_minutes, gives_feedback, sandbox } = study;
-  const protocol = { name, marker, locale, expects_after_pair, after_window_minutes, gives_feedback, sandbox };
-  await store.changePhone(token, (phone) => ({ ...phone, ...protocol }));
+  const me = await client.getMe().catch(() => null);
+  if (!me) return;
+  const { code, version, ...protocol } = me.study;
+  await store.changePhone(token, (phone) => ({ ...phone, ...protocol, joined_at: me.joined_at }));
 }
 
 async function scannedCode(video, isOpen) {

@@ -3,10 +3,11 @@
 import { newId } from "../client/index.js";
 import { button, h, svg } from "../dom.js";
 import * as store from "../store.js";
-import { sentenceOf } from "../texts.js";
+import { showSentence } from "../texts.js";
 import { localInstant, newDraft } from "./take.js";
 
 const PICTURE_PX = 1024;
+const MOST_EVENTS = 1000; // of a meal
 const CANDIDATES = 4;
 const FOUND_FOODS = 8;
 const TYPING_MS = 250;
@@ -23,12 +24,18 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const alert = h("p", { role: "alert" }); // why the person's last change failed
   const photograph = h("div", { class: "stage" });
   const items = h("ol", { class: "items" });
+  const notes = h("div");
+  const eaten = h("div", { role: "status" });
   const actions = h("div", { class: "actions" });
   let meal = null;
+  let said = []; // the participant's own events of the meal, those that were not undone
   const afterId = `${id}/after`;
-  let isAfterWaiting = (await store.meal(afterId))?.state === "waiting";
-  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, items, actions);
+  const reviewId = `${id}/review`;
+  let waitingAfter = await readWaitingAfter();
+  let waitingEvents = (await store.meal(reviewId))?.events ?? []; // confirmations without a network
+  main.append(h("h1", {}, t("meal")), status, following, alert, photograph, notes, items, eaten, actions);
   store.onChange(noteAfter, stop.signal);
+  store.onChange(noteEvents, stop.signal);
   follow().catch(showProblem);
   return () => stop.abort();
 
@@ -41,7 +48,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
         return void (await client.waitForEstimate(id, { signal: stop.signal, onChange: showFresh }));
       } catch (error) {
         if (stop.signal.aborted) return;
-        following.textContent = sentenceOf(error, t);
+        showSentence(following, error, t);
         if (error.name !== "NetworkError" && !error.retryable) return;
         await new Promise((resolve) => setTimeout(resolve, TRY_AGAIN_MS));
       }
@@ -56,6 +63,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   async function render(fresh) {
     if (stop.signal.aborted) return;
     const isFirst = meal === null;
+    const isRead = meal?.version === fresh.version;
     meal = fresh;
     const failure = meal.failure?.localised?.[document.documentElement.lang] ?? meal.failure?.message;
     status.textContent = failure ?? t(`state_${meal.status}`);
@@ -63,7 +71,19 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     items.replaceChildren(...parts.map((item, index) => card(item, index + 1)));
     const isDone = ["estimated", "needs_review", "failed", "confirmed"].includes(meal.status);
     actions.replaceChildren(...(isDone ? mealActions(parts) : []));
+    showSaid();
+    if (!isRead) readSaid().catch(() => {}); // offline the meal is shown without it
     if (isFirst || parts.length) await drawFoods(parts);
+  }
+
+  async function readSaid() {
+    const { version } = meal;
+    const { body } = await client.request("GET", `/v1/meals/${id}/events`, { query: { limit: MOST_EVENTS }, signal: stop.signal });
+    if (version !== meal.version) return; // those of a later version are being read
+    said = body.items.filter((event) => event.layer === "participant" && !event.undone);
+    const comments = said.filter((event) => event.kind === "comment");
+    notes.replaceChildren(...comments.map((event) => h("p", {}, t("note_sent", { text: event.new.text }))));
+    showSaid();
   }
 
   async function drawFoods(parts) {
@@ -92,12 +112,14 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     const name = item.food?.name ?? t("food_unknown");
     const grams = item.mass_g === null ? t("amount_unknown") : t("grams", { grams: Math.round(item.mass_g), low: Math.round(item.mass_interval_g?.[0] ?? item.mass_g), high: Math.round(item.mass_interval_g?.[1] ?? item.mass_g) });
     const isSettled = item.status === "confirmed" || item.status === "corrected";
+    const canConfirm = item.food && item.mass_g !== null && !isSettled;
     return h(
       "li",
       { "data-item": item.id, "data-status": item.status },
       h("h2", {}, h("span", { class: "number", "aria-hidden": "true" }, String(number)), name, isSettled ? h("span", { class: "good" }, ` ✓ ${t(`item_${item.status}`)}`) : null),
       h("p", {}, grams),
-      item.food && item.mass_g !== null && !isSettled ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
+      canConfirm && isWaiting(item) ? h("p", { class: "good" }, `✓ ${t("confirm")} · ${t("state_waiting")}`) : null,
+      canConfirm && !isWaiting(item) ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
       h("details", {}, h("summary", {}, t("correct")), ...corrections(item)),
     );
   }
@@ -145,14 +167,17 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   }
 
   function mealActions(parts) {
-    const isOpen = parts.some((item) => item.status === "proposed" || item.status === "needs_review");
+    const isOpen = parts.some((item) => (item.status === "proposed" || item.status === "needs_review") && !isWaiting(item));
+    const isFailed = meal.status === "failed";
     const canConfirmAll = isOpen && parts.every((item) => item.food && item.mass_g !== null);
     const after = meal.after?.status ?? null;
-    const expectsAfter = !isAfterWaiting && phone.expects_after_pair && meal.images.left;
+    const isAfterLost = after === "receiving" && !Object.keys(meal.after.images).length; // announced, and nothing waits
+    const expectsAfter = !waitingAfter && phone.expects_after_pair && meal.images.left;
     return [
       canConfirmAll ? button(t("confirm_all"), () => say({ kind: "confirm_meal" }), { kind: "main large" }) : null,
-      h("details", {}, h("summary", {}, t("something_missing")), addFood()),
-      expectsAfter && AFTER_OPEN.has(after) ? button(t("after_pair"), photographLeft) : null,
+      isFailed ? button(t("photograph_again"), () => go("take"), { kind: "main large" }) : null,
+      h("details", { open: isFailed }, h("summary", {}, t(isFailed ? "enter_eaten" : "something_missing")), addFood()),
+      expectsAfter && (AFTER_OPEN.has(after) || isAfterLost) ? button(t("after_pair"), photographLeft) : null,
       expectsAfter && EATEN_OPEN.has(after) ? button(t("all_eaten"), allEaten) : null,
       button(t("erase_meal"), erase, { kind: "danger" }),
     ].filter(Boolean);
@@ -175,8 +200,26 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   async function allEaten() {
     if (!(await mayReplaceRefused())) return;
     const record = { ...newDraft(phone, id), state: "waiting", captured_at: localInstant(new Date()), all_eaten: { id: newId() } };
-    if (await store.saveDraft(record, {}, ["draft", "refused"])) actions.replaceChildren(h("p", {}, t("state_waiting")));
-    else await reread(); // another tab has sent an answer meanwhile
+    if (!(await store.saveDraft(record, {}, ["draft", "refused"]))) await reread(); // another tab has sent an answer meanwhile
+  }
+
+  // That all was eaten, also before it is sent, and the way back. A reviewer's word is not the person's to take back.
+  function showSaid() {
+    const isEaten = waitingAfter?.all_eaten || meal.after?.status === "nothing_left";
+    const event = said.find((event) => event.kind === "nothing_left");
+    const takeBack = waitingAfter ? takeBackWaiting : event && (() => say({ kind: "undo", event: event.id }));
+    const parts = [
+      h("p", { class: "good" }, `✓ ${t("all_eaten")}`),
+      waitingAfter && h("p", {}, t("state_waiting")),
+      takeBack && button(t("take_back"), takeBack),
+    ];
+    eaten.replaceChildren(...(isEaten ? parts.filter(Boolean) : []));
+  }
+
+  async function takeBackWaiting() {
+    waitingAfter = null;
+    await store.deleteMeal(afterId, "waiting");
+    await render(meal);
   }
 
   async function mayReplaceRefused() {
@@ -184,12 +227,25 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     return record?.state !== "refused" || !record.slots.length || confirm(t("delete_here_confirm"));
   }
 
+  async function readWaitingAfter() {
+    const record = await store.meal(afterId);
+    return record?.state === "waiting" ? record : null;
+  }
+
   // What was left has been sent, or waits now: show the meal as it is then.
   async function noteAfter() {
-    const isWaiting = (await store.meal(afterId))?.state === "waiting";
-    if (isWaiting === isAfterWaiting) return;
-    isAfterWaiting = isWaiting;
-    if (!isWaiting) await reread().catch(showProblem);
+    const before = waitingAfter;
+    waitingAfter = await readWaitingAfter();
+    if (waitingAfter && !before && meal) await render(meal);
+    if (before && !waitingAfter) await reread().catch(showProblem);
+  }
+
+  // A confirmation waits now, or was sent.
+  async function noteEvents() {
+    const before = waitingEvents;
+    waitingEvents = (await store.meal(reviewId))?.events ?? [];
+    if (waitingEvents.length > before.length && meal) await render(meal);
+    if (waitingEvents.length < before.length) await reread().catch(showProblem);
   }
 
   async function erase() {
@@ -201,16 +257,34 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     go("meals");
   }
 
+  function isWaiting(item) {
+    return waitingEvents.some((event) => event.kind === "confirm_meal" || event.item === item.id);
+  }
+
+  // A confirmation goes by the queue where there is no network.
+  async function sendOrQueue(event) {
+    const canWait = event.kind.startsWith("confirm");
+    const passNoNetwork = (error) => {
+      if (!canWait || error.name !== "NetworkError") throw error;
+    };
+    const changed = canWait && !navigator.onLine ? null : await client.sendEvent(meal, event).catch(passNoNetwork);
+    if (changed) return changed;
+    const { captured_at, version } = meal;
+    const first = { ...newDraft(phone, id), id: reviewId, part: "review", state: "waiting", captured_at, version, events: [] };
+    await store.addEvent(first, event);
+    return meal;
+  }
+
   // One tap, one event. If somebody else changed the meal meanwhile, show how it is now and let the person decide anew.
   async function say(event) {
     alert.textContent = "";
     try {
-      await render(await client.sendEvent(meal, { strict: true, ...event }));
+      await render(await sendOrQueue({ id: newId(), strict: true, ...event }));
     } catch (error) {
       if (error.code === "implausible_amount") {
         if (confirm(t("amount_confirm"))) await say({ ...event, strict: false });
       } else if (error.code === "precondition_failed") {
-        alert.textContent = t("changed_meanwhile");
+        showProblem(error);
         await reread();
       } else showProblem(error);
     }
@@ -221,7 +295,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   }
 
   function showProblem(error) {
-    alert.textContent = sentenceOf(error, t);
+    showSentence(alert, error, t);
   }
 }
 

@@ -16,6 +16,7 @@ const ON_ITS_WAY = new Set(["receiving", "queued", "processing"]);
 export async function showMeals(main, { t, phone, client, go }) {
   const list = h("ul", { class: "meals" });
   const notices = h("div", { role: "status" });
+  const welcome = h("section");
   let sent = []; // of the server, newest first
 
   async function render() {
@@ -28,11 +29,12 @@ export async function showMeals(main, { t, phone, client, go }) {
     ];
     rows.sort((a, b) => new Date(b.at) - new Date(a.at));
     list.replaceChildren(...rows.map((row) => row.element));
+    welcome.replaceChildren(...(rows.length ? [] : welcomeParts(t, phone)));
     const waiting = meals.filter(isUnsent).length;
     const { free_bytes, persisted } = await store.room();
     notices.replaceChildren(
+      ...(waiting && !navigator.onLine ? [h("p", { class: "offline" }, t("offline", { count: waiting }))] : []),
       ...[
-        waiting && !navigator.onLine && t("offline", { count: waiting }),
         free_bytes !== null && free_bytes < LOW_ROOM_BYTES && t("storage_low"),
         persisted === false && waiting && t("storage_not_persisted"),
       ]
@@ -45,6 +47,7 @@ export async function showMeals(main, { t, phone, client, go }) {
     h("h1", {}, t("meals")),
     h("p", { class: "who" }, t("who", { participant: phone.participant, study: phone.name ?? phone.study })),
     ...(phone.sandbox ? [h("p", { class: "notice" }, t("sandbox"))] : []),
+    welcome,
     button(t("take_meal"), () => go("take"), { kind: "main large" }),
     notices,
     list,
@@ -94,6 +97,20 @@ export async function showMeals(main, { t, phone, client, go }) {
   }
 }
 
+// Before the first meal: whose study it is, what to photograph, and what becomes of it.
+function welcomeParts(t, phone) {
+  const { participant, name, study, retention_days: days, withdrawal_policy, location_policy } = phone;
+  const photographs = () => (days === null ? t("privacy_photographs_kept") : t("privacy_photographs_deleted", { days }));
+  const policies = () => [photographs(), t(`privacy_place_${location_policy}`), t(`privacy_leave_${withdrawal_policy}`)];
+  const isRead = withdrawal_policy !== undefined; // not if the server could not be asked when the person joined
+  return [
+    h("h2", {}, t("welcome", { study: name ?? study })),
+    h("img", { class: "welcome", src: "plate_and_board.svg", alt: t("welcome_picture") }),
+    h("p", {}, t("first_explain")),
+    h("p", { class: "who" }, [t("privacy", { participant }), ...(isRead ? policies() : [])].join(" ")),
+  ];
+}
+
 function rowOfPhone(t, record, isOwn, server) {
   const isAfter = record.part === "after";
   const state = server ? server.status : record.state === "waiting" && record.problem ? "waiting_problem" : record.state;
@@ -108,13 +125,19 @@ function rowOfPhone(t, record, isOwn, server) {
       {},
       address && isOwn ? h("a", { href: address }, title) : h("strong", {}, title),
       isAfter ? h("p", {}, t(record.all_eaten ? "all_eaten" : "after_pair")) : null,
+      record.part === "review" ? h("p", {}, t("confirm")) : null,
       h("p", {}, isOwn ? t(`state_${state}`) : t("state_other_person")),
       foods(server),
-      record.problem && isOwn ? h("p", { class: "problem" }, record.problem.code === "network" ? t("problem_network") : sentenceOf({ retryable: record.state === "waiting", ...record.problem }, t)) : null,
+      record.problem && isOwn ? problem(t, record) : null,
       record.is_note_refused && isOwn ? h("p", { class: "problem" }, t("voice_refused")) : null,
       record.state === "waiting" || record.state === "refused" || !isOwn ? actions(t, record, isOwn) : null,
     ),
   );
+}
+
+function problem(t, record) {
+  if (record.problem.code === "network") return h("p", { class: "offline" }, t("problem_network"));
+  return h("p", { class: "problem" }, sentenceOf({ retryable: record.state === "waiting", ...record.problem }, t));
 }
 
 function actions(t, meal, isOwn) {
@@ -122,7 +145,7 @@ function actions(t, meal, isOwn) {
     "div",
     { class: "actions" },
     isOwn ? button(t("send_now"), async () => { await retryNow(meal.id); await sendWaiting(); }) : null,
-    isOwn ? button(t("save_photographs"), () => savePhotographs(meal)) : null,
+    isOwn && meal.slots.length ? button(t("save_photographs"), () => savePhotographs(meal)) : null,
     meal.state === "refused" || !isOwn ? button(t("delete_here"), () => confirm(t("delete_here_confirm")) && store.deleteMeal(meal.id), { kind: "danger" }) : null,
   );
 }

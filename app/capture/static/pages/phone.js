@@ -3,7 +3,7 @@
 import { button, h } from "../dom.js";
 import { endSubscription, showReminders } from "../reminders.js";
 import * as store from "../store.js";
-import { sentenceOf } from "../texts.js";
+import { showSentence } from "../texts.js";
 
 export async function showPhone(main, { t, phone, client, go }) {
   const status = h("p", { role: "alert" });
@@ -59,7 +59,7 @@ export async function showPhone(main, { t, phone, client, go }) {
     try {
       await action();
     } catch (error) {
-      status.textContent = sentenceOf(error, t);
+      showSentence(status, error, t);
     }
   }
 }

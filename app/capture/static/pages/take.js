@@ -5,6 +5,7 @@
 // sent, or the browser's "back" leads to, belongs to the queue.
 
 import { canTakeStills, grabFrame, openCamera, pickPhotograph, thumbnail } from "../camera.js";
+import { isPhotograph, takenAt } from "../chosen_file.js";
 import { newId } from "../client/index.js";
 import { button, h, picture, svg } from "../dom.js";
 import * as store from "../store.js";
@@ -41,6 +42,7 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
     const video = h("video", { playsinline: true, muted: true, "aria-label": t("preview") });
     const outline = svg("svg", { class: "outline", "aria-hidden": "true" });
     const advice = h("p", { class: "advice", role: "status" });
+    const alert = h("p", { role: "alert" });
     let camera = null;
     let help = null;
 
@@ -50,7 +52,31 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
       await next();
     }
     // Not awaited: a browser may never tell that the person has cancelled, and the buttons must stay usable.
-    const pick = (fromCamera) => void pickPhotograph({ fromCamera }).then((file) => keep(file, file && !fromCamera ? timeOf(file) : new Date()));
+    const pick = (fromCamera) => void pickPhotograph({ fromCamera }).then((file) => file && keepFile(file, fromCamera));
+
+    async function keepFile(file, fromCamera) {
+      const bytes = new Uint8Array(await file.arrayBuffer());
+      alert.textContent = isPhotograph(bytes) ? "" : t("not_a_photograph");
+      if (!isPhotograph(bytes)) return;
+      const taken = fromCamera ? new Date() : takenAt(bytes);
+      const isTimeKnown = isSecond || (taken && taken <= new Date()); // a meal's time is that of its first photograph
+      if (isTimeKnown) await keep(file, taken ?? new Date());
+      else askTime(file);
+    }
+
+    function askTime(file) {
+      const time = h("input", { id: "taken", type: "datetime-local", max: localInstant(new Date()).slice(0, 16), required: true });
+      close();
+      page.replaceChildren(
+        h("h1", {}, t("taken_title")),
+        h("p", {}, t("taken_explain")),
+        h("label", { for: "taken" }, t("taken_time")),
+        time,
+        button(t("taken_keep"), () => time.reportValidity() && keep(file, new Date(time.value)), { kind: "main large" }),
+        h("div", { class: "actions" }, button(t("cancel"), next)),
+      );
+    }
+
 
     page.append(
       h("h1", {}, t(isSecond ? "second_title" : "first_title")),
@@ -76,6 +102,7 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
         isSecond && !isAfter ? button(t("only_one"), () => send()) : null,
         button(t("cancel"), cancel),
       ),
+      alert,
     );
     close = () => {
       help?.stop();
@@ -121,7 +148,8 @@ export async function showTake(main, { t, phone, client, go }, id, part) {
     if (signal.aborted) return;
     const sentences = check ? [...new Set(check.problems.map((problem) => problem.message))] : [];
     result.replaceChildren(
-      ...(check ? [h("p", { class: check.ok ? "good" : "bad" }, t(check.ok ? "check_good" : "check_bad"))] : []),
+      ...(check && !check.ok ? [h("p", { class: "bad" }, t("check_bad"))] : []),
+      ...(check?.ok && !sentences.length ? [h("p", { class: "good" }, t("check_good"))] : []),
       ...(sentences.length ? [h("ul", {}, ...sentences.map((sentence) => h("li", {}, sentence)))] : []),
     );
   }
@@ -193,9 +221,6 @@ export function newDraft(phone, meal) {
     first_board: null,
   };
 }
-
-// A file that was chosen shows an earlier meal, as far as its date says.
-const timeOf = (file) => new Date(Math.min(file.lastModified, Date.now()));
 
 /** RFC 3339 with the phone's offset, to the second. */
 export function localInstant(date) {
