@@ -13,12 +13,13 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.candidates import queries as index_entries
 from app.candidates.learned_index import LearnedIndex
+from app.candidates.scale_doubt import note_doubtful_scale
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
 from app.db.session import Database
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
-from app.identification.identifier import Circumstances, Identification
+from app.identification.identifier import Circumstances, Identification, Identifier
 from app.meals.item_state import FOOD_IDENTIFIED
 from app.meals.meal_time import local_minute
 from app.meals.models import Meal
@@ -42,13 +43,16 @@ class IdentifyFoods:
     def add_candidates(self, meal: Meal, answer: RunAnswer) -> None:
         """Set for each described item of the answer `candidates`, `none_probability` and `index_version`.
 
+        A scale that the sizes of dishes and foods speak against is flagged.
         Raises SQLAlchemyError for a passing fault of the database (app/children/faults.py).
         """
         described = [(item, item.vcm) for item in answer.items if item.vcm is not None]
         if not described:
             return
         try:
-            identified = self._identify(meal, described)
+            identifier = self._learned.identifier_for(meal, self._index())
+            identified = self._identify(meal, described, identifier)
+            note_doubtful_scale(meal, answer, identifier)
         except Exception as error:  # any bug: the volumes are computed, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is unavailable, and a run's candidates are written only once
@@ -63,9 +67,10 @@ class IdentifyFoods:
                 item.none_probability = round(identification.none_probability, DECIMALS)
                 item.index_version = identification.index_version
 
-    def _identify(self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]]) -> list[Identification | None]:
+    def _identify(
+        self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]], identifier: Identifier
+    ) -> list[Identification | None]:
         """Identify each item; None if it was described by another version than the index's."""
-        identifier = self._learned.identifier_for(meal, self._index())
         own = self._confirmed_foods(meal)
         day_minute = local_minute(meal.captured_at, meal.time_zone)
         identified: list[Identification | None] = []

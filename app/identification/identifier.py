@@ -112,6 +112,16 @@ class Identifier:
         self.version = _version(index, learned)
         self.vcm_version = index.vcm_version
 
+    def size_of(self, food_key: str) -> FoodSize | None:
+        """Return the size of a food's next piece; None where no piece of it was measured."""
+        return next((known.size for known in self._known if known.food_key == food_key), None)
+
+    def sizes_by_looks(self, vector: Vectors) -> list[tuple[float, FoodSize]]:
+        """Return the probability of each food of known size by looks alone, with its size. Raises as identify."""
+        found = self.identify(vector, most=len(self._known)).candidates
+        sizes = ((each.probability, self.size_of(each.food_key)) for each in found)
+        return [(probability, size) for probability, size in sizes if size is not None]
+
     def identify(
         self, vector: Vectors, circumstances: Circumstances = NO_CIRCUMSTANCES, most: int = 10
     ) -> Identification:

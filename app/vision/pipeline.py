@@ -179,6 +179,7 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
         )
         if isinstance(foods, Failure):
             return foods
+        trace.foods = foods
     with trace.stage("volume"):
         likely = _likely_forms(foods, places, pair, options, trace) if isinstance(views, SingleView) else []
         measured = _measure(foods, placed, scene, options, trace, likely)

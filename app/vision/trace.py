@@ -8,6 +8,7 @@ from typing import Literal
 
 from app.vision.geometry.topview import TableTrend, usable_points
 from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, MaskArray, View
+from app.vision.scene.segmentation import Foods, rim_radii_mm
 from app.vision.shape.measure import MeasuredItem
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.epipolar import Epipolar
@@ -73,7 +74,7 @@ class Trace:
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
     photograph. second_place: which photograph stands for the right one, see MealEstimate. scale: where it comes from,
-    known once the views are placed. cores: that the run may use.
+    known once the views are placed. foods: what stands on the table. cores: that the run may use.
     """
 
     stage: Stages = field(default_factory=Stages)
@@ -93,6 +94,7 @@ class Trace:
     printed: PrintedStereo | None = None
     second_place: int = 1
     scale: Scale | None = None
+    foods: Foods | None = None
     cores: int = 1
 
     @property
@@ -118,10 +120,12 @@ class Trace:
             raise ValueError("Colours are measured on the markers, which are not found yet.")
         return self.colours[1 - place if self.is_swapped else place]
 
-    def parameters(self) -> dict[str, float | int | str]:
+    def parameters(self) -> dict[str, float | int | str | list[float]]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         # the number in its slot's name; 2: the right one
-        out: dict[str, float | int | str] = {} if self.second_place == 1 else {"second_view": self.second_place + 1}
+        out: dict[str, float | int | str | list[float]] = (
+            {} if self.second_place == 1 else {"second_view": self.second_place + 1}
+        )
         out |= {} if self.scale is None else {"scale_source": self.scale}
         if self.single is not None:
             marker = self.single.first.marker
@@ -153,6 +157,7 @@ class Trace:
             out["rectified_focal_px"] = round(pair.focal_px, 2)
             out["depth_p_mm"] = round(depth.p_mm, 3)
             out["depth_q_over_focal_baseline"] = round(depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5)
+        out |= {} if self.foods is None else rim_radii_mm(self.foods)
         if self.printed is not None:
             out["printed_depth_p_mm"] = round(self.printed.depth.p_mm, 3)
             out["printed_depth_q_mm_px"] = round(self.printed.depth.q_mm_px, 3)

@@ -29,6 +29,8 @@ FLAGS: Mapping[str, str] = {
     "photographs with their EXIF data, or calibrate the phone.",
     "few_matches": "Beside the marker the photographs share hardly any point: the marker alone places the cameras, and "
     "a small movement between the photographs could go unseen. Check the outline.",
+    "scale_doubtful": "By the marker's size as it was declared, the dishes and foods are far from usual sizes. Compare "
+    "the printed board with the study's marker.",
     "form_unlikely": "A person said how it lies, and the photographs clearly support another form. Check the "
     "form, or the outline.",
     "support_not_measured": "The surface under the food was not seen: on a raised plate it comes out too large.",

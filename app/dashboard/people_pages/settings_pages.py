@@ -10,6 +10,8 @@ from app.core.errors import ConflictError, InvalidInputError, PreconditionFailed
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, take_version, wrong_fields
 from app.dashboard.page import CurrentPage, Page
+from app.exports.lists.list_meals import count_photographed
+from app.exports.lists.meal_row_queries import PhotographedMeals
 from app.people import studies
 from app.people.access.page_rules import PREFIX
 from app.people.location_policy import FilesWithPlaces
@@ -40,6 +42,7 @@ MEANING: Mapping[str, str] = {  # hints below the fields
     "8. They need a server that sends reminders.",
     "retention_days": "Counted from the upload; empty: they are kept.",
 }
+MARKER_ASKED = "A board of another size changes every volume: agree to it below."
 PATH = f"{PREFIX}/studies/{{study}}/settings"
 NEW = f"{PREFIX}/new-study"
 
@@ -55,6 +58,7 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
     """Change the protocol if it is unchanged since the form was opened."""
     values = form_values(fields)
     expected = take_version(values)
+    agreed_marker = values.pop("agreed_marker", None)
     try:
         body = read_form(StudyPatch, _protocol(values))
         if "location_policy" in values:
@@ -64,6 +68,9 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
         for name in NULLABLE:
             if values.get(name) == "":
                 changes[name] = None
+        of_marker = _meals_of_marker(page, changes)
+        if of_marker is not None and agreed_marker != values["marker"]:
+            return _settings(page, values, {"marker": MARKER_ASKED}, of_marker=of_marker, status=409)
         studies.change_study(
             page.state.database,
             page.caller,
@@ -107,11 +114,35 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
     )
 
 
-def _settings(page: Page, values: dict[str, str], wrong: dict[str, str], status: int = 200) -> Response:
+def _settings(
+    page: Page,
+    values: dict[str, str],
+    wrong: dict[str, str],
+    *,
+    of_marker: PhotographedMeals | None = None,
+    status: int = 200,
+) -> Response:
+    """of_marker: the meals that a change of the marker concerns, where the owner is asked about it."""
     study = render_study(studies.read_study(page.state.database, page.study_code))
     return page.render(
-        "settings.html", status=status, protocol=study, values=values, wrong=wrong, meaning=MEANING, switches=SWITCHES
+        "settings.html",
+        status=status,
+        protocol=study,
+        values=values,
+        wrong=wrong,
+        meaning=MEANING,
+        switches=SWITCHES,
+        of_marker=of_marker,
     )
+
+
+def _meals_of_marker(page: Page, changes: studies.ProtocolChange) -> PhotographedMeals | None:
+    """Return the study's photographed meals where its marker is to be changed and there are any; else None."""
+    study = studies.read_study(page.state.database, page.study_code)
+    if "marker" not in changes or changes["marker"] == study.marker:
+        return None
+    meals = count_photographed(page.state.database, study.id)
+    return meals if meals.measured or meals.waiting else None
 
 
 def _check_rounding(body: StudyPatch) -> None:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from app.db.session import Database
 from app.exports.lists import meal_row_queries as meal_rows
-from app.exports.lists.meal_row_queries import MealRow
+from app.exports.lists.meal_row_queries import MealRow, PhotographedMeals
 from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
@@ -112,6 +112,12 @@ def count_meals(database: Database, study_id: uuid.UUID) -> tuple[list[StatusCou
         StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED) for status, count in counts.items()
     ]
     return by_status, to_look_at
+
+
+def count_photographed(database: Database, study_id: uuid.UUID) -> PhotographedMeals:
+    """Count a study's photographed meals."""
+    with database.read() as session:
+        return meal_rows.count_photographed(session, study_id)
 
 
 def changed_meals(database: Database, study_id: uuid.UUID, versions: Sequence[tuple[uuid.UUID, int]]) -> list[MealRow]:

@@ -6,6 +6,7 @@ Also bounded counts of a study's meals by status, and which of some meals have c
 import uuid
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from datetime import date
 from typing import NamedTuple
 
 import sqlalchemy as sa
@@ -34,6 +35,15 @@ class HeldRecord(NamedTuple):
     energy_kcal: float | None
     doubt: float
     flags: list[str]
+
+
+class PhotographedMeals(NamedTuple):
+    """measured: those whose estimate has ended, from first_day to last_day, if there are any. waiting: for theirs."""
+
+    measured: int
+    first_day: date | None
+    last_day: date | None
+    waiting: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +114,19 @@ def count_by_status(session: Session, study_id: uuid.UUID, most: int) -> dict[st
         of_status = sa.select(Meal.id).where(Meal.study_id == study_id, Meal.status == status).limit(most).subquery()
         counts[status] = session.execute(sa.select(sa.func.count()).select_from(of_status)).scalar_one()
     return counts
+
+
+def count_photographed(session: Session, study_id: uuid.UUID) -> PhotographedMeals:
+    """Count a study's photographed meals: those that are measured, and those that wait."""
+    is_waiting = Meal.status.in_(("receiving", "queued", "processing"))
+    measured_day = sa.case((sa.not_(is_waiting), Meal.local_date))
+    query = sa.select(
+        sa.func.count(measured_day),
+        sa.func.min(measured_day, type_=sa.Date()),
+        sa.func.max(measured_day, type_=sa.Date()),
+        sa.func.count(sa.case((is_waiting, Meal.local_date))),
+    ).where(Meal.study_id == study_id, Meal.origin == "photographed")
+    return PhotographedMeals(*session.execute(query).one())
 
 
 def changed_meals(

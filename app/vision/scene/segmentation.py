@@ -14,7 +14,7 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
-from app.vision.liquids.filled_vessel import FilledVessel
+from app.vision.liquids.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
@@ -58,15 +58,28 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class Foods:
-    """The foods of a meal, and the table they stand on, which has no part of any dish."""
+    """The foods of a meal, the table they stand on, which has no part of any dish, and the dishes that heights show."""
 
     regions: list[Region]
     table: TableTrend
+    dishes: tuple[Dish, ...] = ()
 
     @property
     def mask(self) -> MaskArray:
         """(H, W) all of them."""
         return np.asarray(np.any([region.mask for region in self.regions], axis=0), np.bool_)
+
+
+def rim_radii_mm(foods: Foods) -> dict[str, list[float]]:
+    """Return the radii of the rims of round dishes, mm, by their kind: plates, bowls, and cups that hold a liquid."""
+    radii: dict[str, list[float]] = {}
+    for dish in foods.dishes:
+        if dish.radius_mm is not None:
+            radii.setdefault("bowl_radii_mm" if dish.is_deep else "plate_radii_mm", []).append(dish.radius_mm)
+    for liquid in (region.liquid for region in foods.regions if region.liquid is not None):
+        is_cup = liquid.rim.height_mm - liquid.table_mm > BOWL_ASPECT * liquid.rim.radius_mm
+        radii.setdefault("cup_radii_mm" if is_cup else "bowl_radii_mm", []).append(liquid.rim.radius_mm)
+    return {name: [round(float(each), 1) for each in found] for name, found in radii.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +131,8 @@ def segment_foods(
             around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, measured)))
             seen = _find_foods(around, sought, _reduced(unseen, measured), is_complete=is_complete)
         seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
-        return Foods(_supported([region for region in drawn + seen if region.mask.any()], layout), layout.trend)
+        regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
+        return Foods(regions, layout.trend, tuple(dishes))
 
     layout = lay_out(measured, trend) if pair.second_bgr is not None else None
     foods = find(layout) if layout is not None else Foods(drawn, trend)

@@ -327,3 +327,21 @@ def test_bounded_entries_of_a_food_are_of_its_eaters_by_turns(kitchen, enrol, lo
             for most in (1, 2, 4, 5)
         ]
     assert entries == [[6], [3, 6], [1, 3, 5, 6], [1, 3, 4, 5, 6]]
+
+
+@pytest.mark.parametrize(
+    ("source", "declared", "is_doubted"), [("marker", 2.0, True), ("marker", 1.0, False), ("rig", 2.0, False)]
+)
+@pytest.mark.parametrize("hint", [0, None])
+def test_marker_that_was_declared_at_twice_its_size_is_doubted(
+    kitchen, phone, state, known, looks, source, declared, is_doubted, hint
+):
+    kitchen.serve(phone, looks("apple")[0][0], hints=[{"point": [30, 20], "food": "apple"}])
+    with state.database.read() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+    item = found_item(280.0 * declared**3, hint, vcm=vcm(*looks("apple")[1][0]))
+    parameters = {"scale_source": source, "plate_radii_mm": [125.0 * declared]}
+    found = RunAnswer.model_validate(answer(item, parameters=parameters))
+    IdentifyFoods(state.database, lambda: known).add_candidates(meal, found)
+    assert ("scale_doubtful" in found.items[0].flags) is is_doubted
+    assert found.parameters.get("plausible_scale_factor", 1.0) == pytest.approx(0.5 if is_doubted else 1.0, abs=0.07)

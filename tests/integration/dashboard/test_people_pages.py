@@ -7,6 +7,7 @@ import pytest
 
 from tests.integration.dashboard.conftest import Browser, text_of
 from tests.integration.people.people import PASSWORD, sign_in
+from tests.support.estimates import found_item
 
 SETTINGS = "/dashboard/studies/pilot/settings"
 ENROL = "/dashboard/studies/pilot/enrol"
@@ -235,3 +236,18 @@ def test_form_with_a_file_is_refused(client, owner):
     headers = {"Sec-Fetch-Site": "same-origin", "Cookie": f"tada_session={owner.cookies['tada_session']}"}
     answer = client.post("/dashboard/studies/pilot/members", headers=headers, files={"name": ("a", b"x")})
     assert (answer.status_code, answer.json()["code"]) == (400, "malformed_request")
+
+
+def test_change_of_the_marker_names_the_meals_that_it_concerns_and_asks(owner, study, meal_of):
+    meal_of(found_item())
+    meal_of(captured_at="2026-11-21T12:30:00+08:00")
+    form = protocol(version=study()["version"], marker="plain:9x7:22")
+    asked = owner.post(SETTINGS, **form)
+    assert (asked.status_code, study()["marker"]) == (409, "plain:9x7:11")
+    told = text_of(asked.text)
+    assert "1 photographed meal " in told
+    assert "2026-11-20 to 2026-11-20, keep the volumes that were measured with plain:9x7:11" in told
+    assert "All later ones, and 1 that waits now, are measured with plain:9x7:22." in told
+    assert owner.post(SETTINGS, **form, agreed_marker="plain:9x7:30").status_code == 409
+    assert owner.post(SETTINGS, **form, agreed_marker="plain:9x7:22").status_code == 303
+    assert study()["marker"] == "plain:9x7:22"

@@ -109,7 +109,10 @@ def test_every_code_stands_in_the_documents_once_and_no_other():
 def test_every_flag_stands_in_the_documents_and_no_other():
     of_foods = {value for name, value in vars(item_state).items() if name.startswith("FOOD_")}
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
-    assert flags_in_the_source() | of_foods | {CLOCK_DOUBTFUL, item_state.IMPLAUSIBLE_AMOUNT} == listed
+    assert (
+        flags_in_the_source() | of_foods | {CLOCK_DOUBTFUL, item_state.IMPLAUSIBLE_AMOUNT, item_state.SCALE_DOUBTFUL}
+        == listed
+    )
 
 
 @pytest.mark.parametrize(
