@@ -241,7 +241,7 @@ def test_form_with_a_file_is_refused(client, owner):
 def test_change_of_the_marker_names_the_meals_that_it_concerns_and_asks(owner, study, meal_of):
     meal_of(found_item())
     meal_of(captured_at="2026-11-21T12:30:00+08:00")
-    form = protocol(version=study()["version"], marker="plain:9x7:22")
+    form = protocol(version=study()["version"], marker="plain:9x7:22", day_starts=study()["day_starts"])
     asked = owner.post(SETTINGS, **form)
     assert (asked.status_code, study()["marker"]) == (409, "plain:9x7:11")
     told = text_of(asked.text)
