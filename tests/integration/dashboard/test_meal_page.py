@@ -264,10 +264,12 @@ def test_failed_meal_shows_reason_and_advice_and_a_reviewer_can_retry_it(show):
 
 
 def test_page_says_first_why_the_meal_is_doubtful_by_cause(show):
-    page = show("viewer", found_item(flags=["support_not_measured"]), unmeasured_item(hint=None)).html()
+    items = found_item(flags=["support_not_measured"]), unmeasured_item(hint=None)
+    page = show("viewer", *items, parameters={"plausible_scale_factor": 0.5}).html()
     why = text_of(page[page.index('id="why"') : page.index('<dl class="figures">')])
     assert FLAGS["support_not_measured"] in why
     assert "The eaten amount is unknown. 2" in why
+    assert "With all lengths times 0.5 they would be usual" in why
 
 
 def test_text_entry_and_incomplete_meal_have_pages(client, phone, sign_in_browser):
