@@ -7,7 +7,7 @@ TWO_WORKERS := OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(BIN)/pytest -n 
 RECORD := $(or $(COVERAGE),$(VENV)/record)
 unexport PYTHONDONTWRITEBYTECODE  # else every process compiles the app, and pytest rewrites every test, anew
 
-.PHONY: venv dev lock audit demo browse test test-share test-all test-times bench check format serve clean
+.PHONY: venv dev lock audit demo browse test test-share test-all test-times docs bench check format serve clean
 
 venv: $(VENV)/.runtime  ## the virtual environment .venv with what the program needs, nothing else
 
@@ -58,6 +58,9 @@ test-times: dev  ## every test, and docs/tests.md made anew; COVERAGE=FOLDER: wh
 	start=$$(date +%s); $(TWO_WORKERS) -p tools.record_tests --record-times=$(RECORD)/times.jsonl \
 		$(if $(COVERAGE),--record-coverage=$(COVERAGE)); result=$$?; \
 	$(BIN)/python tools/test_times.py $(RECORD)/times.jsonl $$(($$(date +%s) - start)) && exit $$result
+
+docs: dev  ## every page of docs/ rendered as under /docs/guide; a link to nothing is an error
+	$(BIN)/pytest -q tests/unit/docs tests/integration/dashboard/test_guide.py
 
 bench: dev  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench

@@ -13,7 +13,7 @@ from app.capture.files import CaptureFiles
 from app.children.api_children import ApiChildren
 from app.core.errors import NotFoundError
 from app.core.settings import Settings
-from app.dashboard import api_reference
+from app.dashboard import api_reference, guide
 from app.dashboard import routes as dashboard
 from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
@@ -198,6 +198,7 @@ def create_app(settings: Settings, limits: Iterable[object] = ()) -> FastAPI:
     app.add_middleware(AroundPath, pattern=DASHBOARD_PATHS, middleware=DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
     app.mount(CAPTURE, CaptureFiles())
+    app.mount(guide.PATH, guide.GuideFiles())
     app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
     for resource in (
         meal_lists,

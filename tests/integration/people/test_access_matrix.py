@@ -25,7 +25,7 @@ from tests.integration.people.people import bearer
 from tools.access_table import PAGE, page_with_lists
 
 # what the server can do is no secret, nor are scripts and styles of the pages
-OUT_OF_THE_API = {"/openapi.json", "/docs", "/dashboard/static", "/capture"}
+OUT_OF_THE_API = {"/openapi.json", "/docs", "/docs/guide", "/dashboard/static", "/capture"}
 RANKS = {"any": 0, "viewer": 1, "reviewer": 2, "owner": 3, "admin": 4}
 NO_STUDY = "There is no such study."
 numbers = itertools.count()
