@@ -181,7 +181,13 @@ def test_kubernetes_passes_on_every_route_but_metrics():
     def is_passed(route):
         return any(route == path or (kind == "Prefix" and route.startswith(f"{path}/")) for path, kind in passed)
 
-    routes = {path for _, path in RULES} | {"/docs", "/openapi.json", "/dashboard/static/x.css", "/capture/x.js"}
+    routes = {path for _, path in RULES} | {
+        "/docs",
+        "/docs/guide/x",
+        "/openapi.json",
+        "/dashboard/static/x.css",
+        "/capture/x.js",
+    }
     assert {route for route in routes if not is_passed(route)} == {"/metrics"}
 
 
