@@ -51,14 +51,15 @@ def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, ope
     page, meal = tab.page, sent_meal(served, tab)
     estimates.save(served, meal, identified_item({"apple": 0.9}))
     estimated = served.admin.get(f"/v1/meals/{meal}").json()
-    documents = [estimated | {"status": "processing"}]
+    document = estimated | {"status": "processing"}
 
     def answer(route):
-        """The next document; the meal is unchanged while there is none."""
-        if documents:
-            route.fulfill(json=documents.pop(0))
-        else:
+        """The meal, if it is another than the page knows: one that is opened anew asks for all of it."""
+        known = route.request.headers.get("if-none-match")
+        if known == f'"{document["version"]}"':
             route.fulfill(status=304)
+        else:
+            route.fulfill(json=document)
 
     page.route(re.compile(rf"/v1/meals/{meal}(\?.*)?$"), answer)
     refusal = {"status": 422, "json": REFUSAL, "content_type": "application/problem+json"}
@@ -66,7 +67,7 @@ def test_why_a_change_failed_stays_on_the_page_when_the_meal_changes(served, ope
     page.click(f"li[data-meal='{meal}'] a")
     page.get_by_role("button", name="That is right").click()
     page.get_by_text("The study's server says: No such food.").wait_for()
-    documents.append(estimated | {"version": estimated["version"] + 1})
+    document = estimated | {"version": estimated["version"] + 1}
     page.get_by_role("button", name="Erase this meal").wait_for()  # shown once the meal is measured
     expect(page.get_by_text("The study's server says: No such food.")).to_be_visible()
 
