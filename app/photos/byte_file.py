@@ -5,7 +5,7 @@ Then they are written with ordinary writes: these report a full disk as an error
 """
 
 import mmap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,6 +55,17 @@ class Edits:
 def read_extents(data: Data, extents: Sequence[Extent]) -> bytes:
     """The bytes of the extents, joined."""
     return b"".join(data[start:end] for start, end in extents)
+
+
+def merged(extents: Iterable[Extent]) -> list[Extent]:
+    """The same bytes in ascending extents that do not overlap."""
+    result: list[Extent] = []
+    for start, end in sorted(extents):
+        if result and start <= result[-1][1]:
+            result[-1] = (result[-1][0], max(end, result[-1][1]))
+        else:
+            result.append((start, end))
+    return result
 
 
 def length_of(extents: Sequence[Extent]) -> int:

@@ -7,6 +7,7 @@ read whole is reduced to its orientation. A maker's note is opaque and stays (Ap
 
 from dataclasses import dataclass
 
+from app.photos.byte_file import Extent, merged
 from app.photos.tiff import (
     ENTRY_BYTES,
     GPS_IFD,
@@ -57,9 +58,11 @@ def without_gps(block: bytes) -> bytes:
     if order is None or not directories:
         return _reduced(block)
     result = bytearray(block)
-    for directory in directories:
-        if directory.tag == GPS_IFD and not _blank_directory(result, directory):
-            return _reduced(block)
+    gps_directories = [directory for directory in directories if directory.tag == GPS_IFD]
+    if not all(_has_known_places(directory, len(block)) for directory in gps_directories):
+        return _reduced(block)
+    for start, end in merged(extent for directory in gps_directories for extent in _extents(directory)):
+        result[start:end] = bytes(end - start)
     for directory in directories:
         if directory.tag != GPS_IFD:
             _drop_gps_pointers(result, directory, order)
@@ -72,16 +75,18 @@ def _reduced(block: bytes) -> bytes:
     return minimal_block(len(block), read_orientation(block) or 1)
 
 
-def _blank_directory(block: bytearray, directory: Directory) -> bool:
-    """Zeros over the entries and their values; False if a value's place is unknown or outside the block."""
-    for entry in directory.entries:
-        is_empty = entry.kind == 0 and entry.count == 0
-        if entry.end > len(block) or (entry.kind not in VALUE_BYTES and not is_empty):
-            return False
-        block[entry.start : entry.end] = bytes(entry.end - entry.start)
-    size = 2 + len(directory.entries) * ENTRY_BYTES
-    block[directory.at : directory.at + size] = bytes(size)
-    return True
+def _has_known_places(directory: Directory, length: int) -> bool:
+    """Whether each value has a known size and lies within the block's length."""
+    return all(
+        entry.end <= length and (entry.kind in VALUE_BYTES or entry.kind == entry.count == 0)
+        for entry in directory.entries
+    )
+
+
+def _extents(directory: Directory) -> list[Extent]:
+    """Those of the directory and of its values, which may overlap."""
+    own = (directory.at, directory.at + 2 + len(directory.entries) * ENTRY_BYTES)
+    return [own, *((entry.start, entry.end) for entry in directory.entries)]
 
 
 def _drop_gps_pointers(block: bytearray, directory: Directory, order: ByteOrder) -> None:

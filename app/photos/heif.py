@@ -38,6 +38,11 @@ class HeifItem:
     content_type: bytes
     extents: tuple[Extent, ...]
 
+    @property
+    def is_xmp(self) -> bool:
+        """Whether it is an XMP packet."""
+        return self.kind == b"mime" and self.content_type == b"application/rdf+xml"
+
 
 @dataclass(frozen=True, slots=True)
 class HeifAuxiliary:
@@ -105,6 +110,7 @@ class _File:
     auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
     descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
     has_auxiliaries: bool = False
+    pixels: dict[tuple[int, int], int] = field(default_factory=dict)  # that an item makes, by item and depth
 
     def spend(self) -> None:
         self.steps_left -= 1
@@ -276,14 +282,11 @@ def _pixels_of_parts(file: _File, item_id: int, depth: int = 0) -> int:
     """What decoding an item makes: its own pixels, or those of all its parts where these are more."""
     if depth > MAX_DEPTH:
         raise unreadable("the HEIC's pictures are made of one another")
-    width, height = _declared_size(file, item_id)
-    of_part: dict[int, int] = {}
-    total = 0
-    for part in file.parts.get(item_id, []):
-        if part not in of_part:
-            of_part[part] = _pixels_of_parts(file, part, depth + 1)
-        total += of_part[part]
-    return max(width * height, total)
+    if (item_id, depth) not in file.pixels:  # any number of pictures may name it
+        width, height = _declared_size(file, item_id)
+        total = sum(_pixels_of_parts(file, part, depth + 1) for part in file.parts.get(item_id, []))
+        file.pixels[item_id, depth] = max(width * height, total)
+    return file.pixels[item_id, depth]
 
 
 def _properties(file: _File, item_id: int) -> list[Part]:

@@ -10,7 +10,7 @@ cleaned and the rest is treated as a part of unknown form.
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
+from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, merged, open_bytes, read_extents
 from app.photos.depth import TIFF
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
@@ -87,12 +87,12 @@ def _clean_tiff(edits: Edits) -> None:
     whole = (0, len(edits.data))
     block = edits.read([whole])
     packets = [
-        [(entry.start, entry.end)]
+        (entry.start, entry.end)
         for directory in read_directories(block) or []
         for entry in directory.entries
         if entry.tag == XMP and entry.end <= len(block)
     ]
-    _clean_xmp(edits, packets)
+    _clean_xmp(edits, [[packet] for packet in merged(packets)])
     _clean_exif(edits, [[whole]])
 
 
@@ -154,10 +154,9 @@ def _clean_webp(edits: Edits, chunks: Sequence[Part]) -> None:
 
 
 def _clean_heif(edits: Edits, layout: HeifLayout) -> None:
-    packets = heif_xmp_packets(layout.items)
-    _clean_xmp(edits, packets)
+    _clean_xmp(edits, heif_xmp_packets(layout.items))
     for item in layout.items:
-        if item.kind in {b"mime", b"uri "} and list(item.extents) not in packets:
+        if item.kind in {b"mime", b"uri "} and not item.is_xmp:
             for start, end in item.extents:
                 clean_opaque(edits, start, end)
     for box in layout.parts:

@@ -99,9 +99,7 @@ def heif_exif_blocks(data: Data, items: Iterable[HeifItem]) -> list[list[Extent]
 
 def heif_xmp_packets(items: Iterable[HeifItem]) -> list[list[Extent]]:
     """XMP packets of mime items."""
-    return [
-        list(item.extents) for item in items if item.kind == b"mime" and item.content_type == b"application/rdf+xml"
-    ]
+    return [list(item.extents) for item in items if item.is_xmp]
 
 
 def _from_tiff_header(data: Data, extents: Sequence[Extent]) -> list[Extent]:

@@ -112,6 +112,23 @@ def test_tiles_of_a_heic_count_as_often_as_they_are_named_and_pictures_made_of_o
     assert (failure.code, "one another" in failure.message) == ("image_unreadable", True)
 
 
+def test_properties_of_a_heic_are_walked_a_few_times_whoever_names_the_item(inspect, monkeypatch):
+    """A hundred overlays that name the same hundred tiles each: 172 kB of that held the server for 14 s."""
+    walks = []
+    properties = heif._properties
+    monkeypatch.setattr(heif, "_properties", lambda file, item: walks.append(item) or properties(file, item))
+    parts = heif._read_references
+
+    def read_references(file, iref):
+        parts(file, iref)
+        tiles = file.parts[1]
+        file.parts |= {1: tiles[:50]} | dict.fromkeys(tiles[:50], tiles[50:])
+
+    monkeypatch.setattr(heif, "_read_references", read_references)
+    assert inspect(grid_heic(10, 10, 512)).pixels_to_decode == 50 * 50 * 512**2
+    assert len(walks) <= 3 * 101
+
+
 def progressive_of_size(width, height, *, scans):
     """The structure of such a JPEG; its frame header's size is not that of what was encoded."""
     stream = io.BytesIO()
