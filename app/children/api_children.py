@@ -56,11 +56,6 @@ class ApiChildren:
         self._warming = threading.Timer(WARM_UP_AFTER_SECONDS, self._warm_up)
         self._warming.daemon = True
 
-    @property
-    def are_up(self) -> bool:
-        """Whether any child is running: optional work does not wait for one to start."""
-        return self._pool.is_started
-
     def start_soon(self) -> None:
         """Start a child in a few seconds, without delaying the server's start."""
         self._warming.start()

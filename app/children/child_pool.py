@@ -168,11 +168,6 @@ class ChildPool:
                 return result
         raise ChildStartError("child processes ended before they took the request")
 
-    @property
-    def is_started(self) -> bool:
-        """Whether any child is running."""
-        return bool(self._alive)
-
     def cancel(self, name: str) -> bool:
         """Kill the child that works on the named request, so that its `run` raises. Returns False if there is none."""
         with self._lock:

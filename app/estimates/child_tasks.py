@@ -4,15 +4,17 @@ from collections.abc import Mapping
 
 from app.children.child import Task
 from app.estimates.calibrate_task import calibrate_task
-from app.estimates.check_files import check_task, whole_task
+from app.estimates.check_task import check_task
 from app.estimates.describe_regions import classify_task, describe_task
 from app.estimates.picture_task import picture_task
+from app.estimates.receive_task import inspect_task, receive_task
 from app.estimates.run_estimate import estimate_task
 
 TASKS: Mapping[str, Task] = {
     "estimate": estimate_task,
     "check": check_task,
-    "whole": whole_task,
+    "receive": receive_task,
+    "inspect": inspect_task,
     "calibrate": calibrate_task,
     "picture": picture_task,
     "describe": describe_task,

@@ -206,6 +206,8 @@ class MealImage(Base):
 
     received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
 
+    decoding_pixels: of a baseline JPEG that takes as long to decode; None: of no photograph, or stored before that was.
+
     erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """
 
@@ -223,6 +225,7 @@ class MealImage(Base):
     received_sha256: Mapped[str] = mapped_column(sa.String(64))
     stored_sha256: Mapped[str] = mapped_column(sa.String(64))
     blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    decoding_pixels: Mapped[int | None] = mapped_column(sa.BigInteger)
     received_at: Mapped[datetime]
     erased_at: Mapped[datetime | None]
 

@@ -1,8 +1,7 @@
 """Turn received files into sealed photographs: inspect, cut locations, decode once, put into the blob store.
 
-This process walks the bytes but never decodes them. A hole in the middle of a file only shows when its pixels are
-decoded; a child does that before the photograph is acknowledged, since the phone then deletes its own copy. If no child
-is available, the photograph is kept undecoded and the estimate will report any damage.
+This process never looks into the bytes. A child does, in one go (estimates/receive_task.py), before the photograph is
+acknowledged, since the phone then deletes its own copy. What it learns is stored with the photograph.
 """
 
 import errno
@@ -12,15 +11,13 @@ from collections.abc import Callable, Collection, Container, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, PhotographError, Whose
-from app.children.decoding_cost import is_costly
 from app.core.errors import (
-    Failure,
     GoneError,
     InvalidInputError,
     TadaError,
@@ -36,36 +33,34 @@ from app.meals.models import DepthCameraDetails, MealImage
 from app.people import privacy_queries as privacy
 from app.people.access.caller import DeviceCaller
 from app.people.location_policy import LocationPolicy
-from app.photos.depth import DEPTH_ADVICE, MAX_MAP_PIXELS, inspect_depth
+from app.photos.depth import DEPTH_ADVICE, MAX_MAP_PIXELS
 from app.photos.gps import Location
-from app.photos.inspect import PhotoFacts, inspect_photo
-from app.photos.location import read_location, remove_location
-from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, VOICE_NOTE, image_name
-from app.photos.voice_note import inspect_voice_note, remove_note_metadata
+from app.photos.slots import DEPTH_SLOTS, image_name
 from app.storage.blob_store import BlobStore
 
 Result = TypeVar("Result")
 
-SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
-DECODING_SECONDS = 10.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine
-JPEG = "image/jpeg"  # other formats have checksums, or a decoder that fails if data are missing
-SPENT_RETRY_SECONDS = 1
+SECONDS = 10.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine
+RETRY_SECONDS = 1
 
 
 @dataclass(frozen=True, slots=True)
 class SealablePhoto:
     """An inspected photograph in the staging folder. width_px, height_px: of the upright picture; 0: a voice note.
 
-    location: from its tags before they were cut, if the study's policy uses it.
+    path: None if it is stored already, and was not looked at again. decoding_pixels: of a baseline JPEG that takes as
+    long to decode; None: a map or a voice note. location: from its tags before they were cut, if the study's policy
+    uses it.
     """
 
-    path: Path
+    path: Path | None
     media_type: str
     width_px: int
     height_px: int
     bytes: int
     received_sha256: str
     stored_sha256: str
+    decoding_pixels: int | None = None
     location: Location | None = None
 
 
@@ -78,38 +73,116 @@ class PhotoIntake:
         self._settings = settings
         self._children = children
 
-    def prepare(self, files: Mapping[str, ReceivedFile], policy: LocationPolicy) -> dict[str, SealablePhoto]:
-        """Inspect the received files, by slot, and cut their location tags by the study's policy.
+    def prepare(
+        self,
+        caller: DeviceCaller,
+        files: Mapping[str, ReceivedFile],
+        policy: LocationPolicy,
+        stored: Mapping[str, MealImage],
+        depth_camera: DepthCameraDetails | None = None,
+    ) -> dict[str, SealablePhoto]:
+        """Have a child inspect and decode the received files, by slot, and cut their location by the study's policy.
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, each with the slot.
+        stored: the meal's photographs; the same bytes again are not looked at. depth_camera: of depth maps.
+
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError, each with the slot;
+        UnavailableError (`server_busy`: no child was free in time).
         """
-        max_pixels = self._settings.max_photo_pixels
-        return {slot: _prepare_image(slot, file, max_pixels, policy) for slot, file in files.items()}
+        prepared = {}
+        for slot, file in files.items():
+            row = stored.get(slot)
+            if row is not None and row.received_sha256 == file.sha256:
+                prepared[slot] = _as_stored(row)
+            else:
+                prepared[slot] = self._prepare(caller, slot, file, policy, depth_camera)
+        return prepared
+
+    def _prepare(
+        self,
+        caller: DeviceCaller,
+        slot: str,
+        file: ReceivedFile,
+        policy: LocationPolicy,
+        depth_camera: DepthCameraDetails | None,
+    ) -> SealablePhoto:
+        if file.bytes == 0:
+            raise InvalidInputError(f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot)
+        request = {
+            "file": str(file.path),
+            "slot": slot,
+            "max_pixels": self._settings.max_photo_pixels,
+            "reads_location": policy.reads_tags,
+            "cuts_location": policy.cuts_tags,
+            "depth_camera": depth_camera,
+            "is_costly": False,
+        }
+        received = self._received(caller, slot, file, request)
+        if received.get("is_costly"):
+            received = self._received(caller, slot, file, request | {"is_costly": True})
+        if received["failure"] is not None:
+            raise self._refusal(slot, **received["failure"])
+        location = received.get("location")
+        return SealablePhoto(
+            path=file.path,
+            media_type=received["media_type"],
+            width_px=received["width_px"],
+            height_px=received["height_px"],
+            bytes=received["bytes"],
+            received_sha256=file.sha256,
+            stored_sha256=received["stored_sha256"],
+            decoding_pixels=received.get("decoding_pixels"),
+            location=Location(*location) if location is not None else None,
+        )
+
+    def _received(
+        self, caller: DeviceCaller, slot: str, file: ReceivedFile, request: Mapping[str, object]
+    ) -> Mapping[str, Any]:
+        try:
+            return self._children.run(
+                "receive",
+                request,
+                seconds=SECONDS,
+                whose=Whose(caller.study_id, caller.device_id),
+                photograph_sha256=file.sha256,
+                is_costly=request["is_costly"] is True,
+            )
+        except PhotographError as error:  # it needs too much memory or time, or breaks the reader
+            if slot in DEPTH_SLOTS:
+                raise self._refusal(slot, "depth_unreadable", "It cannot be read here.", DEPTH_ADVICE) from error
+            raise PhotographError(f"The {image_name(slot)}: {error.message}", slot=slot) from error
+
+    def _refusal(self, slot: str, code: str, message: str, advice: str) -> TadaError:
+        sentence = f"The {image_name(slot)}: {message} {advice}".strip()
+        if code == "not_an_image":
+            return UnsupportedMediaError(sentence, code=code, slot=slot)
+        if code == "image_too_many_pixels":
+            limit = MAX_MAP_PIXELS if slot in DEPTH_SLOTS else self._settings.max_photo_pixels
+            return TooLargeError(sentence, code=code, slot=slot, limit_pixels=limit)
+        return InvalidInputError(sentence, code=code, slot=slot)
 
     def seal_and_write(
         self,
-        caller: DeviceCaller,
         photos: Mapping[str, SealablePhoto],
         keys: Mapping[str, str],
         stored: Container[str],
         write: Callable[[], Result],
-        depth_camera: DepthCameraDetails | None = None,
     ) -> Result:
         """Seal the photographs whose slot is not in `stored`, then write the rows that name them.
 
         photos, keys: by slot. write: one transaction; it runs again if an identical upload commits first.
-        depth_camera: of the depth maps among them.
 
-        Raises InvalidInputError (`image_unreadable`: a JPEG lacks some of its pixels; `depth_unreadable`,
-        `depth_empty`), StorageFullError, and whatever `write` raises.
+        Raises StorageFullError, UnavailableError (a photograph that was stored is being replaced), and whatever `write`
+        raises.
         """
-        new_photos = {slot: photo for slot, photo in photos.items() if slot not in stored}
-        if self._children.are_up:
-            for slot, photo in new_photos.items():
-                if photo.media_type == JPEG or slot in DEPTH_SLOTS:
-                    _require_whole(self._children, caller, slot, photo, depth_camera)
+        paths = {keys[slot]: photo.path for slot, photo in photos.items() if slot not in stored}
+        files = {key: path for key, path in paths.items() if path is not None}
+        if len(files) < len(paths):
+            raise UnavailableError(
+                "Another pair came in at the same time. Nothing was kept; send it again.",
+                retry_after_seconds=RETRY_SECONDS,
+            )
         try:
-            self._blobs.put_files({keys[slot]: photo.path for slot, photo in new_photos.items()})
+            self._blobs.put_files(files)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise storage_full() from error
@@ -146,7 +219,7 @@ def require_unspent(session: Session, keys: Collection[str]) -> None:
     if spent_keys.spent_among(session, keys):
         raise UnavailableError(
             "A photograph of an earlier try was just being removed. Nothing was kept; send it again.",
-            retry_after_seconds=SPENT_RETRY_SECONDS,
+            retry_after_seconds=RETRY_SECONDS,
         )
 
 
@@ -163,97 +236,22 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
         received_sha256=photo.received_sha256,
         stored_sha256=photo.stored_sha256,
         blob_key=key,
+        decoding_pixels=photo.decoding_pixels,
         received_at=now,
     )
 
 
-def _prepare_image(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
-    if file.bytes == 0:
-        raise InvalidInputError(f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot)
-    if slot == VOICE_NOTE:
-        return _prepare_note(file, policy)
-    is_map = slot in DEPTH_SLOTS
-    if is_map:
-        facts, max_pixels = inspect_depth(file.path, is_confidence=slot in CONFIDENCE_SLOTS), MAX_MAP_PIXELS
-    else:
-        facts = inspect_photo(file.path)
-    if not isinstance(facts, PhotoFacts):
-        message = f"The {image_name(slot)}: {facts.message}" + (f" {facts.advice}" if facts.advice else "")
-        if facts.code == "not_an_image":
-            raise UnsupportedMediaError(message, code=facts.code, slot=slot)
-        raise InvalidInputError(message, code=facts.code, slot=slot)
-    if facts.pixels_to_decode > max_pixels:
-        raise TooLargeError(
-            f"The {image_name(slot)} has {facts.pixels_to_decode} pixels; at most {max_pixels} are allowed.",
-            code="image_too_many_pixels",
-            slot=slot,
-            limit_pixels=max_pixels,
-        )
-    location = read_location(file.path, facts) if policy.reads_tags and not is_map else None
-    changed = policy.cuts_tags and remove_location(file.path, facts)
-    upright = (facts.height, facts.width) if facts.orientation in SIDEWAYS else (facts.width, facts.height)
+def _as_stored(image: MealImage) -> SealablePhoto:
     return SealablePhoto(
-        path=file.path,
-        media_type=facts.media_type,
-        width_px=upright[0],
-        height_px=upright[1],
-        bytes=file.bytes,
-        received_sha256=file.sha256,
-        stored_sha256=sha256_of_file(file.path) if changed else file.sha256,
-        location=location,
+        path=None,
+        media_type=image.media_type,
+        width_px=image.width_px,
+        height_px=image.height_px,
+        bytes=image.bytes,
+        received_sha256=image.received_sha256,
+        stored_sha256=image.stored_sha256,
+        decoding_pixels=image.decoding_pixels,
     )
-
-
-def _prepare_note(file: ReceivedFile, policy: LocationPolicy) -> SealablePhoto:
-    media_type = inspect_voice_note(file.path)
-    if isinstance(media_type, Failure):
-        raise _unreadable_note(media_type)
-    changed = policy.cuts_tags and remove_note_metadata(file.path, media_type)
-    if isinstance(changed, Failure):
-        raise _unreadable_note(changed)
-    stored_sha256 = sha256_of_file(file.path) if changed else file.sha256
-    return SealablePhoto(file.path, media_type, 0, 0, file.bytes, file.sha256, stored_sha256)
-
-
-def _unreadable_note(failure: Failure) -> InvalidInputError:
-    return InvalidInputError(f"{failure.message} {failure.advice}", code=failure.code, slot=VOICE_NOTE)
-
-
-def _require_whole(
-    children: ApiChildren,
-    caller: DeviceCaller,
-    slot: str,
-    photo: SealablePhoto,
-    depth_camera: DepthCameraDetails | None,
-) -> None:
-    is_map = slot in DEPTH_SLOTS
-    try:
-        result = children.run(
-            "whole",
-            {
-                "photo": str(photo.path),
-                "depth_camera": depth_camera if is_map else None,
-                "is_confidence": slot in CONFIDENCE_SLOTS,
-            },
-            seconds=DECODING_SECONDS,
-            whose=Whose(caller.study_id, caller.device_id),
-            photograph_sha256=photo.stored_sha256,
-            is_costly=not is_map and is_costly([photo.path]),
-        )
-    except PhotographError as error:  # reading it needs too much memory or time, or breaks the reader
-        if not is_map:  # a photograph is decoded again in the estimate, where a failure is kept with the meal
-            return
-        raise InvalidInputError(
-            f"The {image_name(slot)} cannot be read here. {DEPTH_ADVICE}", code="depth_unreadable", slot=slot
-        ) from error
-    except TadaError:  # no child was free, or it failed by a bug, which is logged: neither may cost a meal
-        return
-    if result["failure"] is not None:
-        raise InvalidInputError(
-            f"The {image_name(slot)}: {result['failure']['message']} {result['failure']['advice']}",
-            code=result["failure"]["code"],
-            slot=slot,
-        )
 
 
 def _fresh_key(key: str) -> str:

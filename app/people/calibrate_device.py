@@ -13,7 +13,7 @@ from typing import cast
 from pydantic import BaseModel, TypeAdapter
 
 from app.children.api_children import ApiChildren, Whose
-from app.children.decoding_cost import is_costly
+from app.children.decoding_cost import inspect_in_child
 from app.core.errors import ConflictError, Failure, InvalidInputError, NotFoundError
 from app.core.settings import Settings
 from app.db.session import Database
@@ -110,12 +110,14 @@ def calibrate_device(
             code="marker_missing",
         )
     parse_marker(board)
+    whose = Whose(caller.study_id, caller.device_id)
+    inspected = inspect_in_child(children, [file.path for file in files], whose)
     result = children.run(
         "calibrate",
         {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},
         seconds=SECONDS,
-        whose=Whose(caller.study_id, caller.device_id),
-        is_costly=is_costly([file.path for file in files]),
+        whose=whose,
+        is_costly=inspected.is_costly,
     )
     fit = _accepted_fit(CALIBRATION_RESULT.validate_python(result))
     with database.write() as session:

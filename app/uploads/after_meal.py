@@ -134,13 +134,18 @@ class SubmitAfterPair:
     def receive(self, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]) -> bool:
         """Keep photographs by slot, and queue the pair once both are here. Returns whether something was added.
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing is kept), NotFoundError, GoneError,
-        ConflictError (another photograph is here; the meal has none), StorageFullError.
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is kept),
+        NotFoundError, GoneError, ConflictError (another photograph is here; the meal has none), StorageFullError,
+        UnavailableError.
         """
+        meal_id = meal_id_of(caller.participant_id, client_id)
         with self._database.read() as session:
             policy = policy_of(session.get_one(Study, caller.study_id))
-        photos = self._photo_intake.prepare(files, policy)
-        return self._keep(caller, _Upload(meal_id_of(caller.participant_id, client_id), photos=photos))
+            meal = session.get(Meal, meal_id)
+            may_be_replaced = meal is None or meal.after_status == "failed"
+            images = [] if may_be_replaced else meals.images_of(session, meal_id)
+        photos = self._photo_intake.prepare(caller, files, policy, {image.slot: image for image in images})
+        return self._keep(caller, _Upload(meal_id, photos=photos))
 
     def _keep(self, caller: DeviceCaller, upload: _Upload) -> bool:
         meal_id, photos = upload.meal_id, upload.photos
@@ -153,7 +158,7 @@ class SubmitAfterPair:
             )
         sealed = _Sealed(stored.attempt, keys, frozenset(set(photos) - stored.slots))
         return self._photo_intake.seal_and_write(
-            caller, photos, keys, stored.slots, lambda: self._write(caller, upload, sealed)
+            photos, keys, stored.slots, lambda: self._write(caller, upload, sealed)
         )
 
     def _write(self, caller: DeviceCaller, upload: _Upload, sealed: _Sealed) -> bool:

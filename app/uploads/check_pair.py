@@ -6,20 +6,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from app.children.api_children import ApiChildren, Whose
-from app.children.decoding_cost import is_costly
+from app.children.decoding_cost import inspect_in_child
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.estimates.camera_choice import Size, choose_camera
+from app.estimates.camera_choice import choose_camera
 from app.estimates.camera_json import camera_to_json
 from app.http.upload import ReceivedFile
-from app.meals.receive_photo import SIDEWAYS
 from app.messages.catalogue import choose_locale, sentence
 from app.people.access.caller import DeviceCaller
 from app.people.calibration_models import CameraDetails
 from app.people.models import Locale, Study
-from app.photos.inspect import PhotoFacts, inspect_photo
-from app.photos.slots import PAIR_SLOTS
 from app.vision.marker_spec import parse_marker
 
 SECONDS = 10.0  # limit of one check: many times the need of a slow machine
@@ -66,12 +63,17 @@ def check_pair(
 ) -> CheckedPair:
     """Check a pair. Raises InvalidInputError (`marker_missing`), UnavailableError (`server_busy`), PhotographError."""
     started = time.perf_counter()
-    sizes = _sizes(files)
+    whose = Whose(caller.study_id, caller.device_id)
+    inspected = inspect_in_child(children, [file.path for file in files.values()], whose)
     with database.read() as session:
         study = session.get_one(Study, caller.study_id)
         marker = request.marker or study.marker
         chosen = choose_camera(
-            session, meal_camera=request.camera, device_id=caller.device_id, study=study, sizes=sizes or [(1, 1)]
+            session,
+            meal_camera=request.camera,
+            device_id=caller.device_id,
+            study=study,
+            sizes=inspected.sizes or [(1, 1)],
         )
     if marker is None:
         raise InvalidInputError(
@@ -91,8 +93,8 @@ def check_pair(
             "max_pixels": settings.max_photo_pixels,
         },
         seconds=SECONDS,
-        whose=Whose(caller.study_id, caller.device_id),
-        is_costly=is_costly([file.path for file in files.values()]),
+        whose=whose,
+        is_costly=inspected.is_costly,
     )
     problems = tuple(_problem(each["code"], each["severity"], each["side"], locale) for each in result["problems"])
     return CheckedPair(result["ok"], problems, result["measures"], locale, round(time.perf_counter() - started, 3))
@@ -100,14 +102,3 @@ def check_pair(
 
 def _problem(code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale) -> PairProblem:
     return PairProblem(code, severity, side, sentence(code, locale, side) or code)
-
-
-def _sizes(files: Mapping[str, ReceivedFile]) -> list[Size]:
-    """Return the upright sizes of the photographs whose structure is readable; the child reports the others."""
-    sizes = []
-    for side in PAIR_SLOTS:
-        facts = inspect_photo(files[side].path) if files[side].bytes else None
-        if isinstance(facts, PhotoFacts):
-            sideways = facts.orientation in SIDEWAYS
-            sizes.append((facts.height, facts.width) if sideways else (facts.width, facts.height))
-    return sizes

@@ -131,14 +131,17 @@ class SubmitMeal:
     ) -> Submitted:
         """Keep the metadata and the photographs, by slot. metadata None: the meal must exist.
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing is kept), NotFoundError, ConflictError
-        (the id has other content), GoneError (deleted, or its participant has left), StorageFullError.
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is kept),
+        NotFoundError, ConflictError (the id has other content), GoneError (deleted, or its participant has left),
+        StorageFullError, UnavailableError.
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
         bind_log_context(meal_id=str(meal_id))
         with self._database.read() as session:
             study = session.get_one(Study, caller.study_id)
-            is_new = metadata is not None and session.get(Meal, meal_id) is None  # a meal's rig may be gone since
+            meal = session.get(Meal, meal_id)
+            stored = {image.slot: image for image in meals.images_of(session, meal_id)}
+            is_new = metadata is not None and meal is None  # a meal's rig may be gone since
             if metadata is not None and is_new and not _has_scale(session, caller, study, metadata):
                 raise InvalidInputError(
                     "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
@@ -146,7 +149,8 @@ class SubmitMeal:
                     code="marker_missing",
                 )
         policy = policy_of(study)
-        photos = self._photo_intake.prepare(files, policy)
+        depth_camera = _depth_camera(metadata, meal)
+        photos = self._photo_intake.prepare(caller, files, policy, stored, depth_camera)
         location = policy.apply(
             metadata.location if metadata is not None else None, (photo.location for photo in photos.values())
         )
@@ -155,17 +159,11 @@ class SubmitMeal:
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             meal = session.get(Meal, meal_id)
             stored = self._check(session, meal, upload, photos)
-            kept = meal.details if meal is not None else details
             keys = unspent_keys(
                 session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
             )
         return self._photo_intake.seal_and_write(
-            caller,
-            photos,
-            keys,
-            stored,
-            lambda: self._write(caller, upload, photos, keys),
-            kept.get("depth_camera") if kept is not None else None,
+            photos, keys, stored, lambda: self._write(caller, upload, photos, keys)
         )
 
     def _check(
@@ -256,6 +254,16 @@ def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: M
     if metadata.views != DEFAULT_VIEWS:
         return False
     return metadata.poses is not None or any(stored_rigs(session, caller.device_id, study.id))
+
+
+def _depth_camera(metadata: MealMetadata | None, meal: Meal | None) -> DepthCameraDetails | None:
+    """Return that of the maps: the stored meal's, of a new one its metadata's. Raises InvalidInputError."""
+    if meal is not None:
+        return meal.details.get("depth_camera")
+    if metadata is None or metadata.depth_camera is None:
+        return None
+    depth_camera_from_mapping(metadata.depth_camera)  # raises if it is impossible
+    return metadata.depth_camera
 
 
 def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealDetails:

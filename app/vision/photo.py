@@ -18,8 +18,8 @@ from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugi
 from pillow_heif import HeifImageFile
 
 from app.core.errors import Failure
+from app.vision import jpeg_pixels, png_pixels
 from app.vision.board.grid import reduce_by
-from app.vision.jpeg_pixels import lacks_pixels
 from app.vision.model import ImageArray, Photo
 
 MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squares of 7 px there; smaller ones are lost
@@ -28,6 +28,7 @@ FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
 MAX_NAME_LENGTH = 100
 JPEG_START = b"\xff\xd8\xff"
+PNG_START = b"\x89PNG\r\n\x1a\n"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 # What Pillow and libheif raise on bytes that lie; anything else is a fault of ours and should be seen.
 DECODE_ERRORS = (
@@ -97,11 +98,6 @@ def read_reduced_photo(
         return _read(data, max_pixels, least_long_side_px, least_short_side_px)
 
 
-def why_not_whole(data: bytes) -> Failure | None:
-    """The failure of a JPEG that lacks part of its pixels, or None. Failures: image_truncated, image_unreadable."""
-    return _damaged(data) if data.startswith(JPEG_START) and lacks_pixels(data) else None
-
-
 def _read(
     data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int
 ) -> ReducedPhoto | Failure:
@@ -127,8 +123,8 @@ def _read(
             f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
-    if (failure := why_not_whole(data)) is not None:
-        return failure
+    if _lacks_pixels(data):
+        return _damaged(data)
     try:
         factor = _reduction(max(width, height), least_long_side_px)
         pixels_bgr = _pixels_of_sound_jpeg(image, data, factor)
@@ -142,6 +138,13 @@ def _read(
         pixels_bgr = pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
     photo = Photo(pixels_bgr, _focal_35mm(exif, width, height), _name(exif.get(ExifTags.Base.Model)))
     return ReducedPhoto(photo, factor)
+
+
+def _lacks_pixels(data: bytes) -> bool:
+    """Whether part of the picture is missing in a way that decoders do not tell."""
+    if data.startswith(JPEG_START):
+        return jpeg_pixels.lacks_pixels(data)
+    return data.startswith(PNG_START) and png_pixels.lacks_pixels(data)
 
 
 def _reduction(long_side_px: int, least_long_side_px: int | None) -> int:
@@ -159,7 +162,7 @@ def _opener(data: bytes) -> Callable[[io.BytesIO], Image.Image] | None:
     """
     if data.startswith(JPEG_START):
         return JpegImagePlugin.JpegImageFile
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(PNG_START):
         return PngImagePlugin.PngImageFile
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
         return WebPImagePlugin.WebPImageFile

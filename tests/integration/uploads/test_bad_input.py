@@ -19,12 +19,12 @@ from tests.support.photographs import pair, photograph
 from tests.support.stores import stored_names
 
 
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
 def png_bomb(width, height):
     """A PNG whose header promises a huge picture, in some hundred bytes."""
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
@@ -32,6 +32,22 @@ def png_bomb(width, height):
         + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
         + chunk(b"IEND", b"")
     )
+
+
+def with_fewer_rows(png):
+    """The PNG, sound in all its chunks, whose pixels end too early."""
+    pixels = zlib.decompress(b"".join(content for kind, content in chunks_of(png) if kind == b"IDAT"))
+    data = zlib.compress(pixels[: len(pixels) // 2])
+    kept = [(kind, content) for kind, content in chunks_of(png) if kind != b"IDAT"]
+    return png[:8] + b"".join(chunk(*each) for each in (*kept[:-1], (b"IDAT", data), kept[-1]))
+
+
+def chunks_of(png):
+    position = 8
+    while position < len(png):
+        end = position + 8 + int.from_bytes(png[position : position + 4])
+        yield png[position + 4 : position + 8], png[position + 8 : end]
+        position = end + 4
 
 
 def assert_nothing_kept(state):
@@ -58,6 +74,8 @@ def test_photograph_that_cannot_be_taken_is_refused(phone, state):
         (b"hello, I am a text", 415, "not_an_image", {}),
         (photograph()[:-2000], 422, "image_truncated", {}),
         (b"\xff\xd8\xff\xe0" + b"\0" * 50, 422, "image_unreadable", {}),
+        (photograph(size=(640, 472)), 422, "image_too_small", {}),
+        (with_fewer_rows(photograph(kind="PNG")), 422, "image_unreadable", {}),
         (png_bomb(60_000, 60_000), 413, "image_too_many_pixels", {"limit_pixels": 3_000_000}),
         (photograph(size=(2048, 1536), quality=20), 413, "image_too_many_pixels", {"limit_pixels": 3_000_000}),
         (b"\xff\xd8" + b"x" * 400_000, 413, "image_too_large", {"limit_bytes": 400_000}),
@@ -67,7 +85,7 @@ def test_photograph_that_cannot_be_taken_is_refused(phone, state):
 
 
 def test_other_formats_and_the_same_photograph_twice_are_taken(phone):
-    png = photograph(size=(320, 240), kind="PNG")
+    png = photograph(kind="PNG", mode="L")
     buffer = io.BytesIO()
     pillow_heif.from_pillow(Image.open(io.BytesIO(photograph()))).save(buffer, quality=50)
     for left, media_type in ((png, "image/png"), (buffer.getvalue(), "image/heic"), (photograph(1), "image/jpeg")):

@@ -7,7 +7,6 @@ import zlib
 
 import numpy as np
 
-from app.children.api_children import ApiChildren
 from app.children.child_pool import ChildPool, ChildResult
 from app.meals.models import MealImage
 from tests.integration.conftest import meal_metadata
@@ -106,8 +105,6 @@ def with_other_pixels(content, pixels):
 
 
 def test_map_that_is_empty_or_cannot_be_decoded_is_refused_by_a_child(phone):
-    files = {slot: (f"{slot}.jpg", content, "image/jpeg") for slot, content in pair().items()}
-    assert phone.client.post("/v1/checks", headers=phone.headers, files=files).status_code == 200  # starts a child
     empty = png(np.zeros((48, 64), np.uint16))
     for content, code in ((empty, "depth_empty"), (with_other_pixels(depth_png(), b"nothing"), "depth_unreadable")):
         sent = phone.post(pair() | {"left_depth": content}, depth_camera=CAMERA)
@@ -115,17 +112,14 @@ def test_map_that_is_empty_or_cannot_be_decoded_is_refused_by_a_child(phone):
     assert phone.post(with_depth(), depth_camera=CAMERA).status_code == 202
 
 
-def test_map_that_breaks_the_child_is_refused_and_one_that_the_machine_failed_is_kept(phone, monkeypatch):
-    monkeypatch.setattr(ApiChildren, "are_up", True)
-    outcomes = ("out_of_memory", "crashed", "timed_out", "killed", "stalled", "raised")
-    for seed, outcome in enumerate(outcomes):  # what broke a child once is known
-        monkeypatch.setattr(ChildPool, "run", lambda *_, outcome=outcome, **__: ChildResult(outcome))
-        sent = phone.post(with_depth(seed), depth_camera=CAMERA)
-        if outcome in ("killed", "stalled", "raised"):
-            assert sent.status_code == 202, outcome
-        else:
-            assert (*refusal(sent), sent.json()["slot"]) == (422, "depth_unreadable", "left_depth"), outcome
-            assert "left depth map" in sent.json()["detail"]
+def test_map_that_breaks_the_child_is_refused(phone, monkeypatch):
+    metadata = meal_metadata(depth_camera=CAMERA, depth_maps=["left_depth"])
+    path = f"/v1/meals/{metadata.pop('id')}"
+    phone.put(path, json=metadata)
+    monkeypatch.setattr(ChildPool, "run", lambda *_, **__: ChildResult("out_of_memory"))
+    sent = phone.put(f"{path}/images/left_depth", content=depth_png())
+    assert (*refusal(sent), sent.json()["slot"]) == (422, "depth_unreadable", "left_depth")
+    assert "left depth map" in sent.json()["detail"]
 
 
 def test_estimate_is_given_the_maps_and_their_camera(phone, state, settings):

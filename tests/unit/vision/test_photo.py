@@ -170,6 +170,16 @@ def test_file_that_lost_bytes_in_its_middle_is_unreadable(picture, progressive, 
     assert failure_code(bytes(lost)) == "image_unreadable"
 
 
+@pytest.mark.parametrize("interlaced", [False, True])
+def test_png_that_lacks_its_last_rows_is_unreadable(interlaced):
+    """Pillow leaves them black. Passes of Adam7: 1/64, 1/64, 1/32, 1/16, 1/8, 1/4 and 1/2 of all pixels."""
+    side = 480
+    passes = [(8, 8), (8, 8), (4, 8), (4, 4), (2, 4), (2, 2), (1, 2)] if interlaced else [(1, 1)]
+    rows = b"".join((b"\0" + bytes([99] * (side // x * 3))) * (side // y) for x, y in passes)
+    assert (read(png(side, side, rows, interlaced=interlaced)).pixels_bgr == 99).all()
+    assert failure_code(png(side, side, rows[: -3 * side - 1], interlaced=interlaced)) == "image_unreadable"
+
+
 def test_bomb_is_refused_by_its_header():
     # 60000 x 60000 pixels announced, one row of zeros behind: decoding it would ask for 10 GB.
     failure = read_photo(png(60_000, 60_000, bytes(60_000)), max_pixels=MAX_PIXELS)
@@ -185,11 +195,11 @@ def test_pixel_limit_is_inclusive_and_a_preview_is_too_small(picture):
     assert failure_code(encoded(picture.crop((0, 0, WIDTH, MIN_SHORT_SIDE_PX - 1)), "JPEG")) == "image_too_small"
 
 
-def png(width: int, height: int, rows: bytes, depth: int = 8) -> bytes:
+def png(width: int, height: int, rows: bytes, depth: int = 8, *, interlaced: bool = False) -> bytes:
     """An RGB PNG with this header, whatever its rows are."""
 
     def chunk(kind: bytes, body: bytes) -> bytes:
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
-    header = struct.pack(">IIBBBBB", width, height, depth, 2, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, depth, 2, 0, 0, interlaced)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")

@@ -1,0 +1,142 @@
+"""A file as it arrives, in one go: what it is, whether all of it can be decoded, and its location taken out of it.
+
+This is all that ever reads a photograph's structure on arrival; what was learnt is stored with it.
+"""
+
+import hashlib
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from app.children.child import Arguments, StageListener
+from app.children.decoding_cost import COSTLY_PIXELS, decoding_pixels
+from app.core.errors import Failure
+from app.estimates.estimate_json import failure_to_json
+from app.meals.run_answer import Json
+from app.photos.depth import MAX_MAP_PIXELS, inspect_depth
+from app.photos.inspect import PhotoFacts, inspect_photo
+from app.photos.location import read_location, remove_location
+from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, VOICE_NOTE
+from app.photos.voice_note import inspect_voice_note, remove_note_metadata
+from app.vision.depth_camera import depth_camera_from_mapping
+from app.vision.depth_map import read_confidence, read_depth
+from app.vision.photo import read_reduced_photo
+
+SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
+SMALLEST_LONG_SIDE_PX = 1  # all of a JPEG is read at an eighth of its size, too, in half of the time
+
+
+class _ReceiveRequest(BaseModel):
+    """reads_location, cuts_location: by the study's policy. depth_camera: of the meal's maps.
+
+    is_costly: the request may take long.
+    """
+
+    file: Path
+    slot: str
+    max_pixels: int
+    reads_location: bool
+    cuts_location: bool
+    depth_camera: dict[str, float] | None
+    is_costly: bool
+
+
+class _InspectRequest(BaseModel):
+    photos: list[Path]
+
+
+def inspect_task(arguments: Arguments, _: StageListener) -> Json:
+    """Return the upright sizes of the photographs that are whole, and what decoding them costs."""
+    inspected = [inspect_photo(path) for path in _InspectRequest.model_validate(arguments).photos]
+    whole = [facts for facts in inspected if isinstance(facts, PhotoFacts)]
+    return {"sizes": [[*_upright(facts)] for facts in whole], "decoding_pixels": sum(map(decoding_pixels, whole))}
+
+
+def receive_task(arguments: Arguments, _: StageListener) -> Json:
+    """Return a file's facts, the file without location, or the failure for which it is refused.
+
+    Answers {"is_costly": true} instead, and leaves the file alone, if it takes long and the request may not.
+    """
+    request = _ReceiveRequest.model_validate(arguments)
+    if request.slot == VOICE_NOTE:
+        received = _receive_note(request)
+    elif request.slot in DEPTH_SLOTS:
+        received = _receive_map(request)
+    else:
+        received = _receive_photo(request)
+    if isinstance(received, Failure):
+        return {"failure": failure_to_json(received)}
+    return received
+
+
+def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
+    facts = inspect_photo(request.file)
+    if isinstance(facts, Failure):
+        return facts
+    if facts.pixels_to_decode > request.max_pixels:
+        return _too_many_pixels(facts, request.max_pixels)
+    cost = decoding_pixels(facts)
+    if cost > COSTLY_PIXELS and not request.is_costly:
+        return {"is_costly": True}
+    location = read_location(request.file, facts) if request.reads_location else None
+    if request.cuts_location:
+        remove_location(request.file, facts)
+    read = read_reduced_photo(
+        request.file.read_bytes(), max_pixels=request.max_pixels, least_long_side_px=SMALLEST_LONG_SIDE_PX
+    )
+    if isinstance(read, Failure):
+        return read
+    received = _received(request.file, facts.media_type, _upright(facts))
+    received["decoding_pixels"] = cost
+    received["location"] = [location.latitude_deg, location.longitude_deg] if location is not None else None
+    return received
+
+
+def _receive_map(request: _ReceiveRequest) -> Json | Failure:
+    is_confidence = request.slot in CONFIDENCE_SLOTS
+    facts = inspect_depth(request.file, is_confidence=is_confidence)
+    if isinstance(facts, Failure):
+        return facts
+    if facts.pixels_to_decode > MAX_MAP_PIXELS:
+        return _too_many_pixels(facts, MAX_MAP_PIXELS)
+    if request.cuts_location:
+        remove_location(request.file, facts)
+    if request.depth_camera is not None:  # else it was not announced, and is refused for that
+        camera, data = depth_camera_from_mapping(request.depth_camera), request.file.read_bytes()
+        read = read_confidence(data, camera) if is_confidence else read_depth(data, camera)
+        if isinstance(read, Failure):
+            return read
+    return _received(request.file, facts.media_type, _upright(facts))
+
+
+def _receive_note(request: _ReceiveRequest) -> Json | Failure:
+    media_type = inspect_voice_note(request.file)
+    if isinstance(media_type, Failure):
+        return media_type
+    if request.cuts_location:
+        removed = remove_note_metadata(request.file, media_type)
+        if isinstance(removed, Failure):
+            return removed
+    return _received(request.file, media_type, (0, 0))
+
+
+def _received(path: Path, media_type: str, size: tuple[int, int]) -> Json:
+    with path.open("rb") as file:
+        stored_sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    return {
+        "failure": None,
+        "media_type": media_type,
+        "width_px": size[0],
+        "height_px": size[1],
+        "bytes": path.stat().st_size,
+        "stored_sha256": stored_sha256,
+    }
+
+
+def _upright(facts: PhotoFacts) -> tuple[int, int]:
+    return (facts.height, facts.width) if facts.orientation in SIDEWAYS else (facts.width, facts.height)
+
+
+def _too_many_pixels(facts: PhotoFacts, limit: int) -> Failure:
+    message = f"It has {facts.pixels_to_decode} pixels; at most {limit} are allowed."
+    return Failure("image_too_many_pixels", message, "Choose a smaller picture size in the camera's settings.")
