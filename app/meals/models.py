@@ -201,12 +201,17 @@ def announced_slots(details: MealDetails) -> tuple[str, ...]:
     return (*VIEW_SLOTS[: details.get("views", DEFAULT_VIEWS)], *details.get("depth_maps", ()))
 
 
+REENCODED = "reencoded"  # a photograph's flag
+
+
 class MealImage(Base):
     """One photograph, map or voice note, which has a width and height of 0.
 
     received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
 
     decoding_pixels: of a baseline JPEG that takes as long to decode; None: of no photograph, or stored before that was.
+
+    is_reencoded: its location could only be cut by writing its picture anew.
 
     erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """
@@ -226,7 +231,13 @@ class MealImage(Base):
     stored_sha256: Mapped[str] = mapped_column(sa.String(64))
     blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
     decoding_pixels: Mapped[int | None] = mapped_column(sa.BigInteger)
+    is_reencoded: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     received_at: Mapped[datetime]
     erased_at: Mapped[datetime | None]
+
+    @property
+    def flags(self) -> list[str]:
+        """Causes of doubt about the photograph (docs/flags.md)."""
+        return [REENCODED] if self.is_reencoded else []
 
     __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS))

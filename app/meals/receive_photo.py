@@ -40,7 +40,7 @@ from app.storage.blob_store import BlobStore
 
 Result = TypeVar("Result")
 
-SECONDS = 10.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine
+SECONDS = 20.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine, twice if cut
 RETRY_SECONDS = 1
 
 
@@ -49,8 +49,8 @@ class SealablePhoto:
     """An inspected photograph in the staging folder. width_px, height_px: of the upright picture; 0: a voice note.
 
     path: None if it is stored already, and was not looked at again. decoding_pixels: of a baseline JPEG that takes as
-    long to decode; None: a map or a voice note. location: from its tags before they were cut, if the study's policy
-    uses it.
+    long to decode; None: a map or a voice note. is_reencoded: cutting its location took writing its picture anew.
+    location: from its tags before they were cut, if the study's policy uses it.
     """
 
     path: Path | None
@@ -61,6 +61,7 @@ class SealablePhoto:
     received_sha256: str
     stored_sha256: str
     decoding_pixels: int | None = None
+    is_reencoded: bool = False
     location: Location | None = None
 
 
@@ -131,6 +132,7 @@ class PhotoIntake:
             received_sha256=file.sha256,
             stored_sha256=received["stored_sha256"],
             decoding_pixels=received.get("decoding_pixels"),
+            is_reencoded=received.get("is_reencoded", False),
             location=Location(*location) if location is not None else None,
         )
 
@@ -237,6 +239,7 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
         stored_sha256=photo.stored_sha256,
         blob_key=key,
         decoding_pixels=photo.decoding_pixels,
+        is_reencoded=photo.is_reencoded,
         received_at=now,
     )
 

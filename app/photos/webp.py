@@ -5,7 +5,8 @@ from app.photos.layout import Layout, Part, damage_recorded, truncated, unreadab
 
 HEADER_BYTES = 12  # RIFF, the size of what follows, WEBP
 MAX_CHUNKS = 1000  # a photograph has five at most; an animation's frames are chunks, too
-PICTURES = frozenset({b"VP8 ", b"VP8L"})
+LOSSLESS_PICTURE = b"VP8L"
+PICTURES = frozenset({b"VP8 ", LOSSLESS_PICTURE})
 ANIMATION = frozenset({b"ANIM", b"ANMF"})
 KEYFRAME_MARK = b"\x9d\x01\x2a"
 LOSSLESS_MARK = b"\x2f"

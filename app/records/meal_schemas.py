@@ -247,6 +247,7 @@ class ImageOut(BaseModel):
     media_type: str = Field(description="Media type of what is kept, such as image/jpeg.")
     width_px: int = Field(description="Width of the upright picture.")
     height_px: int = Field(description="Height of the upright picture.")
+    flags: list[str] = Field(description="`reencoded`: its picture was written anew to take its location out.")
     received_at: datetime = Field(description="When it arrived at the server.")
     durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
 

@@ -6,6 +6,7 @@ left alone: the marker calibrates colour. Location is never read.
 
 import io
 import math
+import re
 import struct
 import warnings
 from collections.abc import Callable, Mapping
@@ -26,6 +27,9 @@ MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squa
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
+MILLIMETRE = 4  # of FocalPlaneResolutionUnit
+TAKEN_AT = re.compile(r"[\d :]{19}", re.ASCII)
+REENCODED_QUALITY = 98
 MAX_NAME_LENGTH = 100
 JPEG_START = b"\xff\xd8\xff"
 PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -45,6 +49,7 @@ DECODE_ERRORS = (
     RuntimeError,
     MemoryError,
     struct.error,
+    Image.DecompressionBombError,
 )
 TRANSPOSED: Mapping[
     int, Callable[[cv2.typing.MatLike], cv2.typing.MatLike]
@@ -57,6 +62,7 @@ TRANSPOSED: Mapping[
     7: lambda pixels: cv2.rotate(cv2.transpose(pixels), cv2.ROTATE_180),
     8: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_90_COUNTERCLOCKWISE),
 }
+INVERSE = {6: 8, 8: 6}  # all others undo themselves
 
 REDUCED_READ: Mapping[int, int] = {
     1: cv2.IMREAD_COLOR,
@@ -138,6 +144,38 @@ def _read(
         pixels_bgr = pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
     photo = Photo(pixels_bgr, _focal_35mm(exif, width, height), _name(exif.get(ExifTags.Base.Model)))
     return ReducedPhoto(photo, factor)
+
+
+def encode_photo(photo: Photo, *, is_lossless: bool, orientation: int, taken_at: str | None) -> bytes:
+    """A photograph written anew as PNG or JPEG: its only metadata are focal length, orientation and time.
+
+    orientation: EXIF's, in which it is stored. taken_at: EXIF's local time.
+    """
+    turn = TRANSPOSED.get(INVERSE.get(orientation, orientation))
+    stored = photo.pixels_bgr if turn is None else turn(photo.pixels_bgr)
+    image = Image.fromarray(cv2.cvtColor(stored, cv2.COLOR_BGR2RGB))
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    details = exif.get_ifd(ExifTags.IFD.Exif)
+    if taken_at is not None:
+        details[ExifTags.Base.DateTimeOriginal] = taken_at
+    if photo.focal_35mm is not None:  # not as a 35 mm equivalent, which is a whole number
+        details[ExifTags.Base.FocalLength] = photo.focal_35mm
+        details[ExifTags.Base.FocalPlaneXResolution] = math.hypot(*image.size) / DIAGONAL_35MM
+        details[ExifTags.Base.FocalPlaneResolutionUnit] = MILLIMETRE
+    stream = io.BytesIO()
+    if is_lossless:
+        image.save(stream, "PNG", exif=exif)
+    else:
+        image.save(stream, "JPEG", quality=REENCODED_QUALITY, subsampling=0, exif=exif)
+    return stream.getvalue()
+
+
+def read_taken_at(data: bytes) -> str | None:
+    """EXIF's local time of a readable photograph, or None."""
+    opener = _opener(data)
+    taken_at = _exif(opener(io.BytesIO(data))).get(ExifTags.Base.DateTimeOriginal) if opener is not None else None
+    return taken_at if isinstance(taken_at, str) and TAKEN_AT.fullmatch(taken_at) else None
 
 
 def _lacks_pixels(data: bytes) -> bool:

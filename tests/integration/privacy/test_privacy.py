@@ -34,10 +34,10 @@ from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.persons import Person, database_bytes, kept_person
 from tests.support.deadlocks import deadlock_over_a_meal
+from tests.support.photo_files import coordinate_bytes, exif_block
 from tests.support.photographs import pair, photograph
 from tests.support.stores import store_bytes
 from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
-from tests.unit.photos.photo_files import coordinate_bytes, exif_block
 
 
 def set_study(state, **values):
@@ -406,7 +406,7 @@ EXACT = {"latitude": 34.1391839, "longitude": -118.1250041, "accuracy_m": 4.5}
 
 
 def located_pair():
-    """Photographs whose EXIF tells the place of tests/unit/photos/photo_files.py."""
+    """Photographs whose EXIF tells the place of tests/support/photo_files.py."""
     block = exif_block()
     return {"left": photograph(1, exif=b"Exif\0\0" + block), "right": photograph(2, exif=b"Exif\0\0" + block)}
 

@@ -5,12 +5,12 @@ import struct
 
 import numpy as np
 import pytest
-from photo_files import XMP
 from PIL import Image, TiffImagePlugin
 
 from app.photos.depth import TIFF, inspect_depth
 from app.photos.location import remove_location
 from tests.support.depth_maps import confidence_png, depth_png, depth_tiff, table_mm
+from tests.support.photo_files import XMP
 
 
 @pytest.fixture

@@ -5,7 +5,15 @@ import struct
 
 import pillow_heif
 import pytest
-from photo_files import (
+from PIL import ExifTags, Image
+
+from app.core.errors import Failure
+from app.photos import heif
+from app.photos import jpeg as jpeg_module
+from app.photos import png as png_module
+from app.photos.byte_file import STEP_BYTES
+from app.photos.inspect import PhotoFacts, inspect_photo
+from tests.support.photo_files import (
     HEIGHT,
     WIDTH,
     animated_webp,
@@ -26,14 +34,6 @@ from photo_files import (
     webp_chunk,
     xmp_segment,
 )
-from PIL import ExifTags, Image
-
-from app.core.errors import Failure
-from app.photos import heif
-from app.photos import jpeg as jpeg_module
-from app.photos import png as png_module
-from app.photos.byte_file import STEP_BYTES
-from app.photos.inspect import PhotoFacts, inspect_photo
 
 
 @pytest.fixture

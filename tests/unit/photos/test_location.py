@@ -11,7 +11,16 @@ import pillow_heif
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from photo_files import (
+from PIL import ExifTags, Image
+
+from app.core.errors import Failure
+from app.photos import gps, heif, location
+from app.photos.byte_file import edit_bytes
+from app.photos.gps import Location
+from app.photos.inspect import PhotoFacts, inspect_photo
+from app.photos.location import read_location, remove_location
+from app.photos.xmp import MAX_TAGS
+from tests.support.photo_files import (
     FOCAL_35MM,
     LATITUDE,
     LONGITUDE,
@@ -39,15 +48,6 @@ from photo_files import (
     webp_chunk,
     xmp_segment,
 )
-from PIL import ExifTags, Image
-
-from app.core.errors import Failure
-from app.photos import gps, heif, location
-from app.photos.byte_file import edit_bytes
-from app.photos.gps import Location
-from app.photos.inspect import PhotoFacts, inspect_photo
-from app.photos.location import read_location, remove_location
-from app.photos.xmp import MAX_TAGS
 
 GPS_TEXTS = (b"2026:03:01\0", b"HYBRID-FIX", b"Hovde Hall")
 
