@@ -26,7 +26,6 @@ from app.vision.model import Photo
 from app.vision.photo import ReducedPhoto, encode_photo, read_photo, read_reduced_photo, read_taken_at
 
 SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
-SMALLEST_LONG_SIDE_PX = 1
 
 
 class _ReceiveRequest(BaseModel):
@@ -62,14 +61,14 @@ def receive_task(arguments: Arguments, _: StageListener) -> Json:
     """
     request = _ReceiveRequest.model_validate(arguments)
     if request.slot == VOICE_NOTE:
-        received = _receive_note(request)
+        answer = _receive_note(request)
     elif request.slot in DEPTH_SLOTS:
-        received = _receive_map(request)
+        answer = _receive_map(request)
     else:
-        received = _receive_photo(request)
-    if isinstance(received, Failure):
-        return {"failure": failure_to_json(received)}
-    return received
+        answer = _receive_photo(request)
+    if isinstance(answer, Failure):
+        answer = {"failure": failure_to_json(answer)}
+    return {"failure": None, "is_costly": False, "location": None} | answer
 
 
 def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
@@ -99,11 +98,11 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
         encoded = encode_photo(photo, is_lossless=is_lossless, orientation=facts.orientation, taken_at=taken_at)
         request.file.write_bytes(encoded)
         media_type = PNG if is_lossless else JPEG
-    received = _received(request.file, media_type, _upright(facts))
-    received["decoding_pixels"] = cost
-    received["is_reencoded"] = is_reencoded
-    received["location"] = [location.latitude_deg, location.longitude_deg] if location is not None else None
-    return received
+    position: Json = {}
+    if location is not None:
+        position["location"] = [location.latitude_deg, location.longitude_deg]
+    more_facts = {"decoding_pixels": cost, "is_reencoded": is_reencoded}
+    return position | _facts(request.file, media_type, _upright(facts), **more_facts)
 
 
 def _is_only_cut(request: _ReceiveRequest, facts: PhotoFacts, picture: Photo) -> bool:
@@ -126,7 +125,7 @@ def _is_lossless(data: bytes, media_type: str) -> bool:
 
 def _picture(data: bytes, max_pixels: int) -> Photo | Failure:
     """The photograph, all of it read, at an eighth of its size: half of the time of a JPEG."""
-    read = read_reduced_photo(data, max_pixels=max_pixels, least_long_side_px=SMALLEST_LONG_SIDE_PX)
+    read = read_reduced_photo(data, max_pixels=max_pixels, least_long_side_px=1)
     return read.photo if isinstance(read, ReducedPhoto) else read
 
 
@@ -144,7 +143,7 @@ def _receive_map(request: _ReceiveRequest) -> Json | Failure:
         read = read_confidence(data, camera) if is_confidence else read_depth(data, camera)
         if isinstance(read, Failure):
             return read
-    return _received(request.file, facts.media_type, _upright(facts))
+    return _facts(request.file, facts.media_type, _upright(facts))
 
 
 def _receive_note(request: _ReceiveRequest) -> Json | Failure:
@@ -155,20 +154,15 @@ def _receive_note(request: _ReceiveRequest) -> Json | Failure:
         removed = remove_note_metadata(request.file, media_type)
         if isinstance(removed, Failure):
             return removed
-    return _received(request.file, media_type, (0, 0))
+    return _facts(request.file, media_type, (0, 0))
 
 
-def _received(path: Path, media_type: str, size: tuple[int, int]) -> Json:
-    with path.open("rb") as file:
-        stored_sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    return {
-        "failure": None,
-        "media_type": media_type,
-        "width_px": size[0],
-        "height_px": size[1],
-        "bytes": path.stat().st_size,
-        "stored_sha256": stored_sha256,
-    }
+def _facts(path: Path, media_type: str, size: tuple[int, int], **more: int) -> Json:
+    """Return the fields of a SealablePhoto, as "facts"."""
+    content = path.read_bytes()
+    facts: Json = {"media_type": media_type, "width_px": size[0], "height_px": size[1], "bytes": len(content), **more}
+    facts["stored_sha256"] = hashlib.sha256(content).hexdigest()
+    return {"facts": facts}
 
 
 def _upright(facts: PhotoFacts) -> tuple[int, int]:

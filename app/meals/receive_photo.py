@@ -118,23 +118,12 @@ class PhotoIntake:
             "is_costly": False,
         }
         received = self._received(caller, slot, file, request)
-        if received.get("is_costly"):
+        if received["is_costly"]:
             received = self._received(caller, slot, file, request | {"is_costly": True})
         if received["failure"] is not None:
             raise self._refusal(slot, **received["failure"])
-        location = received.get("location")
-        return SealablePhoto(
-            path=file.path,
-            media_type=received["media_type"],
-            width_px=received["width_px"],
-            height_px=received["height_px"],
-            bytes=received["bytes"],
-            received_sha256=file.sha256,
-            stored_sha256=received["stored_sha256"],
-            decoding_pixels=received.get("decoding_pixels"),
-            is_reencoded=received.get("is_reencoded", False),
-            location=Location(*location) if location is not None else None,
-        )
+        location = Location(*received["location"]) if received["location"] is not None else None
+        return SealablePhoto(file.path, received_sha256=file.sha256, location=location, **received["facts"])
 
     def _received(
         self, caller: DeviceCaller, slot: str, file: ReceivedFile, request: Mapping[str, object]
@@ -245,16 +234,8 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
 
 
 def _as_stored(image: MealImage) -> SealablePhoto:
-    return SealablePhoto(
-        path=None,
-        media_type=image.media_type,
-        width_px=image.width_px,
-        height_px=image.height_px,
-        bytes=image.bytes,
-        received_sha256=image.received_sha256,
-        stored_sha256=image.stored_sha256,
-        decoding_pixels=image.decoding_pixels,
-    )
+    sizes = image.width_px, image.height_px, image.bytes
+    return SealablePhoto(None, image.media_type, *sizes, image.received_sha256, image.stored_sha256)
 
 
 def _fresh_key(key: str) -> str:

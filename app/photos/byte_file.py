@@ -1,4 +1,4 @@
-"""A file's bytes without reading them all: mapped read-only to inspect it, privately to edit it at the same length.
+"""A file's bytes under edit at the same length.
 
 Edits are made in a private mapping, so that later steps see what earlier ones did and only touched pages cost memory.
 Then they are written with ordinary writes: these report a full disk as an error, where a shared mapping kills.
@@ -12,8 +12,7 @@ from pathlib import Path
 Data = bytes | mmap.mmap
 Extent = tuple[int, int]  # start and end of a run of bytes in the file, the end not included
 
-MAX_BLOCKS = 128  # of EXIF, XMP and the like in one file; a burst or a gain map has a few dozen
-STEP_BYTES = 1 << 20  # long runs are handled in pieces of this size
+MAX_MARKED_BLOCKS = 128  # which may overlap; a burst or a gain map has a few dozen
 
 
 class Edits:
@@ -21,7 +20,7 @@ class Edits:
 
     def __init__(self, data: mmap.mmap) -> None:
         self.data = data
-        self.blocks_left = MAX_BLOCKS
+        self.marked_blocks_left = MAX_MARKED_BLOCKS
         self.changed: list[Extent] = []
 
     def read(self, extents: Sequence[Extent]) -> bytes:
@@ -40,16 +39,14 @@ class Edits:
                 self.data[start:end] = piece
                 self.changed.append((start, end))
 
-    def may_clean_block(self) -> bool:
+    def may_clean_marked_block(self) -> bool:
         """Whether one more block may be taken apart; past the limit it goes whole, so that many cannot take long."""
-        self.blocks_left -= 1
-        return self.blocks_left >= 0
+        self.marked_blocks_left -= 1
+        return self.marked_blocks_left >= 0
 
     def blank(self, start: int, end: int) -> None:
         """Zeros from start to end."""
-        for piece_start in range(start, end, STEP_BYTES):
-            piece_end = min(piece_start + STEP_BYTES, end)
-            self.write([(piece_start, piece_end)], bytes(piece_end - piece_start))
+        self.write([(start, end)], bytes(end - start))
 
 
 def read_extents(data: Data, extents: Sequence[Extent]) -> bytes:
@@ -71,17 +68,6 @@ def merged(extents: Iterable[Extent]) -> list[Extent]:
 def length_of(extents: Sequence[Extent]) -> int:
     """How many bytes the extents have together."""
     return sum(end - start for start, end in extents)
-
-
-@contextmanager
-def open_bytes(path: Path) -> Iterator[Data]:
-    """The file's bytes, read-only, loaded as they are touched."""
-    with path.open("rb") as file:
-        if path.stat().st_size == 0:  # nothing to map
-            yield b""
-            return
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            yield data
 
 
 @contextmanager

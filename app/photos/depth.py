@@ -7,7 +7,7 @@ bits. Pixels are decoded later, in a child process (vision/depth_map.py), and ne
 from pathlib import Path
 
 from app.core.errors import Failure
-from app.photos.byte_file import Data, open_bytes
+from app.photos.byte_file import Data
 from app.photos.inspect import PNG, PhotoFacts
 from app.photos.png import SIGNATURE, read_png_layout
 from app.photos.tiff import byte_order, read_directories, read_numbers
@@ -23,10 +23,10 @@ CONFIDENCE_ADVICE = "Send an 8 bit grey PNG of the depth map's size."
 
 def inspect_depth(path: Path, *, is_confidence: bool = False) -> PhotoFacts | Failure:
     """The facts of the map at `path`. Failure: depth_unreadable. Raises OSError if the file cannot be read."""
-    with open_bytes(path) as data:
-        read = _read_png(data, 8 if is_confidence else 16) if data[:8] == SIGNATURE else None
-        if read is None and not is_confidence:
-            read = _read_tiff(data)
+    data = path.read_bytes()
+    read = _read_png(data, 8 if is_confidence else 16) if data[:8] == SIGNATURE else None
+    if read is None and not is_confidence:
+        read = _read_tiff(data)
     if read is None:
         advice = CONFIDENCE_ADVICE if is_confidence else DEPTH_ADVICE
         return Failure("depth_unreadable", "The file is no such map, or it is damaged.", advice)

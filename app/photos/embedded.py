@@ -83,7 +83,7 @@ def _marks(edits: Edits, mark: bytes, start: int, end: int) -> Iterator[int]:
     """Where the mark stands; when the file has had too many blocks, zeros from there on."""
     at = edits.data.find(mark, start, end)
     while at >= 0:
-        if not edits.may_clean_block():
+        if not edits.may_clean_marked_block():
             edits.blank(at, end)
             return
         yield at

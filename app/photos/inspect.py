@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.core.errors import Failure
-from app.photos.byte_file import Data, Extent, open_bytes, read_extents
+from app.photos.byte_file import Data, Extent, read_extents
 from app.photos.heif import HeifLayout, read_heif_layout
 from app.photos.jpeg import read_jpeg_layout
 from app.photos.layout import Layout
@@ -78,18 +78,18 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
 
     Failures: not_an_image, image_truncated, image_unreadable. Raises OSError if the file cannot be read.
     """
-    with open_bytes(path) as data:
-        media_type = sniff(data)
-        if isinstance(media_type, Failure):
-            return media_type
-        layout = READERS[media_type](data)
-        if layout.damage is not None:
-            return layout.damage
-        if isinstance(layout, HeifLayout):
-            orientation, pixels = layout.orientation, layout.pixels_to_decode
-        else:
-            orientation, pixels = _orientation(data, media_type, layout), layout.width * layout.height
-        return PhotoFacts(media_type, layout.width, layout.height, orientation, pixels, layout.scans)
+    data = path.read_bytes()
+    media_type = sniff(data)
+    if isinstance(media_type, Failure):
+        return media_type
+    layout = READERS[media_type](data)
+    if layout.damage is not None:
+        return layout.damage
+    if isinstance(layout, HeifLayout):
+        orientation, pixels = layout.orientation, layout.pixels_to_decode
+    else:
+        orientation, pixels = _orientation(data, media_type, layout), layout.width * layout.height
+    return PhotoFacts(media_type, layout.width, layout.height, orientation, pixels, layout.scans)
 
 
 def exif_blocks(data: Data, media_type: str, layout: Layout) -> list[list[Extent]]:

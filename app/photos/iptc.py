@@ -6,8 +6,6 @@ The resources are those of JPEG's APP13 after its `Photoshop 3.0` mark. What can
 from app.photos.gps import without_gps
 from app.photos.xmp import without_places as xmp_without_places
 
-MAX_RESOURCES = 4096
-MAX_DATASETS = 8192
 IPTC, EXIF_1, EXIF_3, XMP = 0x0404, 0x0422, 0x0423, 0x0424
 # Of record 2: content location code and name, city, sublocation, province, country code and name.
 PLACE_DATASETS = frozenset({26, 27, 90, 92, 95, 100, 101})
@@ -17,9 +15,7 @@ def resources_without_places(block: bytes) -> bytes:
     """Image resources, as long as before, without places in their IPTC, EXIF and XMP."""
     result = bytearray(block)
     position = 0
-    for _ in range(MAX_RESOURCES):
-        if not any(block[position : position + 4]):  # padding, or the end
-            return bytes(result[:position]) + bytes(len(block) - position)
+    while any(block[position : position + 4]):  # else padding, or the end
         name_bytes = block[position + 6] if position + 6 < len(block) else 0
         size_at = position + 6 + (name_bytes + 2) // 2 * 2
         start = size_at + 4
@@ -42,9 +38,7 @@ def iptc_without_places(block: bytes) -> bytes:
     """IIM datasets, as long as before, with spaces for the values that tell a place."""
     result = bytearray(block)
     position = 0
-    for _ in range(MAX_DATASETS):
-        if not any(block[position : position + 5]):
-            break
+    while any(block[position : position + 5]):
         start = position + 5
         length = int.from_bytes(block[position + 3 : start])
         if length & 0x8000:  # an extended dataset: the length of the length comes first

@@ -6,7 +6,7 @@ a restart. What follows the end mark (other pictures, a video, a maker's own rec
 
 import re
 
-from app.photos.byte_file import STEP_BYTES, Data
+from app.photos.byte_file import Data
 from app.photos.layout import Layout, Part, damage_recorded, truncated, unreadable
 
 SOI, EOI, SOS, TEM, COM = b"\xd8", b"\xd9", b"\xda", b"\x01", b"\xfe"  # markers, without their FF
@@ -15,7 +15,6 @@ FRAME_MARKERS = frozenset(bytes([code]) for code in range(0xC0, 0xD0)) - {b"\xc4
 ALONE = frozenset({TEM, EOI, *(bytes([code]) for code in range(0xD0, 0xD8))})  # markers without length
 FIRST_SEGMENT_MARKER = b"\xc0"  # below are TEM and codes that no encoder may write
 
-MAX_SEGMENTS = 10_000  # 60 MB of extended XMP take 1,000, a progressive picture some 100
 MAX_SCANS = 100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
 MAX_SCAN_PIXELS = 1_200_000_000  # scans x pixels: 20 scans of the largest photograph that is taken by default
 FILL = re.compile(rb"\xff*+")
@@ -31,7 +30,7 @@ def read_jpeg_layout(data: Data) -> Layout:
 
 
 def _walk(data: Data, layout: Layout) -> None:
-    for _ in range(MAX_SEGMENTS):
+    while True:
         segment = _segment_at(data, layout.end)
         layout.end = segment.end
         if segment.kind == EOI:
@@ -47,7 +46,6 @@ def _walk(data: Data, layout: Layout) -> None:
             layout.scans += 1
             _check_scan(layout)
             layout.end = _end_of_scan(data, layout.end)
-    raise unreadable(f"the JPEG has more than {MAX_SEGMENTS} segments")
 
 
 def _check_scan(layout: Layout) -> None:
@@ -92,19 +90,11 @@ def _frame_size(data: Data, segment: Part) -> tuple[int, int]:
 
 def _end_of_fill(data: Data, position: int) -> int:
     """Past the FF bytes: any number of them may precede a marker's code."""
-    while (match := FILL.match(data, position, position + STEP_BYTES)) and match.end() == position + STEP_BYTES:
-        position += STEP_BYTES
+    match = FILL.match(data, position)
     return match.end() if match else position
 
 
 def _end_of_scan(data: Data, position: int) -> int:
-    """Where the marker after the entropy-coded data stands, or the file's end.
-
-    In pieces, because a search in one go would hold up every other thread.
-    """
-    while position < len(data):
-        match = SCAN_END.search(data, position, position + STEP_BYTES + 1)
-        if match:
-            return match.start()
-        position += STEP_BYTES
-    return len(data)
+    """Where the marker after the entropy-coded data stands, or the file's end."""
+    match = SCAN_END.search(data, position)
+    return match.start() if match else len(data)

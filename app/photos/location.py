@@ -10,7 +10,7 @@ cleaned and the rest is treated as a part of unknown form.
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, merged, open_bytes, read_extents
+from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, merged, read_extents
 from app.photos.depth import TIFF
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
@@ -27,7 +27,7 @@ from app.photos.metadata import (
     jpeg_xmp_packets,
     webp_xmp_packets,
 )
-from app.photos.png import emptied_text, holds_xmp, renew_checksum, text_without_places
+from app.photos.png import renew_checksum, text_without_places
 from app.photos.tiff import XMP, read_directories
 from app.photos.xmp import emptied_packet, without_places
 
@@ -67,16 +67,13 @@ def remove_location(path: Path, facts: PhotoFacts) -> bool:
 
 def read_location(path: Path, facts: PhotoFacts) -> Location | None:
     """The location in the EXIF of the file's main picture; None if there is none. XMP's is not read."""
-    with open_bytes(path) as data:
-        blocks = exif_blocks(data, facts.media_type, READERS[facts.media_type](data))
-        return next(filter(None, (read_gps(read_extents(data, block)) for block in blocks)), None)
+    data = path.read_bytes()
+    blocks = exif_blocks(data, facts.media_type, READERS[facts.media_type](data))
+    return next(filter(None, (read_gps(read_extents(data, block)) for block in blocks)), None)
 
 
 def _clean_exif(edits: Edits, blocks: Iterable[list[Extent]]) -> None:
     for block in blocks:
-        if not edits.may_clean_block():
-            edits.write(block, bytes(length_of(block)))
-            continue
         edits.write(block, without_gps(edits.read(block)))
         for start, end in block:
             clean_embedded(edits, start, end)  # a preview's own metadata
@@ -98,9 +95,7 @@ def _clean_tiff(edits: Edits) -> None:
 
 def _clean_xmp(edits: Edits, packets: Iterable[list[Extent]]) -> None:
     for packet in packets:
-        may_clean = edits.may_clean_block()
-        cleaned = without_places(edits.read(packet)) if may_clean else emptied_packet(length_of(packet))
-        edits.write(packet, cleaned)
+        edits.write(packet, without_places(edits.read(packet)))
 
 
 def _clean_jpeg(edits: Edits, segments: Sequence[Part]) -> None:
@@ -139,9 +134,7 @@ def _clean_png_chunk(edits: Edits, chunk: Part) -> None:
         _clean_exif(edits, chunk_exif_blocks(edits.data, [chunk], PNG_EXIF))
     elif chunk.kind in {b"tEXt", b"zTXt", b"iTXt"}:
         extent = (chunk.start - 4, chunk.end)
-        text = edits.read([extent])
-        may_keep = not holds_xmp(text) or edits.may_clean_block()
-        edits.write([extent], text_without_places(text) if may_keep else emptied_text(len(text)))
+        edits.write([extent], text_without_places(edits.read([extent])))
     elif chunk.kind not in PLAIN_PNG_CHUNKS:
         clean_opaque(edits, chunk.start, chunk.end)
 

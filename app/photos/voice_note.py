@@ -8,16 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from app.core.errors import Failure
-from app.photos.byte_file import Data, Edits, edit_bytes, open_bytes
+from app.photos.byte_file import Data, Edits, edit_bytes
 from app.photos.embedded import clean_embedded
 
 WEBM, MP4 = "audio/webm", "audio/mp4"
 MAX_NOTE_BYTES = 2 * 1024**2  # two minutes at 128 kbit/s, the most that browsers choose by themselves
-MAX_ELEMENTS = 10_000
 EBML, DOC_TYPE, SEGMENT, TRACKS, TRACK, TRACK_TYPE = 0x1A45DFA3, 0x4282, 0x18538067, 0x1654AE6B, 0xAE, 0x83
 CLUSTER, TAGS, ATTACHMENTS, VOID = 0x1F43B675, 0x1254C367, 0x1941A469, 0xEC
 WEBM_METADATA = frozenset({TAGS, ATTACHMENTS})
-MAX_ENTERED = 100_000  # elements with the sound's, of which two minutes have some 6,000
 AUDIO_TRACK = 2  # Matroska's TrackType; 1: video
 PATH = (b"moov", b"trak", b"mdia", b"hdlr")  # of MP4, down to the handler of a track
 MP4_METADATA = frozenset({b"udta", b"meta", b"uuid"})
@@ -28,14 +26,14 @@ Part = tuple[int, int, int]  # an element's id, start and end of its content
 
 def inspect_voice_note(path: Path) -> str | Failure:
     """Return the note's media type. Failure: voice_note_unreadable. Raises OSError if the file cannot be read."""
-    with open_bytes(path) as data:
-        try:
-            if data[:4] == EBML.to_bytes(4):
-                media_type, tracks = WEBM, list(_webm_tracks(data))
-            else:
-                media_type, tracks = MP4, list(_mp4_tracks(data, 0, len(data))) if data[4:8] == b"ftyp" else []
-        except (ValueError, IndexError):
-            tracks = []
+    data = path.read_bytes()
+    try:
+        if data[:4] == EBML.to_bytes(4):
+            media_type, tracks = WEBM, list(_webm_tracks(data))
+        else:
+            media_type, tracks = MP4, list(_mp4_tracks(data, 0, len(data))) if data[4:8] == b"ftyp" else []
+    except (ValueError, IndexError):
+        tracks = []
     if tracks and all(tracks):
         return media_type
     return _unreadable()
@@ -82,9 +80,7 @@ def _webm_tracks(data: Data) -> Iterator[bool]:
 def _elements(data: Data, start: int, end: int, stop: int | None = None) -> Iterator[Part]:
     """Yield the EBML elements from start to end, or up to the first one with the id `stop` (RFC 8794)."""
     position = start
-    for _ in range(MAX_ELEMENTS):
-        if position >= end:
-            return
+    while position < end:
         name, position = _number(data, position, keeps_marker=True)
         size, position = _number(data, position)
         close = end if size is None else position + size  # a recorder does not know its segment's length beforehand
@@ -94,7 +90,6 @@ def _elements(data: Data, start: int, end: int, stop: int | None = None) -> Iter
         if name == stop:
             return
         position = close
-    raise ValueError("too many elements")
 
 
 def _number(data: Data, position: int, *, keeps_marker: bool = False) -> tuple[int | None, int]:
@@ -113,9 +108,7 @@ def _number(data: Data, position: int, *, keeps_marker: bool = False) -> tuple[i
 def _void_metadata(edits: Edits) -> None:
     """Make each metadata element a Void of the same length; segments and clusters of unknown length are entered."""
     data, position = edits.data, 0
-    for _ in range(MAX_ENTERED):
-        if position >= len(data):
-            return
+    while position < len(data):
         name, at = _number(data, position, keeps_marker=True)
         size, content = _number(data, at)
         end = content if size is None or name == SEGMENT else content + size
@@ -125,7 +118,6 @@ def _void_metadata(edits: Edits) -> None:
             length = end - position - 5  # beside the id of one byte and a length of four
             edits.write([(position, end)], bytes([VOID]) + (1 << 28 | length).to_bytes(4) + bytes(length))
         position = end
-    raise ValueError("too many elements")
 
 
 def _free_metadata(edits: Edits, start: int, end: int, depth: int = 0) -> None:
@@ -150,9 +142,7 @@ def _mp4_tracks(data: Data, start: int, end: int, depth: int = 0) -> Iterator[bo
 def _boxes(data: Data, start: int, end: int) -> Iterator[tuple[bytes, int, int, int]]:
     """Yield each box's kind, its start, and the start and end of its content. Raises ValueError for a cut box."""
     position = start
-    for _ in range(MAX_ELEMENTS):
-        if position + 8 > end:
-            return
+    while position + 8 <= end:
         size, kind, head = int.from_bytes(data[position : position + 4]), bytes(data[position + 4 : position + 8]), 8
         if size == 1:
             size, head = int.from_bytes(data[position + 8 : position + 16]), 16
@@ -161,4 +151,3 @@ def _boxes(data: Data, start: int, end: int) -> Iterator[tuple[bytes, int, int, 
             raise ValueError("a box is cut")
         yield kind, position, position + head, position + size
         position += size
-    raise ValueError("too many boxes")

@@ -4,7 +4,6 @@ from app.photos.byte_file import Data
 from app.photos.layout import Layout, Part, damage_recorded, truncated, unreadable
 
 HEADER_BYTES = 12  # RIFF, the size of what follows, WEBP
-MAX_CHUNKS = 1000  # a photograph has five at most; an animation's frames are chunks, too
 LOSSLESS_PICTURE = b"VP8L"
 PICTURES = frozenset({b"VP8 ", LOSSLESS_PICTURE})
 ANIMATION = frozenset({b"ANIM", b"ANMF"})
@@ -31,8 +30,6 @@ def _walk(data: Data, layout: Layout) -> None:
     if end_of_file > len(data):
         raise truncated("the WebP is shorter than it says")
     while (start := layout.end + 8) <= end_of_file:
-        if len(layout.parts) >= MAX_CHUNKS:
-            raise unreadable(f"the WebP has more than {MAX_CHUNKS} chunks")
         kind, length = data[start - 8 : start - 4], int.from_bytes(data[start - 4 : start], "little")
         end = start + length
         if end > end_of_file:

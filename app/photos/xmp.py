@@ -14,7 +14,6 @@ TURNED_PACKET = (
 )
 ORIENTATION = re.compile(rb"tiff:Orientation(?:=\"|>)([1-8])")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-MAX_TAGS = 10_000  # of one packet; a long editing history has a few thousand
 PLACE_NAME = re.compile(
     rb"[Gg][Pp][Ss][\w-]*+"
     rb"|(?:[A-Z][a-z]+)?(?:Latitude|Longitude|Longtitude|Altitude)\w*"
@@ -77,9 +76,7 @@ def _tags(text: bytes) -> list[re.Match[bytes]] | None:
     """All tags; None if a bracket begins none (nor comment, nor instruction): a document type, CDATA, damage."""
     tags: list[re.Match[bytes]] = []
     position = text.find(b"<")
-    for _ in range(MAX_TAGS):
-        if position < 0:
-            return tags
+    while position >= 0:
         closing_mark = next((end for start, end in SKIPPED.items() if text.startswith(start, position)), None)
         if closing_mark is not None:
             end = text.find(closing_mark, position)
@@ -92,7 +89,7 @@ def _tags(text: bytes) -> list[re.Match[bytes]] | None:
             tags.append(tag)
             end = tag.end()
         position = text.find(b"<", end)
-    return None
+    return tags
 
 
 def _blank_attributes(result: bytearray, attributes: bytes, at: int) -> None:

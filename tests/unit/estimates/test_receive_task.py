@@ -43,10 +43,11 @@ def test_location_is_cut_and_all_else_stays(tmp_path, media_type):
     path.write_bytes(encoded(media_type))
     before = read_photo(path.read_bytes(), max_pixels=1_000_000)
     answer = received(path)
+    facts = answer["facts"]
     after = read_photo(path.read_bytes(), max_pixels=1_000_000)
-    assert (answer["failure"], answer["media_type"], answer["is_reencoded"]) == (None, media_type, False)
-    assert (answer["width_px"], answer["height_px"], len(answer["location"])) == (480, 640, 2)
-    assert answer["stored_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert (answer["failure"], facts["media_type"], facts["is_reencoded"]) == (None, media_type, False)
+    assert (facts["width_px"], facts["height_px"], len(answer["location"])) == (480, 640, 2)
+    assert facts["stored_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert read_location(path, inspect_photo(path)) is None
     np.testing.assert_array_equal(before.pixels_bgr, after.pixels_bgr)
 
@@ -65,12 +66,13 @@ def test_photograph_that_the_cut_harmed_is_written_anew(tmp_path, monkeypatch, m
 
     monkeypatch.setattr(module, "remove_location", remove)
     answer = received(path)
+    facts = answer["facts"]
     data = path.read_bytes()
     anew = {"image/jpeg": "image/jpeg", "image/heic": "image/jpeg"}.get(media_type, "image/png")
-    assert (answer["failure"], answer["media_type"], answer["is_reencoded"]) == (None, anew, True)
-    assert (answer["width_px"], answer["height_px"], answer["bytes"]) == (480, 640, len(data))
-    facts = inspect_photo(path)
-    assert (facts.media_type, facts.orientation, read_location(path, facts)) == (anew, 6, None)
+    assert (answer["failure"], facts["media_type"], facts["is_reencoded"]) == (None, anew, True)
+    assert (facts["width_px"], facts["height_px"], facts["bytes"]) == (480, 640, len(data))
+    inspected = inspect_photo(path)
+    assert (inspected.media_type, inspected.orientation, read_location(path, inspected)) == (anew, 6, None)
     after = read_photo(data, max_pixels=1_000_000)
     difference = np.abs(before.pixels_bgr.astype(int) - after.pixels_bgr).max()
     assert difference == 0 if anew == "image/png" else difference < 12
@@ -86,6 +88,6 @@ def test_heic_whose_exif_lies_in_its_picture_keeps_its_picture(tmp_path):
     data[base_at : base_at + 4] = (5000).to_bytes(4)
     before = read_photo(bytes(data), max_pixels=1_000_000)
     path.write_bytes(data)
-    assert received(path)["is_reencoded"] is True
+    assert received(path)["facts"]["is_reencoded"] is True
     after = read_photo(path.read_bytes(), max_pixels=1_000_000)
     assert np.abs(before.pixels_bgr.astype(int) - after.pixels_bgr).max() < 12

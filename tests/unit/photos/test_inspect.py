@@ -9,9 +9,7 @@ from PIL import ExifTags, Image
 
 from app.core.errors import Failure
 from app.photos import heif
-from app.photos import jpeg as jpeg_module
 from app.photos import png as png_module
-from app.photos.byte_file import STEP_BYTES
 from app.photos.inspect import PhotoFacts, inspect_photo
 from tests.support.photo_files import (
     HEIGHT,
@@ -214,7 +212,6 @@ def test_webp_of_every_coding_is_whole(inspect, options):
         (riff(webp_chunk(b"EXIF", b"II*\0")), "no picture"),
         (riff(webp_chunk(b"VP8 ", b"\0" * 20)), "no header"),
         (riff(*[webp_chunk(b"VP8L", b"\x2f\0\0\0\0\0")] * 2), "more than one picture"),
-        (riff(*[webp_chunk(b"JUNK", b"")] * 2000), "more than 1000 chunks"),
     ],
 )
 def test_webp_that_is_no_photograph_is_refused(inspect, data, what):
@@ -244,22 +241,11 @@ def test_trailing_bytes_are_no_damage(inspect, data):
         assert inspect(data + trailer) == inspect(data)
 
 
-@pytest.mark.parametrize("surplus", range(4))
-def test_end_of_a_scan_is_found_wherever_the_pieces_of_the_search_meet(inspect, surplus):
-    data = jpeg()
-    scan_start = data.index(b"\xff\xda") + 2 + 12
-    padding = STEP_BYTES - (len(data) - 2 - scan_start) - 2 + surplus
-    assert inspect(data[:-2] + bytes(padding) + data[-2:]) == inspect(data)
-    assert inspect(data[:-2] + bytes(padding - 2) + b"\xff\0" + data[-2:]) == inspect(data)
-
-
 def test_fill_bytes_before_markers_are_no_damage(inspect):
     data = jpeg()
     at = data.index(b"\xff\xdb")
     assert inspect(data[:at] + b"\xff" * 50 + data[at:]) == inspect(data)
     assert inspect(data[:-2] + b"\xff" * 50 + data[-2:]) == inspect(data)
-    assert inspect(data[:-2] + b"\xff" * (STEP_BYTES + 1) + data[-2:]) == inspect(data)
-    assert inspect(data[:at] + b"\xff" * (2 * STEP_BYTES) + data[at:]) == inspect(data)
 
 
 @pytest.mark.parametrize(
@@ -310,11 +296,7 @@ def test_heic_item_outside_the_file_is_truncated_and_a_sequence_without_a_still_
 
 
 @pytest.mark.slow
-def test_too_many_parts_are_unreadable_and_end_the_reading(inspect):
-    start = jpeg()[:2]
-    assert code(inspect(start + b"\xff\xe5\0\2" * (jpeg_module.MAX_SEGMENTS + 1))) == "image_unreadable"
-    tiny = png_chunk(b"teSt", b"") * (png_module.MAX_CHUNKS + 1)
-    assert code(inspect(png(tiny))) == "image_unreadable"
+def test_too_many_boxes_of_a_heic_are_unreadable_and_end_the_reading(inspect):
     boxes = box(b"free", b"") * (heif.MAX_STEPS + 1)
     assert code(inspect(box(b"ftyp", b"heic\0\0\0\0mif1") + boxes)) == "image_unreadable"
     assert code(inspect(grid_heic(2, 2, 512) + boxes)) == "image_unreadable"
