@@ -88,8 +88,8 @@ def stamped(photo: bytes, stamp: str) -> tuple[bytes, bytes]:
     return photo[:2] + b"\xff\xfe" + (2 + STAMP_BYTES).to_bytes(2, "big") + stamp.encode(), photo[2:]
 
 
-def meal_parts(client_id: str, photo: bytes) -> list[bytes]:
-    """The body of POST /v1/meals in pieces."""
+def meal_parts(client_id: str, photo: bytes, *, is_stamped: bool = True) -> list[bytes]:
+    """The body of POST /v1/meals in pieces. is_stamped: the photograph is a JPEG, and each gets other bytes."""
     metadata = {"id": client_id, "captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
     parts = [
         b'--%s\r\nContent-Disposition: form-data; name="metadata"\r\nContent-Type: application/json\r\n\r\n%s\r\n'
@@ -99,7 +99,8 @@ def meal_parts(client_id: str, photo: bytes) -> list[bytes]:
         head = (
             b'--%s\r\nContent-Disposition: form-data; name="%s"; filename="p.jpg"\r\nContent-Type: image/jpeg\r\n\r\n'
         )
-        parts += [head % (BOUNDARY, slot), *stamped(photo, f"{client_id[:-1]}{number}"), b"\r\n"]
+        file = stamped(photo, f"{client_id[:-1]}{number}") if is_stamped else (photo,)
+        parts += [head % (BOUNDARY, slot), *file, b"\r\n"]
     return [*parts, b"--%s--\r\n" % BOUNDARY]
 
 

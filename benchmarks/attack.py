@@ -1,21 +1,28 @@
-"""How long ordinary pictures of one study take while four callers of another ask for the costliest photograph there is.
+"""How long ordinary pictures of one study take while callers of another send or ask for hostile photographs.
 
-    python -m benchmarks.attack [--rounds 5] [--seconds 12]
+    python -m benchmarks.attack [--attack served|uploaded] [--rounds 5] [--seconds 12]
 
-A fresh `tada serve` on SQLite with files and its default number of decoding children. The costly photograph: a
-progressive JPEG of 59 megapixels whose last scan is repeated as often as upload takes it, at most 98 scans in all. Two
-callers of the other study each ask for ordinary pictures (12 megapixels, baseline), with a pause between two as of
-people who page through a gallery. Quiet and attacked rounds alternate; p95 is the median of the rounds' p95.
+A fresh `tada serve` on SQLite with files and its default number of decoding children. `served`: four callers ask for
+the costliest photograph there is, a progressive JPEG of 59 megapixels whose last scan is repeated as often as upload
+takes it, at most 98 scans in all. `uploaded`: one phone sends, in turn, a HEIC of 190 kB in which 10,000 pictures name
+one with 18,000 properties, and a WebP of 8 MB in whose EXIF 1,000 GPS entries share 7 MB. Two callers of the other
+study each ask for ordinary pictures (12 megapixels, baseline), with a pause between two as of people who page through
+a gallery. Quiet and attacked rounds alternate; p95 is the median of the rounds' p95.
 
 Target: the attacked p95 is at most twice the quiet one, and every ordinary picture is served.
 """
 
 import argparse
+import functools
 import io
+import itertools
 import os
+import struct
 import tempfile
 import threading
 import time
+import uuid
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
@@ -28,6 +35,8 @@ from benchmarks.api_load import BOUNDARY, Phone, meal_parts, percentiles
 SIDE_PX = 7680
 WANTED_SCANS = 98
 ATTACKERS, OTHERS = 4, 2
+CONTENT_TYPE = f"multipart/form-data; boundary={BOUNDARY.decode()}"
+Attack = Callable[[threading.Event, list[int]], None]  # until the event; notes the statuses of the answers
 PAUSE_SECONDS = 0.3
 WIDTH_PX = 640
 MOST_RATIO = 2.0
@@ -35,6 +44,7 @@ MOST_RATIO = 2.0
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--attack", choices=("served", "uploaded"), default="served")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=12.0, help="Of each quiet and each attacked round.")
     arguments = parser.parse_args()
@@ -43,25 +53,50 @@ def main() -> int:
         tempfile.TemporaryDirectory(prefix="tada-attack-") as name,
         deployment("sqlite", Path(name)) as server,
     ):
-        return 0 if measure(server, arguments.rounds, arguments.seconds) else 1
+        attacks = serving_attacks(server) if arguments.attack == "served" else [uploading_attack(server)]
+        return 0 if measure(server, attacks, arguments.rounds, arguments.seconds) else 1
 
 
-def measure(server: Deployment, rounds: int, seconds: float) -> bool:
-    """Print the table; whether the target holds."""
-    attackers, others = enrol(server, ATTACKERS, "attack"), enrol(server, OTHERS, "others")
+def serving_attacks(server: Deployment) -> list[Attack]:
+    """Callers who ask for the costly picture again and again."""
     costly, scans = costly_photograph()
     print(f"costly: {SIDE_PX} x {SIDE_PX}, {scans} scans, {len(costly) / 1e6:.1f} MB")
-    attacks = [(token, uploaded(server, token, costly)) for token in attackers]
+    pictures = [(token, uploaded(server, token, costly)) for token in enrol(server, ATTACKERS, "attack")]
+    return [functools.partial(attack, server, token, path) for token, path in pictures]
+
+
+def uploading_attack(server: Deployment) -> Attack:
+    """A phone that sends the hostile files in turn."""
+    [token] = enrol(server, 1, "attack")
+    files = [hostile_heic(), hostile_webp()]
+    print(f"hostile: {', '.join(f'{len(file) / 1e6:.2f} MB' for file in files)}")
+
+    def send(ending: threading.Event, answers: list[int]) -> None:
+        phone = Phone(server.port, token)
+        for file in itertools.cycle(files):
+            if ending.is_set():
+                return
+            client_id = str(uuid.uuid4())
+            body = meal_parts(client_id, file + os.urandom(16), is_stamped=False)
+            status, _ = phone.ask("POST", "/v1/meals", *body, content_type=CONTENT_TYPE)
+            answers.append(status)
+
+    return send
+
+
+def measure(server: Deployment, attacks: list[Attack], rounds: int, seconds: float) -> bool:
+    """Print the table; whether the target holds."""
+    others = enrol(server, OTHERS, "others")
     gallery = [(token, uploaded(server, token, ordinary_photograph())) for token in others]
     asked(server, gallery, seconds=3.0)  # warm
     quiet, attacked, statuses = [], [], []
-    print("| round | quiet p50 ms | quiet p95 ms | attacked p50 ms | attacked p95 ms | costly answered |")
+    print("| round | quiet p50 ms | quiet p95 ms | attacked p50 ms | attacked p95 ms | attacks accepted |")
     print("|---|---|---|---|---|---|")
     for number in range(rounds):
         quiet.append(percentiles(asked(server, gallery, seconds=seconds))[:2])
         ending = threading.Event()
         answers: list[int] = []
-        threads = [threading.Thread(target=attack, args=(server, *each, ending, answers)) for each in attacks]
+        threads = [threading.Thread(target=each, args=(ending, answers)) for each in attacks]
         for thread in threads:
             thread.start()
         time.sleep(1.0)
@@ -71,7 +106,11 @@ def measure(server: Deployment, rounds: int, seconds: float) -> bool:
             thread.join()
         statuses += answers
         cells = [f"{value:.0f}" for value in (*quiet[-1], *attacked[-1])]
-        print(f"| {number + 1} | {' | '.join(cells)} | {answers.count(200)} of {len(answers)} |", flush=True)
+        accepted = sum(status < 300 for status in answers)
+        print(
+            f"| {number + 1} | {' | '.join(cells)} | {accepted} of {len(answers)} |",
+            flush=True,
+        )
     (quiet_p50, quiet_p95), (attacked_p50, attacked_p95) = (
         [median(column) for column in zip(*each, strict=True)] for each in (quiet, attacked)
     )
@@ -121,11 +160,9 @@ def attack(server: Deployment, token: str, path: str, ending: threading.Event, a
 
 def uploaded(server: Deployment, token: str, photo: bytes) -> str:
     """Send a meal of this photograph: the address of its left picture."""
-    client_id = os.urandom(16).hex()
-    client_id = f"{client_id[:8]}-{client_id[8:12]}-4{client_id[13:16]}-8{client_id[17:20]}-{client_id[20:]}"
-    content_type = f"multipart/form-data; boundary={BOUNDARY.decode()}"
+    client_id = str(uuid.uuid4())
     status, body = Phone(server.port, token).ask(
-        "POST", "/v1/meals", *meal_parts(client_id, photo), content_type=content_type
+        "POST", "/v1/meals", *meal_parts(client_id, photo), content_type=CONTENT_TYPE
     )
     if status != 202:
         raise SystemExit(f"{status}: {body[:300]!r}")
@@ -143,6 +180,37 @@ def costly_photograph() -> tuple[bytes, int]:
     own_scans = whole.count(b"\xff\xda")
     scans = min(WANTED_SCANS, MAX_SCAN_PIXELS // SIDE_PX**2)
     return whole[:-2] + last_scan * (scans - own_scans) + b"\xff\xd9", scans
+
+
+def hostile_heic() -> bytes:
+    """One picture with many properties, named by many, all of which the main one names."""
+
+    def box(kind: bytes, *content: bytes) -> bytes:
+        body = b"".join(content)
+        return (len(body) + 8).to_bytes(4) + kind + body
+
+    pictures, tile, properties = range(2, 10_002), 20_000, 255
+    names = box(b"dimg", struct.pack(f">HH{len(pictures)}H", 1, len(pictures), *pictures))
+    names += b"".join(box(b"dimg", struct.pack(">HHH", each, 1, tile)) for each in pictures)
+    of_tile = struct.pack(">HB", tile, properties) + bytes([2]) * properties
+    associations = bytes(4) + struct.pack(">L", 71) + struct.pack(">HBB", 1, 1, 1) + of_tile * 70
+    size = box(b"ispe", struct.pack(">LLL", 0, 640, 480))
+    iprp = box(b"iprp", box(b"ipco", size, box(b"free")), box(b"ipma", associations))
+    infe = box(b"infe", b"\2\0\0\0" + struct.pack(">HH", 1, 0) + b"grid\0")
+    iloc = box(b"iloc", b"\1\0\0\0\x44\0" + struct.pack(">HHHHHLL", 1, 1, 0, 0, 1, 0, 8))
+    start = box(b"pitm", bytes(4), b"\0\1") + box(b"iinf", bytes(4), b"\0\1", infe) + iloc
+    meta = box(b"meta", bytes(4), start, iprp, box(b"iref", bytes(4), names))
+    return box(b"ftyp", b"heic\0\0\0\0mif1heic") + meta
+
+
+def hostile_webp() -> bytes:
+    """Its EXIF has one directory of 1,000 GPS entries, whose values are the same 20 MB."""
+    size, shared, entries = 8_000_000, 7_000_000, 1000
+    exif = b"II*\0\x08\0\0\0" + struct.pack("<HHHLLL", 1, 0x8825, 4, 1, 26, 0) + struct.pack("<H", entries)
+    exif = (exif + struct.pack("<HHLL", 2, 7, shared, size - shared) * entries).ljust(size, b"x")
+    stream = io.BytesIO()
+    Image.effect_noise((640, 480), 40).convert("RGB").save(stream, "WEBP", exif=exif)
+    return stream.getvalue()
 
 
 def ordinary_photograph() -> bytes:
