@@ -109,7 +109,7 @@ def _is_only_cut(request: _ReceiveRequest, facts: PhotoFacts, picture: Photo) ->
     """Whether the file, read again, lacks its location and nothing else. facts, picture: before the cut."""
     if inspect_photo(request.file) != facts or remove_location(request.file, facts):
         return False
-    cut = _picture(request.file.read_bytes(), request.max_pixels)
+    cut = _picture(request.file.read_bytes(), request.max_pixels, is_whole=True)
     return (
         isinstance(cut, Photo)
         and np.array_equal(cut.pixels_bgr, picture.pixels_bgr)
@@ -123,9 +123,9 @@ def _is_lossless(data: bytes, media_type: str) -> bool:
     )
 
 
-def _picture(data: bytes, max_pixels: int) -> Photo | Failure:
+def _picture(data: bytes, max_pixels: int, *, is_whole: bool = False) -> Photo | Failure:
     """The photograph, all of it read, at an eighth of its size: half of the time of a JPEG."""
-    read = read_reduced_photo(data, max_pixels=max_pixels, least_long_side_px=1)
+    read = read_reduced_photo(data, max_pixels=max_pixels, least_long_side_px=1, is_whole=is_whole)
     return read.photo if isinstance(read, ReducedPhoto) else read
 
 

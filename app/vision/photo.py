@@ -93,19 +93,25 @@ def read_photo(data: bytes, *, max_pixels: int, least_short_side_px: int = MIN_S
 
 
 def read_reduced_photo(
-    data: bytes, *, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int = MIN_SHORT_SIDE_PX
+    data: bytes,
+    *,
+    max_pixels: int,
+    least_long_side_px: int | None,
+    least_short_side_px: int = MIN_SHORT_SIDE_PX,
+    is_whole: bool = False,
 ) -> ReducedPhoto | Failure:
     """The same, halved once or more as long as its long side keeps so many pixels; None: in full. Failures: the same.
 
-    A JPEG is reduced while it is decoded (by its cosine transform), which takes half the time.
+    A JPEG is reduced while it is decoded (by its cosine transform), which takes half the time. is_whole: no pixels can
+    be missing, so that they are decoded once only.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"PIL\.")  # of damaged EXIF entries; the sound ones are read
-        return _read(data, max_pixels, least_long_side_px, least_short_side_px)
+        return _read(data, max_pixels, least_long_side_px, least_short_side_px, is_whole=is_whole)
 
 
 def _read(
-    data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int
+    data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int, *, is_whole: bool
 ) -> ReducedPhoto | Failure:
     opener = _opener(data)
     if opener is None:
@@ -129,7 +135,7 @@ def _read(
             f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
-    if _lacks_pixels(data):
+    if not is_whole and _lacks_pixels(data):
         return _damaged(data)
     try:
         factor = _reduction(max(width, height), least_long_side_px)
