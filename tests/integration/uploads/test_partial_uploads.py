@@ -10,6 +10,7 @@ import anyio
 import pytest
 import sqlalchemy as sa
 
+from app.children.fair_line import FairLine, LineFullError
 from app.http.rate_limit import UPLOAD_PATHS
 from app.people.privacy_models import AuditEvent
 from app.uploads import partial_uploads
@@ -144,10 +145,14 @@ def test_last_byte_is_asked_for_again_until_the_photograph_is_kept(phone, meal, 
     def full(*_arguments, **_options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(state.blobs, "put_files", full)
-    assert upload.patch(0, content).status_code == 503
-    assert upload.head().headers["upload-offset"] == str(len(content) - 1)
-    monkeypatch.undo()
+    def no_child(*_arguments, **_options):
+        raise LineFullError
+
+    for at, owner, name, failing in ((0, state.blobs, "put_files", full), (-1, FairLine, "place", no_child)):
+        monkeypatch.setattr(owner, name, failing)
+        assert upload.patch(at % len(content), content[at:]).status_code == 503
+        assert upload.head().headers["upload-offset"] == str(len(content) - 1)
+        monkeypatch.undo()
     assert upload.patch(len(content) - 1, content[-1:]).status_code == 204
     assert images_of(phone, meal)["left"]["received_sha256"] == hashlib.sha256(content).hexdigest()
 
