@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 MARK = b"tada-fault-note:"
-SIZE = (320, 240)
+SIZE = (640, 480)
 
 
 @dataclass(frozen=True)
