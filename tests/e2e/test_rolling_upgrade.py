@@ -43,7 +43,7 @@ def old_program(tmp_path):
 def new_program(tmp_path):
     """The folder of ours, with one more migration."""
     folder = tmp_path / "new"
-    for part in ("app", "migrations"):
+    for part in ("app", "migrations", "docs"):
         shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
     write_next_migration(folder / "migrations")
     return folder
