@@ -1,6 +1,6 @@
 """How long the pipeline takes on one thread, stage by stage, against plain OpenCV calls; and how much memory.
 
-    python benchmarks/pipeline.py [--scenes paper6] [--method NAME] [--calibrated] [--refusals] [--cores 2]
+    python benchmarks/pipeline.py [--scenes paper6] [--method NAME] [--calibrated] [--refusals]
         [--growth 200] [--data FOLDER]
 
 Each pair: `tada estimate --json` in a fresh process, then the yardstick accuracy/floor.py, in turn, since the machine's
@@ -60,7 +60,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--calibrated", action="store_true", help="give the true camera; else EXIF only")
     parser.add_argument("--growth", type=int, default=0, metavar="N", help="also repeat N pairs in one process")
     parser.add_argument("--refusals", action="store_true", help="also each pair with other markers than its own")
-    parser.add_argument("--cores", type=int, default=1, metavar="N", help="also each pair on one core and on N in turn")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
     parser.add_argument("--limit", type=int, help="only the first so many scenes")
     parser.add_argument("--in-one-process", type=int, help=argparse.SUPPRESS)
@@ -78,8 +77,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print_times(scenes, options, floor if floor.is_file() else None)
     if options.refusals:
         print_refusals(scenes, options)
-    if options.cores > 1:
-        print_cores(scenes, options)
     if options.growth:
         print_growth(options)
     return 0
@@ -135,18 +132,7 @@ def print_refusals(scenes: Sequence[Scene], options: argparse.Namespace) -> None
         print(f"{slowest.seconds / measured.seconds:>7.2f}  {marker}: {slowest.failure}", flush=True)
 
 
-def print_cores(scenes: Sequence[Scene], options: argparse.Namespace) -> None:
-    """Each pair on one core and on several in turn, and how many times as long the one takes."""
-    print(f"{'cores':<20}{1:>10}{options.cores:>10}{'ratio':>7}")
-    ratios = []
-    for scene in scenes:
-        alone, together = (estimate(scene, options, cores).seconds for cores in (1, options.cores))
-        ratios.append(alone / together)
-        print(f"{scene.folder.name:<20}{alone:>10.3f}{together:>10.3f}{ratios[-1]:>7.2f}", flush=True)
-    print(f"{'median':<40}{statistics.median(ratios):>7.2f}  (load average {os.getloadavg()[0]:.1f})")
-
-
-def estimate(scene: Scene, options: argparse.Namespace, cores: int = 1) -> Run:
+def estimate(scene: Scene, options: argparse.Namespace) -> Run:
     """One `tada estimate` in its own process, with that process's peak memory."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "app.cli", "estimate", "--json", "--marker", scene.marker]
@@ -158,7 +144,7 @@ def estimate(scene: Scene, options: argparse.Namespace, cores: int = 1) -> Run:
             command += ["--method", options.method]
         command += [str(scene.folder / "left.jpg"), str(scene.folder / "right.jpg")]
         output = Path(folder) / "answer.json"
-        environment = os.environ | ONE_THREAD | {"OMP_NUM_THREADS": str(cores)}
+        environment = os.environ | ONE_THREAD
         with output.open("wb") as stream:
             process = subprocess.Popen(command, stdout=stream, cwd=ROOT, env=environment)
             _, status, usage = os.wait4(process.pid, 0)

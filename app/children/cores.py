@@ -1,8 +1,7 @@
-"""Determine how many estimates can run at once on this machine or container, and on how many cores each.
+"""Determine how many estimates can run at once on this machine or container.
 
-Libraries compute on one thread in each process; an estimate on more cores forks itself (side_by_side.py). The limits
-are those of this process: its CPU affinity, and the CPU quotas and memory limits of its control group (version 2 or 1)
-and the groups above it.
+Each computes on one core: libraries have one thread in each process. The limits are those of this process: its CPU
+affinity, and the CPU quotas and memory limits of its control group (version 2 or 1) and the groups above it.
 """
 
 import contextlib
@@ -24,26 +23,6 @@ def worker_concurrency(settings: Settings) -> int:
     if settings.worker_concurrency is not None:
         return settings.worker_concurrency
     return max(1, min(usable_cores(), int(usable_memory_bytes() * SHARE_OF_MEMORY) // ESTIMATE_BYTES))
-
-
-def cores_for_estimate(cores: int, running: int, waiting: int) -> int:
-    """Return how many of a worker's cores one estimate may use.
-
-    running: estimates of the worker, with this one. waiting: jobs that nobody works on; each of them is to find an idle
-    core.
-    """
-    return max(1, cores // running) if waiting < cores - running else 1
-
-
-def take_cores_of_command() -> int:
-    """Return how many cores a command may use, and keep its libraries, which are not yet loaded, on one thread each.
-
-    OMP_NUM_THREADS, where it is set, is the most.
-    """
-    most = os.environ.get("OMP_NUM_THREADS", "")
-    cores = usable_cores()
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    return min(cores, int(most)) if most.isdecimal() and int(most) > 0 else cores
 
 
 def usable_cores(root: Path = Path("/")) -> int:

@@ -5,6 +5,7 @@ as sentences on standard error. Exit status 0: success, 1: a negative result, 2:
 """
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -193,9 +194,9 @@ def estimate(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the volumes of the foods in one or more photographs of a meal, without a server."""
-    from app.children.cores import take_cores_of_command
+    from app.children.cores import THREAD_VARIABLES
 
-    cores = take_cores_of_command()
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))  # before libraries are loaded, which would only compete
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(
@@ -218,7 +219,6 @@ def estimate(
         debug=debug,
         on_stage=announce,
         index=settings.food_index,
-        cores=cores,
         depths=depth or [],
         depth_camera=depth_camera,
         confidences=depth_confidence or [],

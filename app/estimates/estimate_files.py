@@ -67,7 +67,6 @@ def estimate_files(
     debug: Path | None,
     on_stage: Callable[[str], None] | None,
     index: Path | None = None,
-    cores: int = 1,
     depths: Sequence[str] = (),
     depth_camera: Path | None = None,
     confidences: Sequence[str] = (),
@@ -92,7 +91,6 @@ def estimate_files(
             want_artefacts=debug is not None,
             depths=depth_files,
             index=index,
-            cores=cores,
         )
     except OSError as error:
         raise InvalidInputError(f"{error.filename} cannot be read: {error.strerror}.") from None

@@ -19,7 +19,6 @@ from sqlalchemy.orm import Session
 from app.candidates.classify import ClassifyFoods
 from app.candidates.identify import IdentifyFoods
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
-from app.children.cores import cores_for_estimate, usable_cores, worker_concurrency
 from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
 from app.core.errors import Failure
 from app.core.logs import bind_log_context
@@ -35,8 +34,6 @@ from app.estimates.estimate_json import (
 from app.estimates.save_estimate import save_estimate
 from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
-from app.jobs import queries as jobs
-from app.jobs.queue import JOB_PROTOCOL_VERSION
 from app.meals import queries as meals
 from app.meals.job_models import RERUN_OF, Job
 from app.meals.models import HintDetails, Meal, MealImage, PairDetails
@@ -146,7 +143,6 @@ class EstimateMeal:
                 session, _scale(job, meal, study, chosen.rig, has_depth=has_depth), library.in_hints(hints)
             )
             options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
-            cores = 1 if is_alone or job.is_background else self._spare_cores(session, job)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
@@ -162,7 +158,7 @@ class EstimateMeal:
                 for view in PAIR_SLOTS
                 if depth_slot(view) in maps_by_slot
             }
-            answer = self._estimate(job, paths, depths, options, folder, cores=cores, is_alone=is_alone)
+            answer = self._estimate(job, paths, depths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer.parameters)
             if regions is not None:  # the item of each hint: the meal may have changed when it is saved
@@ -248,7 +244,6 @@ class EstimateMeal:
         options: EstimateOptions,
         folder: Path,
         *,
-        cores: int,
         is_alone: bool,
     ) -> RunAnswer:
         request = ChildRequest(
@@ -260,7 +255,6 @@ class EstimateMeal:
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,
                 "food_index": str(self._settings.food_index) if self._settings.food_index is not None else None,
-                "cores": cores,
             },
             is_costly=job.is_background,
         )
@@ -283,12 +277,6 @@ class EstimateMeal:
         answer = answer_of(ended, options)
         answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
         return answer
-
-    def _spare_cores(self, session: Session, job: Job) -> int:
-        """Return on how many cores the job may be estimated, by what this worker runs and what waits."""
-        cores = min(usable_cores(), worker_concurrency(self._settings))
-        claimed, waiting = jobs.count_claimed_and_waiting(session, job.executor_id, JOB_PROTOCOL_VERSION, most=cores)
-        return cores_for_estimate(cores, max(1, claimed), waiting)
 
     def _tell_stage(self, job: Job, stage: str) -> None:
         """Show the progress of the meal's own pair to the phone; a failure to do so does not fail the estimate."""

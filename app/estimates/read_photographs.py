@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.core.errors import Failure
-from app.core.side_by_side import mapped
 from app.photos.heic_depth import read_heic_depth
 from app.photos.heif import read_heif_layout
 from app.photos.inspect import HEIC, PhotoFacts, inspect_photo, sniff
@@ -54,13 +53,12 @@ def read_photographs(
     depths: Mapping[str, DepthFiles],
     *,
     is_depth_needed: bool,
-    cores: int = 1,
 ) -> tuple[list[Photo], tuple[str, ...]] | Failure:
     """The photographs with their depth maps, and flags for maps that are left out. See run_estimate.py."""
     photos: list[Photo] = []
     unused: tuple[str, ...] = ()
-    decoded = mapped(lambda path: read_photo(path.read_bytes(), max_pixels=max_pixels), [*photographs.values()], cores)
-    for (side, path), read in zip(photographs.items(), decoded, strict=True):
+    for side, path in photographs.items():
+        read = read_photo(path.read_bytes(), max_pixels=max_pixels)
         if isinstance(read, Failure):
             return Failure(read.code, f"The {side} photograph: {read.message}", read.advice)
         photo = read

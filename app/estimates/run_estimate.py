@@ -31,7 +31,6 @@ class _EstimateRequest(BaseModel):
     output_dir: Path
     options: Json
     food_index: Path | None = None
-    cores: int = 1
 
 
 def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
@@ -50,7 +49,6 @@ def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
         depths=request.depths,
         is_depth_needed=options.marker is None and options.rig is None and options.poses is None,
         index=request.food_index,
-        cores=request.cores,
     )
     answer.artefacts = []
     for artefact in estimate.artefacts if estimate is not None else ():
@@ -76,20 +74,17 @@ def run_estimate(
     depths: Mapping[str, DepthFiles] | None = None,
     is_depth_needed: bool = True,
     index: Path | None = None,
-    cores: int = 1,
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
     photographs: by name, left, right, then others. depths: depth maps of some. is_depth_needed: otherwise a map that
     cannot be used is left out, with the flag depth_ignored: it is one more measurement. index: of foods, whose
-    candidates tell a single view's forms; None: the shipped one. cores: see estimate_meal.
+    candidates tell a single view's forms; None: the shipped one.
     Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
     on_stage("read")
-    read = read_photographs(
-        photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed, cores=cores
-    )
+    read = read_photographs(photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed)
     read_seconds = time.perf_counter() - started
     if isinstance(read, Failure):
         stages = {"read": read_seconds}
@@ -104,7 +99,7 @@ def run_estimate(
 
     options = replace(options, forms_by_looks=forms_by_looks)
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
-    estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts, cores=cores)
+    estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     items = tuple(replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items)
     estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)

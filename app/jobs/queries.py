@@ -91,15 +91,6 @@ def waiting_kind(session: Session, protocol: int) -> Literal["ordinary", "backgr
     return None if is_background is None else "background" if is_background else "ordinary"
 
 
-def count_claimed_and_waiting(
-    session: Session, executor_id: str | None, protocol: int, *, most: int
-) -> tuple[int, int]:
-    """Return how many unfinished jobs a worker has claimed, and how many more wait for any; neither beyond most."""
-    claimed = sa.select(Job.id).where(_IS_LIVE, Job.executor_id == executor_id).limit(most)
-    waiting = sa.select(Job.id).where(_is_waiting(protocol)).limit(most)
-    return len(session.scalars(claimed).all()), len(session.scalars(waiting).all())
-
-
 def claim_jobs(
     session: Session,
     executor_id: str,

@@ -47,15 +47,13 @@ def estimate_meal(
     *,
     on_stage: Callable[[str], None] = lambda _: None,
     want_artefacts: bool = False,
-    cores: int = 1,
 ) -> MealEstimate:
     """Volumes of the foods in a stereo pair, or in one photograph. on_stage hears each stage's name as it begins.
 
     MealEstimate.failure says what the photographs do not allow; views and artefacts show how far the run came.
-    cores: that it may use, on which the estimate does not depend.
     """
     stage = Stages(on_stage)
-    run = _run_with_fallbacks(pair, options, stage, cores)
+    run = _run_with_fallbacks(pair, options, stage)
     items = () if isinstance(run.outcome, Failure) else run.outcome
     return MealEstimate(
         method=options.method,
@@ -80,7 +78,7 @@ class _Run:
     outcome: tuple[ItemEstimate, ...] | Failure
 
 
-def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages, cores: int) -> _Run:
+def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages) -> _Run:
     """Run with the best partner of the left photograph; while that fails, with the next, or as the phone paired them.
 
     A run by the marker alone counts only if no partner has matches. If all fail, fallbacks are tried. Unless one of
@@ -94,7 +92,7 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
     photos = [pair.right, *pair.others]
     for each in tried:
         place = next(index for index, photo in enumerate(photos, start=1) if photo is each.right)
-        run = _run(each, options, Trace(stage, second_place=place, cores=cores))
+        run = _run(each, options, Trace(stage, second_place=place))
         if not isinstance(run.outcome, Failure):
             if not run.trace.is_by_marker_alone:
                 return run
@@ -105,7 +103,7 @@ def _run_with_fallbacks(pair: PhotoPair, options: EstimateOptions, stage: Stages
         return unmatched
     if isinstance(failed.outcome, Failure):
         for other_pair, other_options in _fallbacks(failed.outcome, failed.trace, pair, options):
-            trace = Trace(stage, markers=failed.trace.markers, colours=failed.trace.colours, cores=cores)
+            trace = Trace(stage, markers=failed.trace.markers, colours=failed.trace.colours)
             fallback = _run(other_pair, other_options, trace)
             if not isinstance(fallback.outcome, Failure):
                 return fallback
@@ -174,9 +172,7 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
         places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        foods = segment_meal(
-            scene.rectified, scene.disparity, scene.points_table, scene.is_ignored, hints, options, trace.cores
-        )
+        foods = segment_meal(scene.rectified, scene.disparity, scene.points_table, scene.is_ignored, hints, options)
         if isinstance(foods, Failure):
             return foods
         trace.foods = foods
@@ -242,7 +238,6 @@ def _measure(
             others=others,
             depths=scene.depths,
             likely=likely,
-            cores=trace.cores,
         )
     elif options.method == "paper":
         measured = measure_items(foods.regions, pair, disparity, points, scene.is_ignored, hints, pose_sd=sd)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.core.errors import Failure
-from app.core.side_by_side import beside
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
@@ -123,7 +122,7 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
         return Placement(views, "marker")
     first, second = _in_order(views, trace)
     with trace.stage("match"):
-        matches = match_features(first, second, cores=trace.cores)
+        matches = match_features(first, second)
         refined = refine_views(first, second, matches)
         trace.matches = matches
         trace.keep_views(refined)
@@ -155,7 +154,7 @@ def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Tr
         return views
     first, second = _in_order(views, trace)
     with trace.stage("match"):
-        matches = match_features(first, second, cores=trace.cores)
+        matches = match_features(first, second)
         refined = refine_rig(first, second, matches, rig.source)
         trace.matches = matches
         trace.keep_views(refined)
@@ -224,11 +223,10 @@ def _find_markers(
 
     With the photographs' poses it is the right one's failure, after which the pipeline measures the pair by them.
     """
-    with beside(lambda: _find_right_marker(pair, marker), trace.cores) as right_marker:
-        left = find_marker(pair.left, marker, "left")
-        if isinstance(left, Failure):
-            return left
-        right = right_marker()
+    left = find_marker(pair.left, marker, "left")
+    if isinstance(left, Failure):
+        return left
+    right = find_marker(pair.right, marker, "right") if pair.right is not None else None
     if pair.right is None or right is None or isinstance(right, Failure):
         trace.markers = (left, None)
         trace.colours = measure_colour(pair.left, left), UNCORRECTED
@@ -239,10 +237,6 @@ def _find_markers(
     trace.markers = observations = agree_on_corners(pair, left, right)
     trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
     return observations
-
-
-def _find_right_marker(pair: PhotoPair, marker: MarkerSpec) -> MarkerObservation | Failure | None:
-    return find_marker(pair.right, marker, "right") if pair.right is not None else None
 
 
 def _in_order(views: tuple[View, View], trace: Trace) -> tuple[View, View]:

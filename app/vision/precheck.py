@@ -186,7 +186,7 @@ def _judge_views(
 
 def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
     """Whether the same points are seen in both, on the marker's table or over it, and well inside both."""
-    matches = match_features(left, right, cores=2)
+    matches = match_features(left, right)
     refined = refine_views(left, right, matches)
     is_good = near_epipolar_lines(refined.first, refined.second, matches, GOOD_PX_AT_12MP)
     measures = {"matches": float(np.count_nonzero(is_good))}

@@ -74,7 +74,7 @@ class Trace:
     count from it (the default method); None: they count from that plane. items: measured foods. others: further views
     that could be placed. printed: the stereo of the method paper-strict. colours: corrections of the (left, right)
     photograph. second_place: which photograph stands for the right one, see MealEstimate. scale: where it comes from,
-    known once the views are placed. foods: what stands on the table. cores: that the run may use.
+    known once the views are placed. foods: what stands on the table.
     """
 
     stage: Stages = field(default_factory=Stages)
@@ -95,7 +95,6 @@ class Trace:
     second_place: int = 1
     scale: Scale | None = None
     foods: Foods | None = None
-    cores: int = 1
 
     @property
     def is_by_marker_alone(self) -> bool:

@@ -16,7 +16,7 @@ import tempfile
 from app.estimates.child_tasks import TASKS as REAL_TASKS
 
 ANSWER = "answer.json"  # beside the pictures
-WITHOUT_EFFECT = ("output_dir", "cores")  # on an estimate
+WITHOUT_EFFECT = ("output_dir",)  # on an estimate
 
 
 def estimate(request, on_stage):

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.core.side_by_side import beside
 from app.vision.geometry.masks import dilated, distance_px, eroded
 from app.vision.geometry.topview import fit_table_trend, usable_points
 from app.vision.liquids.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
@@ -42,11 +41,8 @@ def segment_meal(
     ignored: MaskArray,
     hints: Sequence[HintMask],
     options: EstimateOptions,
-    cores: int = 1,
 ) -> Foods | Failure:
     """Foods and liquids, liquids first. See segment_foods for shapes, units and failures.
-
-    On two cores vessels are sought while foods are, since most meals have no filled one.
 
     The paper's method has no vessels: all is food to it, as it is and as printed. A rim's height takes two views: a
     single one shows none.
@@ -70,14 +66,13 @@ def segment_meal(
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
-    with beside(lambda: foods_beside(None, hints), cores) as foods_without_liquids:
-        vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
-        liquids, taken = _liquids(vessels, hints, options)
-        answered = {region.hint for region in liquids}
-        rest = [hint for hint in hints if hint.index not in answered]
-        if liquids and options.is_complete and not rest:
-            return Foods(liquids, table)
-        foods = foods_beside(dilated(taken, BESIDE_PX), rest) if liquids else foods_without_liquids()
+    vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
+    liquids, taken = _liquids(vessels, hints, options)
+    answered = {region.hint for region in liquids}
+    rest = [hint for hint in hints if hint.index not in answered]
+    if liquids and options.is_complete and not rest:
+        return Foods(liquids, table)
+    foods = foods_beside(dilated(taken, BESIDE_PX), rest) if liquids else foods_beside(None, hints)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
     regions = [

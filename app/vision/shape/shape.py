@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.core.side_by_side import mapped
 from app.vision.geometry.masks import dilated, inward_in, window_around
 from app.vision.geometry.mesh import Topology, faces_towards
 from app.vision.geometry.pictures import LabPicture, grey_of
@@ -65,7 +64,6 @@ class _Food:
     mask_mm2: float
     support_mm: float
     support_sd_mm: float
-    cores: int
 
     @property
     def is_single(self) -> bool:
@@ -84,16 +82,14 @@ def measure_shapes(
     others: Sequence[PinholeView] = (),
     depths: Sequence[DisparityMap] = (),
     likely: Sequence[LikelyForms | None] = (),
-    cores: int = 1,
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
     depths: maps on the pair's grid and in its scale. likely: of each region, in a single view.
-    cores: on which the families of a food are fitted side by side.
     """
-    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths), cores=cores)
+    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths))
     measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
@@ -121,7 +117,6 @@ class _Scene:
     lab: tuple[LabPicture, ...]
     others: tuple[PinholeView, ...]
     depths: tuple[DisparityMap, ...] = ()
-    cores: int = 1
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
@@ -160,7 +155,6 @@ class _Scene:
             mask_mm2,
             support_mm,
             support_sd_mm,
-            self.cores,
         )
 
     def _support(self, number: int, points: Float64Array | Float32Array) -> tuple[float, float]:
@@ -277,11 +271,11 @@ def _coarse_fits(food: _Food, forms: Sequence[Form], hinted_families: Collection
     In a single view all families are fitted from both starts, since one outline hardly tells them apart.
     """
     starts_by_family: list[Sequence[FormAt]] = [
-        starts for starts in mapped(lambda form: begin_fit(form, food.seen), forms, food.cores) if starts
+        starts for starts in (begin_fit(form, food.seen) for form in forms) if starts
     ]
     if not food.is_single:
         starts_by_family = nearest_starts(starts_by_family, hinted_families)
-    fitted = mapped(lambda starts: _best_coarse_fit(starts, food.seen), starts_by_family, food.cores)
+    fitted = [_best_coarse_fit(starts, food.seen) for starts in starts_by_family]
     return sorted((fit for fit in fitted if fit is not None), key=lambda fit: fit.cost)
 
 
@@ -319,7 +313,7 @@ def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[For
 
     A family whose fit does not determine its volume is left out.
     """
-    refitted = mapped(lambda fit: _refit(food, common, fit), fits, food.cores)
+    refitted = [_refit(food, common, fit) for fit in fits]
     return [fit for _, fit in sorted((each for each in refitted if each is not None), key=lambda each: each[0])]
 
 

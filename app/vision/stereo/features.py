@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.core.errors import Failure
-from app.core.side_by_side import mapped
 from app.vision.board.grid import reduce_by
 from app.vision.board.print_layout import common_points, seen_print_mm
 from app.vision.geometry.patch_alignment import align_patches
@@ -62,15 +61,15 @@ class Matches:
         return self.beside_board < MIN_MATCHES
 
 
-def match_features(first: View, second: View, gate_share: float = GATE_SHARE, cores: int = 1) -> Matches:
+def match_features(first: View, second: View, gate_share: float = GATE_SHARE) -> Matches:
     """Mutual SIFT matches that pass the ratio test, together with the marker's own corners, which match by name.
 
-    gate_share: see GATE_SHARE. cores: on which both views' features are detected side by side.
+    gate_share: see GATE_SHARE.
 
     SIFT alone can hardly match a checkerboard, all of whose corners look alike. Without a marker there are SIFT's
     alone.
     """
-    first_px, second_px = _sift_matches(first, second, gate_share, cores)
+    first_px, second_px = _sift_matches(first, second, gate_share)
     points = triangulate(first, second, first_px, second_px)
     on_sheet = is_on_sheet(first.marker, points) if first.marker is not None else np.zeros(len(points), np.bool_)
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
@@ -163,7 +162,7 @@ def shows_sheet(marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Fl
     return is_shown
 
 
-def _sift_matches(first: View, second: View, gate_share: float, cores: int) -> tuple[Float64Array, Float64Array]:
+def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64Array, Float64Array]:
     """(n, 2), (n, 2) px of the photographs: SIFT beside the sheet, near its epipolar line, then aligned.
 
     The second view is first brought onto the first one by the marker's plane, which takes roll, zoom and most of the
@@ -176,7 +175,7 @@ def _sift_matches(first: View, second: View, gate_share: float, cores: int) -> t
     mask = _beside_sheet(first, factor, size)
     has_tags = first.marker is not None and first.marker.spec.dictionary is not None
     detect = partial(_detect, mask=mask, has_tags=has_tags)
-    features = mapped(detect, (grey, np.asarray(turned, np.uint8)), cores)
+    features = [detect(picture) for picture in (grey, np.asarray(turned, np.uint8))]
     at, at_second = features[0][0], map_points(to_second, features[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
     is_near = _is_near_line(first, second, first_px, second_px, gate_share)

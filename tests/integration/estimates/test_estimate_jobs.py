@@ -1,4 +1,4 @@
-"""How a worker has a meal estimated: on how many cores, and which ends of a child are worth another try."""
+"""How a worker has a meal estimated: which ends of a child are worth another try."""
 
 import errno
 import uuid
@@ -9,7 +9,6 @@ from structlog.testing import capture_logs
 
 from app.children.child_pool import ChildResult
 from app.children.faults import BrokenOff, JobFailure, is_passing
-from app.estimates import estimate_meal
 from app.estimates.estimate_meal import AWAITS_ROOM, EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import MealImage
@@ -21,11 +20,9 @@ class Children:
     def __init__(self, result):
         self.result = result
         self.alone = []
-        self.cores = []
 
     def run(self, request, on_stage, *, name, is_alone):
         self.alone.append(is_alone)
-        self.cores.append(request.arguments["cores"])
         return self.result
 
 
@@ -87,51 +84,3 @@ def test_photograph_that_the_store_has_lost_fails_its_meal_by_name(state, job_id
     with pytest.raises(JobFailure) as lost:
         work.compute(job_id)
     assert lost.value.failure.code == "photograph_missing"
-
-
-WORKER = "worker-1"
-
-
-@pytest.fixture
-def four_cores(monkeypatch):
-    monkeypatch.setattr(estimate_meal, "usable_cores", lambda: 4)
-
-
-@pytest.fixture
-def jobs(phone, state):
-    """Three jobs, the first claimed by the worker, the others by another one."""
-    for _ in range(3):
-        assert phone.post(pair(), metadata=meal_metadata()).status_code == 202
-    with state.database.write() as session:
-        first, *others = session.scalars(sa.select(Job).order_by(Job.enqueued_at)).all()
-        first.executor_id = WORKER
-        for each in others:
-            each.executor_id = "worker-2"
-        return first.id, [each.id for each in others]
-
-
-def give_to(state, executor_id, job_ids):
-    with state.database.write() as session:
-        session.execute(sa.update(Job).where(Job.id.in_(job_ids)).values(executor_id=executor_id))
-
-
-def cores_of(state, job_id, *, concurrency=4, is_alone=False):
-    children = Children(ChildResult("crashed"))
-    settings = state.settings.model_copy(update={"worker_concurrency": concurrency})
-    EstimateMeal(state.database, state.blobs, children, settings).compute(job_id, is_alone=is_alone)
-    return children.cores
-
-
-def test_only_job_has_all_cores_that_its_worker_may_use_and_leaves_some_to_others(state, four_cores, jobs):
-    own, others = jobs
-    assert cores_of(state, own) == [4]
-    assert cores_of(state, own, concurrency=2) == [2]
-    assert cores_of(state, own, is_alone=True) == [1]  # tried alone because the machine is full
-    give_to(state, WORKER, others[:1])
-    assert cores_of(state, own) == [2]
-    give_to(state, None, others)  # those that wait find idle cores
-    assert cores_of(state, own) == [4]
-    assert cores_of(state, own, concurrency=3) == [1]
-    with state.database.write() as session:
-        session.execute(sa.update(Job).values(is_background=True))
-    assert cores_of(state, own) == [1]

@@ -5,9 +5,6 @@ import pytest
 from app.children import cores
 from app.children.cores import (
     ESTIMATE_BYTES,
-    THREAD_VARIABLES,
-    cores_for_estimate,
-    take_cores_of_command,
     usable_cores,
     usable_memory_bytes,
     worker_concurrency,
@@ -96,23 +93,3 @@ def test_concurrency_is_the_set_one_or_what_cores_and_memory_carry(
     monkeypatch.setattr(cores, "usable_cores", lambda: cores_usable)
     monkeypatch.setattr(cores, "usable_memory_bytes", lambda: memory_bytes)
     assert worker_concurrency(Settings(**changes)) == expected
-
-
-@pytest.mark.parametrize(
-    ("cores", "running", "waiting", "expected"),
-    [(1, 1, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (2, 2, 0, 1), (2, 3, 0, 1), (8, 3, 4, 2), (8, 3, 5, 1)],
-)
-def test_estimate_has_further_cores_only_while_no_waiting_job_needs_them(cores, running, waiting, expected):
-    assert cores_for_estimate(cores, running, waiting) == expected
-
-
-@pytest.mark.parametrize(("most", "expected"), [(None, 16), ("1", 1), ("64", 16), ("0", 16), ("4,2", 16)])
-def test_command_takes_the_cores_of_its_process_and_leaves_libraries_one_thread(monkeypatch, most, expected):
-    for name in THREAD_VARIABLES:
-        monkeypatch.setenv(name, "3")
-    monkeypatch.delenv("OMP_NUM_THREADS")
-    if most is not None:
-        monkeypatch.setenv("OMP_NUM_THREADS", most)
-    monkeypatch.setattr(cores, "usable_cores", lambda: 16)
-    assert take_cores_of_command() == expected
-    assert {os.environ[name] for name in THREAD_VARIABLES} == {"1"}
