@@ -29,6 +29,7 @@ from app.exports.fhir.answers import FHIR_PATHS, FhirErrors
 from app.exports.lists import changes_api as changes
 from app.exports.lists import days_api as days
 from app.exports.lists import meals_api as meal_lists
+from app.exports.lists import participants_api as study_participants
 from app.exports.lists import photographs_api as study_photographs
 from app.exports.lists import records_api as records
 from app.exports.queries import take_back_places as take_back_exports
@@ -215,6 +216,7 @@ def create_app(settings: Settings, limits: Iterable[object] = ()) -> FastAPI:
         records,
         data_dictionary,
         study_photographs,
+        study_participants,
         changes,
         exports,
         releases,

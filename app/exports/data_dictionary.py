@@ -13,6 +13,7 @@ KEYS: Mapping[Rows, tuple[str, ...]] = {  # columns that identify a row
     "meals": ("study", "participant", "meal_id"),
     "days": ("study", "participant", "local_date"),
     "photographs": ("study", "participant", "meal_id", "slot"),
+    "participants": ("study", "participant"),
 }
 
 

@@ -23,7 +23,7 @@ class DictionaryColumn(BaseModel):
 class DataDictionary(BaseModel):
     """A table's columns from left to right, and its key."""
 
-    rows: Rows = Field(description="The table: items, meals, days or photographs.")
+    rows: Rows = Field(description="The table: items, meals, days, photographs or participants.")
     layout: Layout = Field(description="wide: one column per component. long: one row per component.")
     components: Components = Field(
         description="headline: the ten components of every record. all: every component of the food tables as well."

@@ -16,6 +16,7 @@ ACTIONS = {  # rows -> action in the audit log
     "meals": "meals.export",
     "days": "days.export",
     "photographs": "photographs.export",
+    "participants": "participants.export",
 }
 
 

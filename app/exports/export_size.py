@@ -31,8 +31,8 @@ def count_export_rows(database: Database, study_id: uuid.UUID, spec: ExportSpec)
 
 
 def estimate_rows(session: Session, study_id: uuid.UUID, spec: ExportSpec, most: int | None = None) -> int | None:
-    """Return the number of rows, counted up to `most`; None for the long layout and for other filters."""
-    if spec.layout == "long":
+    """Return the number of rows, counted up to `most`; None for the long layout, participants, and other filters."""
+    if spec.layout == "long" or spec.rows == "participants":
         return None
     if spec.rows == "items":
         chosen = replace(spec.filters, study_code=None, study_ids=frozenset({study_id}))

@@ -14,7 +14,7 @@ from app.http.paging import require_order
 from app.http.row_filter import RowFilter
 from app.http.tables.media_types import Output, file_name
 
-Rows = Literal["items", "meals", "days", "photographs"]
+Rows = Literal["items", "meals", "days", "photographs", "participants"]
 Layout = Literal["wide", "long"]
 Components = Literal["headline", "all"]
 
@@ -34,7 +34,9 @@ FILTERS: Mapping[Rows, tuple[str, ...]] = {  # a table's filters: those of its J
     "meals": MEAL_FILTERS,
     "days": DAYS_AND_PEOPLE,
     "photographs": MEAL_FILTERS,
+    "participants": ("study_code", "participant_code"),
 }
+WITHOUT_COMPONENTS: tuple[Rows, ...] = ("photographs", "participants")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ def check_spec(spec: ExportSpec) -> None:
             raise _not_offered(f"There is no {name} {value!r}, but {', '.join(get_args(offered))}.")
     if spec.output == "geojson" and (spec.rows not in ("items", "meals") or spec.layout == "long"):
         raise _not_offered("GeoJSON has one feature per item or meal, in the wide layout only.")
-    if spec.rows == "photographs" and (spec.layout == "long" or spec.components == "all"):
-        raise _not_offered("Photographs have no components: use the wide layout.")
+    if spec.rows in WITHOUT_COMPONENTS and (spec.layout == "long" or spec.components == "all"):
+        raise _not_offered(f"{spec.rows.capitalize()} have no components: use the wide layout.")
     others = [name for name in spec.filters.set_names if name not in FILTERS[spec.rows]]
     if others:
         raise _not_offered(f"No filter of {spec.rows}: {', '.join(others)}.")

@@ -1,13 +1,11 @@
-"""/v1/studies/{study}/participants: participants by pseudonymous code, and the one-time codes that enrol phones."""
+"""/v1/studies/{study}/participants: add, read and change a participant; the one-time codes that enrol phones."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.people import participants
@@ -20,14 +18,13 @@ from app.people.participants import ParticipantChange
 from app.people.schemas import (
     EnrolmentCodeOut,
     ParticipantIn,
-    ParticipantList,
     ParticipantOut,
     ParticipantPatch,
     ParticipantRow,
     ProfileIn,
 )
 
-router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"], route_class=ListRoute)
+router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"])
 
 PICTURES = ("image/svg+xml", "image/png")
 CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -38,16 +35,6 @@ CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
     },
     **problem_responses(401, 403, 404, 409, 422),
 }
-
-
-@router.get("", responses=problem_responses(401, 403, 404, 422))
-def get_participants(
-    request: Request, study: StudyCode, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
-) -> ParticipantList:
-    """The study's participants by code, including those who have left and whose rows are kept."""
-    page = participants.list_participants(state.database, study, cursor=cursor, limit=limit)
-    items = [ParticipantRow.model_validate(row, from_attributes=True) for row in page.rows]
-    return ParticipantList(items=items, next=next_page(request, page.cursor))
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))

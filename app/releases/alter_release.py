@@ -2,8 +2,8 @@
 
 Rows of an erased meal or participant are removed; the day of an erased meal is computed from its remaining meals
 (release_days.py); foods without items are removed too. An anonymised participant gets a new code and new meal ids,
-without places, photographs and their hashes. Pending removals are stored as keyed digests, so that no erased code or id
-stays in the database.
+without profile, places, photographs and their hashes. Pending removals are stored as keyed digests, so that no erased
+code or id stays in the database.
 """
 
 import uuid
@@ -14,8 +14,9 @@ from typing import Literal
 
 from app.exports.release_models import ReleaseChange
 from app.http.tables.columns import Column, Row
+from app.http.tables.participant_columns import PROFILE
 from app.people.access.secret_box import SecretBox
-from app.releases.freeze_release import OF_FOODS
+from app.releases.freeze_release import OF_FOODS, TABLES
 from app.releases.release_days import NamedRow, day_without
 from app.releases.release_files import Contents, Manifest, ReleaseFiles
 
@@ -23,6 +24,7 @@ PERSONAL_COLUMNS = frozenset(  # emptied for an anonymised participant
     {
         "longitude",
         "latitude",
+        *(column.name for column in PROFILE),
         *(f"{side}_{kind}_sha256" for side in ("left", "right") for kind in ("received", "stored")),
     }
 )
@@ -109,9 +111,9 @@ class ReleaseAlteration:
     def is_affected(self) -> bool:
         """Whether the release has erased data; collects the days that change.
 
-        Only participants and meals are read at first, since the release is not served meanwhile.
+        Only codes and meals are read at first, since the release is not served meanwhile.
         """
-        tables = [name for name in ("meals", "days") if name in self._manifest.tables]
+        tables = [name for name in ("meals", "days", "participants") if name in self._manifest.tables]
         if not any(self._judge(*key) != key for table in tables for key in self._keys(table)):
             return False
         for row in self._rows("meals"):
@@ -128,19 +130,19 @@ class ReleaseAlteration:
             for row in self._rows("items"):
                 self._collect(row, "items")
         contents = Contents()
-        for name in ("items", "meals", "days", "photographs"):
-            if name in self._manifest.tables:
+        for name in TABLES:
+            if name in self._manifest.tables:  # older releases have no participants
                 columns = self._manifest.tables[name]
                 rows = self._remaining_rows(name, columns)
                 files.add_table(name, columns, contents.count_rows(name, columns, rows))
-        for name in OF_FOODS:
-            columns = self._manifest.tables[name]
-            files.add_table(name, columns, self._remaining_foods(columns, name, contents))
+        for table in OF_FOODS:
+            columns = self._manifest.tables[table]
+            files.add_table(table, columns, self._remaining_foods(columns, table, contents))
         files.add_dictionary()
         return contents
 
     def _remaining_rows(self, name: str, columns: Sequence[Column]) -> Iterator[Row]:
-        has_meal = name != "days"
+        has_meal = name not in ("days", "participants")
         names = [column.name for column in columns]
         for row in self._rows(name):
             verdict = self._judge(row["participant"], row["meal_id"] if has_meal else None)
@@ -150,7 +152,7 @@ class ReleaseAlteration:
             if is_renamed and name == "photographs":
                 continue
             kept: NamedRow | None = row
-            if not has_meal and (day := self._days.get((row["participant"], row["local_date"]))) is not None:
+            if name == "days" and (day := self._days.get((row["participant"], row["local_date"]))) is not None:
                 kept = day_without(
                     row,
                     day.left,
@@ -178,7 +180,7 @@ class ReleaseAlteration:
             (day.left if kind == "left" else day.items).append(row)
 
     def _keys(self, table: str) -> Iterator[Key]:
-        """Yield the participant and meal of each row; for days only the participant."""
+        """Yield the participant and meal of each row; of days and participants only the participant."""
         for row in self._rows(table, only=("participant", "meal_id")):
             yield row["participant"], row.get("meal_id")
 

@@ -32,6 +32,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "meals": ("participant", "meal_id"),
     "days": ("participant", "local_date"),
     "photographs": ("participant", "meal_id", "slot"),
+    "participants": ("participant",),
     "foods": ("food_key", "food_version", "food_table"),
     "food_nutrients": ("food_key", "food_version", "food_table", "number"),
 }

@@ -19,6 +19,7 @@ from app.exports.export_spec import ExportSpec, Rows
 from app.exports.tables.export_tables import table_of
 from app.http.row_filter import RowFilter
 from app.http.tables.columns import Column, Row, columns_of
+from app.http.tables.participant_columns import MEALS
 from app.people.access.caller import StaffCaller
 from app.releases import queries as releases
 from app.releases.queries import UsedFood
@@ -26,12 +27,13 @@ from app.releases.release_days import EATEN, NOT_DERIVABLE, NamedRow, exact_sums
 from app.releases.release_files import Contents, ReleaseFiles
 
 DAYS_AT_A_TIME = 500
-TABLES: tuple[Rows, ...] = ("items", "meals", "days", "photographs")
+TABLES: tuple[Rows, ...] = ("items", "meals", "days", "photographs", "participants")
 LEFT_OUT: Mapping[Rows, Collection[str]] = {
     "items": ("change_seq",),
     "meals": ("version",),
     "days": NOT_DERIVABLE,
     "photographs": (),
+    "participants": [column.name for column in MEALS],  # an erasure of a meal would change them
 }
 FOOD = (
     Column("food_key", "word", meaning="The food's key: the same through releases and versions."),

@@ -20,7 +20,7 @@ from app.meals.record_models import HEADLINE_COLUMNS
 
 NamedRow = Mapping[str, Any]  # a row of a file: column -> value of the column's type
 EATEN = ("consumed_g", *HEADLINE_COLUMNS)  # of a record, as eaten_on_days has them
-NOT_DERIVABLE = ("energy_to_basal_rate", "plausibility")  # need the participant's profile, which is not in a release
+NOT_DERIVABLE = ("energy_to_basal_rate", "plausibility")  # would follow from the profile, not from the day's rows
 
 
 def day_without(

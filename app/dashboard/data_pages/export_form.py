@@ -11,13 +11,13 @@ from starlette.datastructures import ImmutableMultiDict
 from app.core.errors import InvalidInputError
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.refusals import sentence
-from app.exports.export_spec import FILTERS, ExportSpec, Rows, check_spec
+from app.exports.export_spec import FILTERS, WITHOUT_COMPONENTS, ExportSpec, Rows, check_spec
 from app.exports.schemas import ExportIn
 from app.http.row_filter import WIRE_NAMES
 from app.meals.models import AfterStatus, MealStatus
 from app.meals.record_models import RecordStatus
 
-TABLES: Final = (("items", "Items"), ("meals", "Meals"), ("days", "Days"), ("photographs", "Photographs"))
+TABLES: Final = tuple((rows, rows.capitalize()) for rows in get_args(Rows))
 SINGLE: Final = ("participant", "from", "to", "origin", "needs")
 DEFAULTS: Final = {"rows": "items", "layout": "wide", "components": "headline", "format": "csv", "provenance": "true"}
 TYPED: Final = ("food", "failure")  # several values in one field, separated by blanks
@@ -28,6 +28,7 @@ STATUSES: Mapping[str, Sequence[str]] = {
     "meals": MEAL_STATUSES,
     "photographs": MEAL_STATUSES,
     "days": (),
+    "participants": (),
 }
 OPTIONS: Mapping[str, Sequence[str]] = {"flag": tuple(FLAGS), "after_status": get_args(AfterStatus)}
 FORMATS: Mapping[str, Sequence[str]] = {
@@ -35,6 +36,7 @@ FORMATS: Mapping[str, Sequence[str]] = {
     "meals": ("csv", "parquet", "ndjson", "geojson"),
     "days": ("csv", "parquet", "ndjson"),
     "photographs": ("csv", "parquet", "ndjson"),
+    "participants": ("csv", "parquet", "ndjson"),
 }
 
 Values = Mapping[str, Sequence[str]]
@@ -110,7 +112,7 @@ def _offered(values: Values) -> Values:
     kept |= {"rows": [rows], "status": [status for status in kept["status"] if status in STATUSES[rows]]}
     if values["format"][0] not in FORMATS[rows]:
         kept["format"] = ["csv"]
-    if rows == "photographs":
+    if rows in WITHOUT_COMPONENTS:
         kept |= {"layout": ["wide"], "components": ["headline"]}
     return kept
 
@@ -123,7 +125,7 @@ def _unknown(values: Values) -> dict[str, str]:
         name: f"There is no {value!r}."
         for name in CHECKED
         for value in values[name]
-        if value not in options[name] and rows != "days"
+        if value not in options[name] and rows not in ("days", "participants")
     }
 
 

@@ -1,1 +1,1 @@
-"""The tables that leave: items, meals, days, photographs; their rows, components and provenance."""
+"""The tables that leave: items, meals, days, photographs, participants; their rows, components and provenance."""

@@ -1,4 +1,4 @@
-"""Every table that leaves, one way: items, meals, days, photographs, by one spec; bytes of a file, of one moment.
+"""Every table that leaves, one way, by one spec: items, meals, days, photographs, participants; as a file's bytes.
 
 Whoever exports for a person passes that person's caller: what they may not see is not in it. Used by requests
 (export_file.py) and by whoever writes files in the background.
@@ -12,6 +12,7 @@ from app.exports.export_spec import ExportSpec, Rows, check_spec
 from app.exports.tables.export_days import day_table
 from app.exports.tables.export_items import item_table
 from app.exports.tables.export_meals import meal_table, photograph_table
+from app.exports.tables.export_participants import participant_table
 from app.exports.tables.export_table import Table
 from app.http.tables.columns import Batch, Part
 from app.http.tables.csv_rows import encode_csv
@@ -26,6 +27,7 @@ TABLES: Mapping[Rows, Callable[[Session, Caller, ExportSpec], Table]] = {
     "meals": meal_table,
     "days": day_table,
     "photographs": photograph_table,
+    "participants": participant_table,
 }
 
 

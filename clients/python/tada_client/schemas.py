@@ -265,7 +265,7 @@ ExportFiltersIn = TypedDict(
 
 
 class ExportIn(TypedDict):
-    rows: Literal["items", "meals", "days", "photographs"]
+    rows: Literal["items", "meals", "days", "photographs", "participants"]
     layout: NotRequired[Literal["wide", "long"]]
     format: NotRequired[Literal["csv", "ndjson", "parquet", "geojson"]]
     components: NotRequired[Literal["headline", "all"]]
@@ -276,7 +276,7 @@ class ExportIn(TypedDict):
 class ExportOut(TypedDict):
     id: str
     state: Literal["queued", "running", "done", "failed", "cancelled", "expired"]
-    rows: Literal["items", "meals", "days", "photographs"]
+    rows: Literal["items", "meals", "days", "photographs", "participants"]
     layout: Literal["wide", "long"]
     format: Literal["csv", "ndjson", "parquet", "geojson"]
     components: Literal["headline", "all"]

@@ -44,6 +44,7 @@ def test_download_is_the_file_of_the_api_with_the_same_filters(client, admin, vi
         ("meals", "/v1/meals", {"format": "ndjson", "status": ["estimated", "failed"], "needs": "review"}),
         ("days", "/v1/days", {"participant": "P002", "to": "2026-11-02"}),
         ("photographs", "/v1/studies/pilot/photographs", {}),
+        ("participants", "/v1/studies/pilot/participants", {}),
     ):
         here = viewer.get(f"{PATH}/table", rows=rows, **(empty | asked))
         of_study = {} if "/studies/" in address else {"study": "pilot"}

@@ -3,19 +3,19 @@
 import csv
 import io
 import json
-from datetime import date
+from datetime import UTC, date, datetime
 
 import pytest
 import sqlalchemy as sa
 
-from app.exports.export_spec import ExportSpec, spec_as_json, spec_of_json
+from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
 from app.http.row_filter import RowFilter
 from app.http.tables import meal_columns, record_columns
 from app.meals.event_models import LAYERS
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES
-from app.people.models import Participant, Study
+from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal, eaten_item
@@ -27,13 +27,14 @@ TABLES = {
     "meals": "/v1/meals",
     "days": "/v1/days",
     "photographs": "/v1/studies/pilot/photographs",
+    "participants": "/v1/studies/pilot/participants",
 }
 COMBINATIONS = [
     (rows, layout, components)
     for rows in ("items", "meals", "days")
     for layout in ("wide", "long")
     for components in ("headline", "all")
-] + [("photographs", "wide", "headline")]
+] + [("photographs", "wide", "headline"), ("participants", "wide", "headline")]
 PLACE = {"latitude": 48.1371, "longitude": 11.5754, "accuracy_m": 5.0}
 
 
@@ -69,7 +70,7 @@ def read_ndjson(client, headers, path, **params):
 
 
 def asked(rows, layout, components):
-    return {} if rows == "photographs" else {"layout": layout, "components": components}
+    return {} if rows in WITHOUT_COMPONENTS else {"layout": layout, "components": components}
 
 
 def test_dictionary_tells_every_column_of_every_table_and_its_key_tells_rows_apart(study, client, admin):
@@ -172,12 +173,15 @@ def test_what_no_table_has_is_refused_by_name_and_reversed_days_in_every_format(
         ("/v1/days", {"format": "geojson"}, "export_not_offered"),
         ("/v1/records", {"format": "geojson", "layout": "long"}, "export_not_offered"),
         ("/v1/studies/pilot/photographs", {"format": "geojson"}, "export_not_offered"),
+        ("/v1/studies/pilot/participants", {"format": "geojson"}, "export_not_offered"),
         ("/v1/data-dictionary", {"rows": "photographs", "layout": "long"}, "export_not_offered"),
+        ("/v1/data-dictionary", {"rows": "participants", "components": "all"}, "export_not_offered"),
     ]
     refusals += [
         (path, reversed_days | {"format": form}, "days_reversed")
-        for path in TABLES.values()
+        for rows, path in TABLES.items()
         for form in ("json", "csv")
+        if rows != "participants"
     ]
     for path, params, code in refusals:
         assert refusal(client.get(path, headers=admin, params=params)) == (422, code), (path, params)
@@ -194,11 +198,37 @@ def test_manifest_in_pages_has_what_the_file_has(study, client, admin):
     assert client.get(rows[0]["path"], headers=admin).headers["content-type"] == "image/jpeg"
 
 
+def test_participants_have_their_profile_their_age_on_day_1_and_how_many_meals_there_are(
+    study, client, admin, enrol, state
+):
+    path = "/v1/studies/pilot/participants"
+    profile = {"sex": "female", "birth_year": 1990, "height_cm": 168.0, "is_pregnant": True, "trimester": 2}
+    enrol("P003")
+    for code, starts_on in (("=1+2", "2025-12-31"), ("P003", None)):
+        body = {"profile": profile, "starts_on": starts_on}
+        assert client.patch(f"{path}/{code}", headers=admin, json=body).status_code == 200
+    with state.database.write() as session:  # nobody has a day 1 before the first meal: the age is of the enrolment
+        session.execute(sa.update(Device).values(enrolled_at=datetime(2026, 10, 30, 8, tzinfo=UTC)))
+    add_meal(state, "=1+2", "2026-11-04")
+    rows = {row["participant"]: row for row in read_ndjson(client, admin, path)}
+    assert list(rows) == ["=1+2", "P001", "P003"]
+    of_days, of_nobody, of_no_meal = rows.values()
+    assert [of_days[name] for name in ("age_years", "starts_on", "meals", "first_meal_on", "last_meal_on")] == [
+        35, "2025-12-31", 2, "2026-11-02", "2026-11-04",
+    ]  # fmt: skip
+    assert {of_days[name] for name in ("sex", "height_cm", "trimester")} == {"female", 168.0, 2}
+    assert {of_nobody[name] for name in ("sex", "age_years", "weight_kg", "is_pregnant", "starts_on")} == {None}
+    assert [of_no_meal[name] for name in ("age_years", "enrolled_at", "meals", "last_meal_on")] == [
+        36, "2026-10-30T08:00:00Z", 0, None,
+    ]  # fmt: skip
+
+
 def test_phone_gets_its_own_participants_rows_alone(study, client):
     for path in ("/v1/records", "/v1/meals", "/v1/days"):
         rows = read_ndjson(client, study.headers, path, components="all")
         assert {row["participant"] for row in rows} <= {"P001"}
-    assert client.get("/v1/studies/pilot/photographs?format=csv", headers=study.headers).status_code == 403
+    for rows in ("photographs", "participants"):
+        assert client.get(TABLES[rows], headers=study.headers, params={"format": "csv"}).status_code == 403
 
 
 def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
@@ -218,7 +248,8 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
         events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action.like("%.export"))).all()
     *of_study, last = events
     assert sorted(event.action for event in of_study) == [
-        "days.export", "meals.export", "meals.export", "photographs.export", "records.export", "records.export",
+        "days.export", "meals.export", "meals.export", "participants.export", "photographs.export", "records.export",
+        "records.export",
     ]  # fmt: skip
     assert of_study[-1].details == {"output": "parquet", "filters": ["food_keys", "study_code"]}
     assert of_study[-2].details == {

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from pyarrow import parquet
 
-from app.exports.export_spec import ExportSpec
+from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec
 from app.exports.tables import export_items, export_meals
 from app.exports.tables.export_tables import table_of, write_export
 from app.http.tables.columns import columns_of
@@ -31,7 +31,10 @@ TABLES = [
     for rows in ("items", "meals", "days")
     for layout in ("wide", "long")
     for components in ("headline", "all")
-] + [ExportSpec("photographs"), ExportSpec("items", provenance=False), ExportSpec("meals", provenance=False)]
+] + [
+    *(ExportSpec(rows) for rows in WITHOUT_COMPONENTS),
+    *(ExportSpec(rows, provenance=False) for rows in ("items", "meals")),
+]
 
 
 @pytest.fixture

@@ -35,7 +35,7 @@ from tests.support.commands import run_tada
 from tests.support.stores import make_old, store_bytes, stored_names
 
 PATH = "/v1/studies/pilot/releases"
-TABLES = ("items", "meals", "days", "photographs", "foods", "food_nutrients", "food_densities")
+TABLES = ("items", "meals", "days", "photographs", "participants", "foods", "food_nutrients", "food_densities")
 MARKED = "P-marked-7Kq"
 
 
@@ -141,6 +141,7 @@ def test_frozen_tables_are_the_exports_of_the_same_moment_with_the_foods_of_thei
     dictionary = list(csv.DictReader(io.StringIO(fetch(owner, release, "data-dictionary.csv").decode())))
     assert all(row["meaning"] for row in dictionary)
     left_out = {"items": {"change_seq"}, "meals": {"version"}, "days": set(NOT_DERIVABLE), "photographs": set()}
+    left_out["participants"] = {"meals", "first_meal_on", "last_meal_on"}
     for table, names_out in left_out.items():
         body = {"rows": table, "format": "csv", "components": "all" if table == "items" else "headline"}
         path = owner.post("/v1/studies/pilot/exports", json=body).headers["location"]
@@ -307,10 +308,13 @@ def test_release_without_erased_meals_equals_the_studys_current_days_and_a_new_r
 
 @pytest.mark.parametrize("policy", ["erase", "anonymise"])
 def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner, run, state, eaten, policy):
+    profile = {"sex": "male", "birth_year": 1961, "height_cm": 201.5}
+    for code in (MARKED, "P002"):
+        owner.patch(f"/v1/studies/pilot/participants/{code}", json={"profile": profile}).raise_for_status()
     release = frozen(owner, run, "baseline")
     owner.post("/v1/studies/pilot/exports", json={"rows": "items", "filters": {"participant": MARKED}})
     others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
-              ("items", "meals", "days", "photographs")}  # fmt: skip
+              ("items", "meals", "days", "photographs", "participants")}  # fmt: skip
     count = {table: len(rows(owner, release, table)) for table in others}
     set_policy(client, admin, withdrawal_policy=policy)
     assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
@@ -321,6 +325,8 @@ def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner
         assert [row for row in found if not row["participant"].startswith("withdrawn-")] == expected
         is_kept = policy == "anonymise" and table != "photographs"
         assert len(found) == (count[table] if is_kept else len(expected)), table
+    profiles = [(row["sex"], row["height_cm"], row["age_years"]) for row in rows(owner, after, "participants")]
+    assert sorted(profiles) == [("", "", "")] * (1 + is_kept) + [("male", "201.5", "65")]
     if policy == "anonymise":
         for table in ("items", "meals"):
             key = "id" if table == "items" else "captured_at"
