@@ -13,7 +13,9 @@ class DictionaryColumn(BaseModel):
 
     position: int = Field(description="The column's place, 1 the first.")
     name: str = Field(description="The column's name in CSV, Parquet and NDJSON files.")
-    type: DictionaryType = Field(description="The type of the values; an instant is RFC 3339, a day YYYY-MM-DD.")
+    type: DictionaryType = Field(
+        description="The type of the values. An instant is RFC 3339, a local time is without offset, a day YYYY-MM-DD."
+    )
     unit: str | None = Field(description="1: a share or a ratio; null: the values have none.")
     meaning: str = Field(description="What the value means.")
     values: list[str] = Field(description="All possible values, if there are few.")

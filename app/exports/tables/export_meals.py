@@ -25,7 +25,7 @@ from app.exports.tables.export_table import Readers, Table, batch_of
 from app.exports.tables.meal_queries import ExportedMeal, HeldAmounts, MealRun
 from app.exports.tables.record_queries import point_of
 from app.http.tables import meal_columns as of_meal
-from app.http.tables.columns import Batch, PartOfBatch, Row, instant_text
+from app.http.tables.columns import Batch, PartOfBatch, Row, instant_text, local_text
 from app.http.tables.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, wide_sums
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
@@ -139,7 +139,11 @@ def _flat(pairs: Sums) -> Row:
 
 
 def _when(meal: ExportedMeal) -> Row:
-    return instant_text(meal.captured_at), meal.time_zone, str(meal.local_date)
+    return instant_text(meal.captured_at), _local(meal), meal.time_zone, str(meal.local_date)
+
+
+def _local(meal: ExportedMeal) -> str:
+    return local_text(meal.captured_at, meal.utc_offset_minutes)
 
 
 def _standing(meal: _Meal) -> Row:
@@ -214,7 +218,7 @@ PHOTOGRAPH_READERS: Readers[Photograph] = dict(
             lambda one: str(one[0].client_id),
             lambda one: (
                 *(one[0].study_code, one[0].participant_code),
-                *(instant_text(one[0].captured_at), str(one[0].local_date)),
+                *(instant_text(one[0].captured_at), _local(one[0]), str(one[0].local_date)),
             ),
             lambda one: (one[1].slot, one[1].media_type),
             lambda one: (one[1].width_px, one[1].height_px, one[1].bytes),

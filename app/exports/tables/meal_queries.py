@@ -28,6 +28,7 @@ class ExportedMeal(NamedTuple):
     study_code: str
     participant_code: str
     captured_at: datetime
+    utc_offset_minutes: int
     time_zone: str
     local_date: date
     received_at: datetime
@@ -75,6 +76,7 @@ def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[ExportedMeal
             Study.code,
             Participant.code,
             Meal.captured_at,
+            Meal.utc_offset_minutes,
             Meal.time_zone,
             Meal.local_date,
             Meal.received_at,

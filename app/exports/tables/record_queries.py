@@ -10,6 +10,7 @@ import json
 import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import date, datetime
+from itertools import islice
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -21,7 +22,7 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn, AnyQuery
 from app.db.stored_ids import stored_id
 from app.foods.models import Food, FoodRelease
-from app.http.tables.columns import Batch, ConvertedOnce, Part, PartOfBatch, Row, distinct, instant_text
+from app.http.tables.columns import Batch, ConvertedOnce, Part, PartOfBatch, Row, distinct, instant_text, local_text
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
     AMOUNTS,
@@ -202,9 +203,9 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Sequence[st
 
     def find(meal_ids: Sequence[str]) -> Batch:
         rows = rows_of_ids(connection, query, set(meal_ids), is_on_sqlite=is_on_sqlite)
-        ids, client_ids, captured_at, time_zones, dates, received_at, studies, persons, day_statuses, *point = zip(
-            *rows, strict=True
-        )
+        columns = zip(*rows, strict=True)
+        ids, client_ids, captured_at, offsets, time_zones = islice(columns, 5)
+        dates, received_at, studies, persons, day_statuses, *point = columns
         captured, received = _instants(captured_at), _instants(received_at)
         of_days, of_people = days.of(dates), people(persons)
         of_meal = zip(
@@ -212,6 +213,7 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Sequence[st
             study_codes(studies),
             [person.code for person in of_people],
             _instant_texts(captured_at),
+            map(local_text, captured, offsets),
             time_zones,
             [day for day, _ in of_days],
             [(end - start).total_seconds() for start, end in zip(captured, received, strict=True)],
@@ -244,6 +246,7 @@ def _meals(*, is_on_sqlite: bool, with_point: bool) -> AnyQuery:
             stored_id(Meal.id),
             stored_id(Meal.client_id),
             Meal.captured_at,
+            Meal.utc_offset_minutes,
             Meal.time_zone,
             Meal.local_date,
             Meal.received_at,
@@ -288,7 +291,7 @@ def point_of(longitude: float | None, latitude: float | None) -> tuple[float | N
 
 def _instants(stored: Sequence[str] | Sequence[datetime]) -> Sequence[datetime]:
     """Instants of SQLite, which stores texts without a zone, or of PostgreSQL."""
-    return [datetime.fromisoformat(text) if isinstance(text, str) else text for text in stored]
+    return [datetime.fromisoformat(f"{text}Z") if isinstance(text, str) else text for text in stored]
 
 
 def _instant_texts(stored: Sequence[str] | Sequence[datetime]) -> list[str]:

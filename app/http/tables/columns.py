@@ -5,11 +5,11 @@ Whoever writes a file, and the data dictionary, go by these definitions and noth
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from itertools import chain, repeat
 from typing import Any, Generic, Literal, Self, TypeVar, cast
 
-ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
+ColumnType = Literal["id", "word", "instant", "local time", "day", "number", "integer", "boolean", "words"]
 PartType = Literal["id", "shared", "numbers"]
 Cell = str | float | bool | None | tuple[str, ...]
 Row = Sequence[Cell]
@@ -57,7 +57,7 @@ class PartOfBatch:
 
     places: where `rows` has each row of the batch, if many of them are the same; None: `rows` are those of the batch.
     Values are text, float, int, bool, None, and a tuple of texts for "words"; instants and days are RFC 3339 text, as
-    JSON has them. What a shared part has can be hashed.
+    JSON has them, local times the same without offset. What a shared part has can be hashed.
     """
 
     part: Part
@@ -151,3 +151,8 @@ def as_row(columns: Sequence[Column], values: Cell | Row) -> Row:
 def instant_text(instant: datetime) -> str:
     """As JSON has it: UTC, microseconds where there are any."""
     return f"{instant.astimezone(UTC).isoformat().removesuffix('+00:00')}Z"
+
+
+def local_text(instant: datetime, offset_minutes: int) -> str:
+    """What a wall clock so far ahead of UTC shows at an aware instant: ISO 8601 without offset."""
+    return instant.astimezone(timezone(timedelta(minutes=offset_minutes))).replace(tzinfo=None).isoformat()

@@ -68,7 +68,7 @@ def _cells(column_type: ColumnType, values: Sequence[Cell], words: ConvertedOnce
             return words.of(values)
         case "number" | "integer":
             return number_cells(values)
-        case "boolean" | "id" | "instant" | "day":  # nothing in them that CSV would quote
+        case "boolean" | "id" | "instant" | "local time" | "day":  # nothing in them that CSV would quote
             return ["" if value is None else str(value) for value in values]
 
 

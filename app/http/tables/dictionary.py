@@ -10,12 +10,13 @@ from pydantic import JsonValue
 
 from app.http.tables.columns import Column, ColumnType, Part, Row
 
-DictionaryType = Literal["id", "text", "list of words", "instant", "day", "number", "integer", "boolean"]
+DictionaryType = Literal["id", "text", "list of words", "instant", "local time", "day", "number", "integer", "boolean"]
 TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
     "id": "id",
     "word": "text",
     "words": "list of words",
     "instant": "instant",
+    "local time": "local time",
     "day": "day",
     "number": "number",
     "integer": "integer",
@@ -26,6 +27,7 @@ SCHEMA_TYPES: dict[ColumnType, dict[str, JsonValue]] = {
     "word": {"type": "string"},
     "words": {"type": "string"},  # in one cell, a blank between
     "instant": {"type": "datetime", "format": "any"},
+    "local time": {"type": "datetime", "format": "any"},
     "day": {"type": "date"},
     "number": {"type": "number"},
     "integer": {"type": "integer"},

@@ -4,6 +4,7 @@ from app.http.tables.columns import Column, Part
 from app.http.tables.component_columns import headline_sums
 from app.http.tables.record_columns import (
     CAPTURED_AT,
+    CAPTURED_LOCAL,
     DAY_STATUS,
     LOCAL_DATE,
     MEAL_ID,
@@ -28,7 +29,7 @@ def _hash(name: str, meaning: str) -> Column:
 
 MEAL_KEY = Part("id", (MEAL_ID,))
 WHOSE = Part("shared", (STUDY, PARTICIPANT))
-WHEN = Part("shared", (CAPTURED_AT, TIME_ZONE, LOCAL_DATE))
+WHEN = Part("shared", (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE))
 ARRIVAL = Part(
     "shared",
     (

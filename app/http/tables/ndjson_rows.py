@@ -41,5 +41,5 @@ def _cells(column_type: ColumnType, values: Sequence[Cell], words: Words) -> Seq
             return words.of(values)
         case "number" | "integer" | "boolean":
             return to_json(values)[1:-1].decode().split(",")
-        case "id" | "instant" | "day":  # nothing in them that JSON would escape
+        case "id" | "instant" | "local time" | "day":  # nothing in them that JSON would escape
             return ["null" if value is None else f'"{value}"' for value in values]

@@ -17,6 +17,7 @@ TYPES: dict[ColumnType, pa.DataType] = {
     "id": pa.string(),
     "word": pa.string(),
     "instant": pa.timestamp("us", tz="UTC"),
+    "local time": pa.timestamp("us"),
     "day": pa.date32(),
     "number": pa.float64(),
     "integer": pa.int64(),
@@ -85,6 +86,6 @@ def _arrays(part_of_batch: PartOfBatch) -> list[pa.Array]:
 
 
 def _array(column: Column, values: Sequence[Cell]) -> pa.Array:
-    if column.type in {"instant", "day"}:
+    if column.type in {"instant", "local time", "day"}:
         return pa.array(values, pa.string()).cast(TYPES[column.type])
     return pa.array(values, TYPES[column.type])

@@ -1,12 +1,12 @@
 """The columns of the image manifest: a row a photograph."""
 
 from app.http.tables.columns import Column, Part
-from app.http.tables.record_columns import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+from app.http.tables.record_columns import CAPTURED_AT, CAPTURED_LOCAL, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
 from app.photos.slots import SLOTS
 
 PHOTOGRAPH_PARTS = (
     Part("id", (MEAL_ID,)),
-    Part("shared", (STUDY, PARTICIPANT, CAPTURED_AT, LOCAL_DATE)),
+    Part("shared", (STUDY, PARTICIPANT, CAPTURED_AT, CAPTURED_LOCAL, LOCAL_DATE)),
     Part(
         "shared",
         (

@@ -21,6 +21,9 @@ STUDY = Column("study", "word", meaning="The study's code.")
 PARTICIPANT = Column("participant", "word", meaning="The participant's pseudonymous code in the study.")
 MEAL_ID = Column("meal_id", "id", meaning="The meal's id, as its phone made it; unique for the participant.")
 CAPTURED_AT = Column("captured_at", "instant", meaning="When it was eaten, in UTC.")
+CAPTURED_LOCAL = Column(
+    "captured_local", "local time", meaning="When it was eaten, by the clock there: captured_at in time_zone."
+)
 TIME_ZONE = Column("time_zone", "word", meaning="The IANA time zone where it was eaten.")
 LOCAL_DATE = Column(
     "local_date", "day", meaning="The local day that it counts for; a study may let its days begin after midnight."
@@ -70,7 +73,8 @@ HEADLINES = (
     _amount("potassium_mg", "mg", "Potassium"),
     _amount("vitamin_c_mg", "mg", "Vitamin C"),
 )
-OF_MEAL = Part("shared", (MEAL_ID, STUDY, PARTICIPANT, CAPTURED_AT, TIME_ZONE, LOCAL_DATE, UPLOAD_DELAY))
+WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
+OF_MEAL = Part("shared", (MEAL_ID, STUDY, PARTICIPANT, *WHEN, UPLOAD_DELAY))
 OF_DAY = Part("shared", (DAY_STATUS, STUDY_DAY))
 OF_FOOD = Part(
     "shared",

@@ -81,7 +81,7 @@ def _plain(column_type: ColumnType, array: pa.Array) -> list[Any]:
     match column_type:
         case "instant":
             return [None if value is None else instant_text(value) for value in values]
-        case "day":
+        case "day" | "local time":
             return [None if value is None else value.isoformat() for value in values]
         case "words":
             return [None if value is None else tuple(value) for value in values]

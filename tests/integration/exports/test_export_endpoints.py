@@ -7,6 +7,7 @@ from datetime import UTC, date, datetime
 
 import pytest
 import sqlalchemy as sa
+from pyarrow import parquet
 
 from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
@@ -14,7 +15,7 @@ from app.http.row_filter import RowFilter
 from app.http.tables import meal_columns, record_columns
 from app.meals.event_models import LAYERS
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
-from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES
+from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord
 from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
@@ -193,9 +194,26 @@ def test_manifest_in_pages_has_what_the_file_has(study, client, admin):
         page = client.get(path, headers=admin).json()
         rows += page["items"]
         path = page["next"]
-    assert rows == read_ndjson(client, admin, "/v1/studies/pilot/photographs")
+    in_file = read_ndjson(client, admin, "/v1/studies/pilot/photographs")
+    assert rows == [{name: value for name, value in row.items() if name != "captured_local"} for row in in_file]
     assert [row["slot"] for row in rows] == ["left", "right"]
     assert client.get(rows[0]["path"], headers=admin).headers["content-type"] == "image/jpeg"
+
+
+def test_rows_of_what_was_eaten_have_the_time_by_the_clock_there(study, client, admin, state):
+    with state.database.write() as session:
+        captured_at = datetime(2026, 11, 2, 1, 15, 0, 500000, UTC)
+        session.execute(sa.update(Meal).values(captured_at=captured_at, utc_offset_minutes=-210))
+        session.execute(sa.update(EffectiveRecord).values(captured_at=captured_at))
+    for table in ("items", "meals", "photographs"):
+        rows = read_ndjson(client, admin, TABLES[table])
+        assert {(row["captured_at"], row["captured_local"]) for row in rows} == {
+            ("2026-11-02T01:15:00.500000Z", "2026-11-01T21:45:00.500000")
+        }
+        file = client.get(TABLES[table], headers=admin, params={"format": "parquet"}).content
+        assert set(parquet.read_table(io.BytesIO(file))["captured_local"].to_pylist()) == {
+            datetime(2026, 11, 1, 21, 45, 0, 500000)  # noqa: DTZ001  # a wall clock has no zone
+        }
 
 
 def test_participants_have_their_profile_their_age_on_day_1_and_how_many_meals_there_are(
