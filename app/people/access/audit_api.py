@@ -1,5 +1,7 @@
 """/v1/audit and /v1/studies/{study}/audit: the audit log as JSON pages or one streamed file."""
 
+from collections.abc import Iterator
+from datetime import UTC, date, datetime, timedelta
 from itertools import chain, islice
 from typing import Annotated, Literal
 
@@ -27,6 +29,7 @@ RESPONSES = {
     200: {"model": AuditPage, "content": FILES, "description": "A page, or all events as a file."},
     **problem_responses(401, 403, 404, 422),
 }
+BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)  # no event is older
 
 Cursor = Annotated[str | None, Query(max_length=300, description="From the previous page: follow `next`.")]
 Output = Annotated[
@@ -106,8 +109,15 @@ def audit_file(
             (_event_out(row).model_dump(mode="json") for row in chain(first, rows)),
         ),
         media_type=MEDIA_TYPES[output],
-        headers=attachment(output, study, "audit"),
+        headers=attachment(output, study, "audit", *_days(chosen)),
     )
+
+
+def _days(chosen: AuditFilter) -> Iterator[date | None]:
+    """Yield the first and the last UTC day of the filter, None where it has no end."""
+    last = None if chosen.until is None else max(chosen.until, BEFORE_ALL) - timedelta.resolution
+    for instant in (chosen.since, last):
+        yield None if instant is None else instant.astimezone(UTC).date()
 
 
 def _event_out(row: AuditRow) -> AuditEventOut:

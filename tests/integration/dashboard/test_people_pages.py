@@ -203,6 +203,12 @@ def test_audit_log_of_the_page_is_that_of_the_export(client, admin, owner):
     assert "[" not in changed
     file = owner.get("/dashboard/studies/pilot/audit", format="csv")
     assert file.headers["content-type"].startswith("text/csv")
+    assert file.headers["content-disposition"] == 'attachment; filename="pilot_audit.csv"'
+    days = {"from": "2026-11-01", "to": "2026-11-30"}
+    named = owner.get("/dashboard/studies/pilot/audit", format="csv", **days).headers["content-disposition"]
+    assert named == 'attachment; filename="pilot_audit_2026-11-01_2026-11-30.csv"'
+    early = {"to": "0001-01-01T00:00:00Z", "format": "csv"}
+    assert client.get("/v1/audit", headers=admin, params=early).status_code == 200
     whole = client.get("/v1/studies/pilot/audit", headers=admin, params={"format": "csv"})
     assert file.text.splitlines()[:2] == whole.text.splitlines()[:2]
 
