@@ -11,6 +11,7 @@ from app.db.sorted_values import Runs, SortedValues
 USUAL_BINS = 20
 OUTLIER_SHARE = 0.01  # share of values at either end that may lie outside the bins, so outliers do not flatten the rest
 LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
+NO_VALUES = SortedValues.of(())
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
 
 
@@ -27,14 +28,15 @@ class Bin(NamedTuple):
 class Distribution:
     """A headline nutrient over whole days. edges: one more than counts, in order; both empty without bins.
 
-    days_below_bins, days_above_bins: days outside the bins. sd: of the sample; None for fewer than two days. Without a
-    day all statistics are None.
+    days_below_bins, days_above_bins: days outside the bins. sd: of the sample of days; None for fewer than two.
+    sd_between_persons: the same of the persons' means. Without a day all statistics are None.
     """
 
     component: str
     days: int
     mean: float | None = None
     sd: float | None = None
+    sd_between_persons: float | None = None
     median: float | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -48,8 +50,13 @@ class Distribution:
         return [Bin(self.component, *ends, days) for ends, days in zip(pairwise(self.edges), self.counts, strict=True)]
 
 
-def distribution(component: str, values: Iterable[SortedValues], *, binned: bool = True) -> Distribution:
-    """Compute statistics and count the values in about twenty bins of a round width, outliers separately."""
+def distribution(
+    component: str, values: Iterable[SortedValues], person_means: SortedValues = NO_VALUES, *, binned: bool = True
+) -> Distribution:
+    """Compute statistics and count the values in about twenty bins of a round width, outliers separately.
+
+    person_means: each person's mean over their days.
+    """
     runs = Runs.of(values)
     days = len(runs)
     if not days:
@@ -60,7 +67,8 @@ def distribution(component: str, values: Iterable[SortedValues], *, binned: bool
         component=component,
         days=days,
         mean=runs.mean,
-        sd=math.sqrt(runs.squares / (days - 1)) if days > 1 else None,
+        sd=_sample_sd(runs),
+        sd_between_persons=_sample_sd(person_means),
         median=runs.median,
         minimum=runs.least,
         maximum=runs.greatest,
@@ -69,6 +77,10 @@ def distribution(component: str, values: Iterable[SortedValues], *, binned: bool
         days_below_bins=places[0],
         days_above_bins=days - places[-1],
     )
+
+
+def _sample_sd(values: Runs | SortedValues) -> float | None:
+    return math.sqrt(values.squares / (len(values) - 1)) if len(values) > 1 else None
 
 
 def _edges(runs: Runs, days: int) -> tuple[float, ...]:

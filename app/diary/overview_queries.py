@@ -11,12 +11,14 @@ from typing import Literal, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.day_definition import has_place, within
+from app.db.sorted_values import SortedValues
+from app.diary.day_definition import has_place, is_day_of_nothing, is_measured_whole, whole_day_amount, within
 from app.diary.day_sum_queries import select_study_days, sums_of_days
 from app.diary.queries import edge_days
 from app.diary.study_day_sum_queries import CountedDay, days_of_study
 from app.meals.day_models import DiaryDay
 from app.meals.models import Meal, MealStatus
+from app.meals.record_models import HEADLINE_COLUMNS
 from app.people import privacy_queries as privacy
 from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
@@ -135,6 +137,19 @@ class Window:
             PersonDay(code, local_date, int(meals), bool(is_closed))
             for code, local_date, meals, is_closed in self._session.execute(query)
         ]
+
+    def means_of_persons(self) -> dict[str, SortedValues]:
+        """Return each headline column's means over participants' whole days on which all of it is known."""
+        day = sums_of_days(self._session, self._selection)
+        means = [
+            sa.func.avg(whole_day_amount(day, day.c[name], day.c[f"{name}_coverage"])) for name in HEADLINE_COLUMNS
+        ]
+        is_whole = sa.or_(is_day_of_nothing(day), is_measured_whole(day))
+        rows = self._session.execute(sa.select(*means).where(is_whole).group_by(day.c.participant_id)).all()
+        return {
+            name: SortedValues.of(row[place] for row in rows if row[place] is not None)
+            for place, name in enumerate(HEADLINE_COLUMNS)
+        }
 
     def days(self) -> list[CountedDay]:
         """Return the study's days that have data, in order."""

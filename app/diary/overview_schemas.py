@@ -112,7 +112,11 @@ class OverviewNutrientOut(BaseModel):
     component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
     days: int = Field(description="Whole participant-days on which all of it is known.")
     mean: float | None = Field(description="Mean over the days; null: there are none.")
-    sd: float | None = Field(description="Sample standard deviation; null for fewer than two days.")
+    sd: float | None = Field(description="Sample standard deviation of the days; null for fewer than two.")
+    sd_between_persons: float | None = Field(
+        description="The same of the participants' means over these days; null for fewer than two, or more "
+        "than 30,000 whole days."
+    )
     median: float | None = Field(description="Median of the days; null: there are none.")
     minimum: float | None = Field(description="Least amount of a day; null: there are none.")
     maximum: float | None = Field(description="Greatest amount of a day; null: there are none.")

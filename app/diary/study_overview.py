@@ -13,7 +13,7 @@ from app.db.session import Database
 from app.db.sorted_values import Runs
 from app.diary import overview_queries as overview
 from app.diary.diary import MAX_RANGE_DAYS, day_range
-from app.diary.distribution import Bin, Distribution, distribution
+from app.diary.distribution import NO_VALUES, Bin, Distribution, distribution
 from app.diary.overview_queries import CountedStatus, PeopleCounts, Place, Span
 from app.diary.study_day_sum_queries import CountedDay, DayCounts
 from app.meals.meal_time import latest_day
@@ -28,6 +28,7 @@ DEFAULT_DAYS = 28
 MAX_PLACES = 2000
 MAX_PERSONS = 60  # whose days are listed one by one
 MAX_DAYS_OF_PERSONS = 35
+MAX_WHOLE_DAYS = 30_000  # of which each participant's means are computed: of more it takes longer than a page may
 COUNT_FIELDS = tuple(field.name for field in fields(DayCounts))
 SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
 
@@ -132,6 +133,8 @@ def study_overview(
         counted = window.days()
         people_counts = window.people()
         is_small = people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
+        whole_days = sum(day.counts.whole for day in counted)
+        person_means = window.means_of_persons() if whole_days <= MAX_WHOLE_DAYS else {}
         shown = _overview_days(counted, window.spans(), first, last, today)
         keeps_places = study.location_policy != "drop"  # places kept under an earlier policy are not shown either
         located_meals = sum(day.located_meals for day in shown)
@@ -146,7 +149,12 @@ def study_overview(
             waiting=overview.count_waiting(session, study.id),
             failures=overview.count_failures(session, study.id),
             nutrients=tuple(
-                distribution(name, (day.amounts[name] for day in counted), binned=binned in (None, name))
+                distribution(
+                    name,
+                    (day.amounts[name] for day in counted),
+                    person_means.get(name, NO_VALUES),
+                    binned=binned in (None, name),
+                )
                 for name in HEADLINE_COLUMNS
             ),
             person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else (),

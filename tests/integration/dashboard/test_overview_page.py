@@ -94,7 +94,7 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     energy = ("whole", "whole_energy_kcal", "open_days", "open_energy_kcal")
     assert table_of(html, "energy") == values_of(days, *energy)
     assert table_of(html, "late") == values_of(days, "meals", "late_meals", "late_share", "median_delay_seconds")
-    nutrients = ("days", "mean", "sd", "median", "minimum", "maximum")
+    nutrients = ("days", "mean", "sd", "sd_between_persons", "median", "minimum", "maximum")
     assert table_of(html, "nutrients") == values_of(told["nutrients"], *nutrients)
     persons = [row["meals"] for row in told["person_days"] if row["meals"] or row["closed"]]
     assert table_of(html, "persons") == persons

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import statistics
 import uuid
 from datetime import UTC, date, datetime, timedelta
 
@@ -95,7 +96,7 @@ def test_window_lists_each_day_with_silent_participants(client, admin, told_from
 
 
 @pytest.mark.usefixtures("eaten")
-def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study(client, admin, told_from):
+def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study(client, admin, told_from, monkeypatch):
     told_from()
     found = overview(client, admin)
     for day in found["days"]:
@@ -112,10 +113,14 @@ def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study
     energy, protein = nutrients["energy_kcal"], nutrients["protein_g"]
     assert (energy["days"], energy["mean"], energy["median"]) == (3, pytest.approx(5200.0 / 3), 2200.0)
     assert energy["sd"] == pytest.approx(1553.49, abs=0.01)
+    assert energy["sd_between_persons"] == pytest.approx(statistics.stdev([2200.0 / 2, 3000.0]))
+    assert protein["sd_between_persons"] == pytest.approx(statistics.stdev([0.0, 10.0]))
     assert (protein["days"], protein["mean"], protein["maximum"]) == (2, 5.0, 10.0)  # half of one day's is unknown
     for component, row in nutrients.items():
         bins = [each for each in found["histograms"] if each["component"] == component]
         assert row["days"] == sum(each["days"] for each in bins) + row["days_below_bins"] + row["days_above_bins"]
+    monkeypatch.setattr("app.diary.study_overview.MAX_WHOLE_DAYS", 2)
+    assert {row["sd_between_persons"] for row in overview(client, admin)["nutrients"]} == {None}
 
 
 @pytest.mark.usefixtures("eaten")
