@@ -13,6 +13,7 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError, NotAllowedError
+from app.core.units import kj_from_kcal
 from app.db.session import Database
 from app.diary import diary_queries as diary
 from app.diary import queries as days
@@ -253,10 +254,11 @@ def _day_sentences(feedback: Feedback) -> Iterator[Sentence]:
     elif energy.amount is None:
         yield "day_without_energy", {"day": feedback.date, "meals": meals}
     else:
-        yield "day", {"day": feedback.date, "meals": meals, "energy": _rounded(energy.amount)}
+        yield "day", {"day": feedback.date, "meals": meals, **_energy("energy", energy.amount)}
     if not feedback.ate_nothing:
         if energy.interval is not None and energy.interval[1] > 0.0:
-            yield "energy_interval", dict(zip(("low", "high"), map(_rounded, energy.interval), strict=True))
+            low, high = energy.interval
+            yield "energy_interval", {**_energy("low", low), **_energy("high", high)}
         counts = {
             "unmeasured": feedback.unmeasured_items,
             "unmeasured_meals": feedback.unmeasured_meals,
@@ -290,6 +292,11 @@ def _comparison_sentences(feedback: Feedback) -> Iterator[Sentence]:
             },
         )
     yield "doubt", {}
+
+
+def _energy(name: str, kcal: float) -> dict[str, object]:
+    """Return it in kcal and, for languages whose food labels have them, in kJ."""
+    return {name: _rounded(kcal), f"{name}_kj": _rounded(kj_from_kcal(kcal))}
 
 
 def _rounded(value: float) -> str:

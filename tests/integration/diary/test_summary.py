@@ -140,9 +140,16 @@ def test_day_with_nothing_eaten_has_zeros_and_a_sentence(feedback):
 
 
 @pytest.mark.parametrize(
-    ("locale", "advice"), [("de", "kein ärztlicher Rat"), ("es", "no un consejo médico"), ("zh", "不是医疗建议")]
+    ("locale", "advice", "energy", "interval"),
+    [
+        ("de", "kein ärztlicher Rat", "etwa 2000 kcal.", "zwischen 1800 und 2200 kcal."),
+        ("es", "no un consejo médico", "unas 2000 kcal.", "entre 1800 y 2200 kcal."),
+        ("zh", "不是医疗建议", "8400 千焦（2000 千卡）", "7500 到 9200 千焦（1800 到 2200 千卡）"),
+    ],
 )
-def test_sentences_are_in_the_studys_language(feedback, state, locale, advice):
+def test_sentences_are_in_the_studys_language_and_energy_in_the_units_of_its_food_labels(
+    feedback, state, locale, advice, energy, interval
+):
     with state.database.write() as session:
         session.execute(sa.update(Study).values(locale=locale))
     set_profile(state, **WOMAN)
@@ -150,4 +157,5 @@ def test_sentences_are_in_the_studys_language(feedback, state, locale, advice):
     body = feedback.get(PATH).json()
     assert body["locale"] == locale
     assert advice in body["disclaimer"]
+    assert (energy in body["sentences"][0], interval in body["sentences"][1]) == (True, True), body["sentences"][:2]
     assert len(body["sentences"]) == 9  # the day, its interval, the basis, five nutrients, the doubt

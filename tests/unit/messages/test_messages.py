@@ -70,7 +70,8 @@ def test_locale_is_the_requested_one_else_the_headers_else_the_studys(asked, hea
 def test_each_sentence_has_all_languages_with_the_same_values(code):
     sentences = catalogue("feedback")[code]
     assert set(sentences) == set(LOCALES)
-    assert len({tuple(placeholders(text)) for text in sentences.values()}) == 1
+    values = [{name.removesuffix("_kj") for name in placeholders(text)} for text in sentences.values()]
+    assert values == values[:1] * len(LOCALES)
     for locale in LOCALES:
         told = feedback_sentence(code, locale, **dict.fromkeys(placeholders(sentences[locale]), "1"))
         assert told
