@@ -5,6 +5,7 @@ A number is shown rounded; `<data value="...">` holds it in full, so that it can
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from functools import cache
@@ -23,6 +24,7 @@ from app.people.access.page_rules import PREFIX
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
+MOST_DECIMALS = 6
 NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
 
 
@@ -73,10 +75,18 @@ def study_url(context: Context, *parts: object) -> str:
 
 
 def amount(value: float | None, unit: str = "", digits: int | None = None) -> Markup:
-    """Format a number with its unit; floats below 100 get three significant figures, others none after the point."""
+    """Format a number with its unit.
+
+    Floats below 100 get three significant figures, below 1 two, others none after the point; from a billion on they
+    are written as powers of ten, which leave the next column free.
+    """
     if value is None:
         return NOT_KNOWN
-    shown = f"{value:,.{_decimals(value) if digits is None else digits}f}".replace(",", " ").replace("-", "−")
+    if isinstance(value, float) and abs(value) >= 1e9:
+        written = f"{value:.2e}"
+    else:
+        written = f"{value:,.{_decimals(value) if digits is None else digits}f}"
+    shown = written.replace(",", " ").replace("-", "−")
     return _number(value, f"{shown}{_unit(unit)}" if unit else shown)
 
 
@@ -86,7 +96,7 @@ def interval(low_high: tuple[float, float] | None, unit: str = "") -> Markup:
         return Markup("")
     low, high = low_high
     return Markup('<span class="interval" title="90 % interval">{} to {}</span>').format(
-        amount(low, digits=_decimals(high)), amount(high, unit)
+        amount(low), amount(high, unit)
     )
 
 
@@ -180,7 +190,11 @@ def json_data(value: object) -> Markup:
 
 def _decimals(value: float) -> int:
     size = abs(value)
-    return 0 if isinstance(value, int) or size >= 100 or size == 0 else 1 if size >= 10 else 2
+    if isinstance(value, int) or size >= 100 or size == 0:
+        return 0
+    if size >= 0.1:
+        return 1 if size >= 10 else 2
+    return min(1 - math.floor(math.log10(size)), MOST_DECIMALS)
 
 
 def _number(value: float, shown: str) -> Markup:

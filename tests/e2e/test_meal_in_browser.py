@@ -3,13 +3,25 @@
 import re
 
 import pytest
+import sqlalchemy as sa
 from playwright.sync_api import expect
 
+from app.meals.record_models import EffectiveRecord
 from tests.e2e.dashboard_server import PASSWORD
 from tests.support import estimates
 from tests.support.estimates import found_item, identified_item
 
 SQUARE = [[200.0, 150.0], [300.0, 150.0], [300.0, 250.0], [200.0, 250.0]]
+
+
+STICKING_OUT = """() => {
+  const ends = (part) => part.getBoundingClientRect().right;
+  const isBeyond = (part, around) => around !== null && ends(part) > ends(around) + 1;
+  return [...document.querySelectorAll("dd .num, td .num, td button")]
+    .filter((part) => isBeyond(part, part.closest("dd, td"))
+      || (!part.closest(".scroll") && isBeyond(part, part.closest("article"))))
+    .map((part) => part.textContent);
+}"""
 
 
 @pytest.fixture
@@ -109,3 +121,18 @@ def test_page_follows_a_meal_and_keeps_what_is_being_typed(served, phone, open_p
     tab.page.wait_for_selector("#meal-state .status-needs_review")
     expect(tab.page.locator("article.item")).to_have_count(1)
     expect(tab.page.locator("#talk-text")).to_have_value("half a sentence")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("high", "shown"), [(15e6, "0.50 to 15 000 000"), (1e147, "0.50 to 1.00e+147")])
+def test_wide_interval_is_shown_as_it_is_and_stays_in_its_column(served, meal, opened, high, shown):
+    with served.database.write() as session:
+        for low, top in (("volume_low_ml", "volume_high_ml"), ("consumed_low_g", "consumed_high_g")):
+            session.execute(sa.update(EffectiveRecord).values({low: 0.5, top: high}))
+    for width in (1200, 390):
+        opened.page.set_viewport_size({"width": width, "height": 900})
+        for address in (f"meals/P001/{meal}", "review"):
+            opened.goto(f"/dashboard/studies/pilot/{address}")
+            expect(opened.page.locator("dd", has_text=shown).first).to_be_visible()
+            opened.page.evaluate("document.querySelectorAll('article details').forEach((one) => { one.open = true; })")
+            assert opened.page.evaluate(STICKING_OUT) == [], (width, address)

@@ -1,10 +1,14 @@
 """A meal's page on the phone: one that failed, what was eaten of it, what was said offline, and its note."""
 
 import pytest
+import sqlalchemy as sa
 from playwright.sync_api import expect
 
+from app.meals.record_models import EffectiveRecord
+from tests.e2e.browser import WIDER
 from tests.e2e.capture.capture_page import open_estimated, sent_meal
 from tests.support import estimates
+from tests.support.estimates import identified_item
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -70,3 +74,14 @@ def test_confirmation_without_a_network_is_sent_later_for_the_meal_that_was_seen
     page.context.set_offline(False)
     wait_until(lambda: page.evaluate(UNSENT) == 0, "the confirmation to leave the phone")
     assert served.meal(meal)["status"] == status
+
+
+def test_half_a_gram_is_not_none_and_an_absurd_bound_is_broken_into_lines(served, open_phone):
+    tab = open_phone()
+    page, meal = tab.page, sent_meal(served, tab)
+    estimates.save(served, meal, identified_item({"apple": 0.9}))
+    with served.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(mass_g=5.04, mass_low_g=0.5, mass_high_g=1e60))
+    page.click(f"li[data-meal='{meal}'] a")
+    expect(page.get_by_text("5 g (probably 0.5 to 1,000,000")).to_be_visible()
+    assert page.evaluate(WIDER) == []

@@ -110,7 +110,8 @@ export async function showMeal(main, { t, phone, client, go }, id) {
 
   function card(item, number) {
     const name = item.food?.name ?? t("food_unknown");
-    const grams = item.mass_g === null ? t("amount_unknown") : t("grams", { grams: Math.round(item.mass_g), low: Math.round(item.mass_interval_g?.[0] ?? item.mass_g), high: Math.round(item.mass_interval_g?.[1] ?? item.mass_g) });
+    const [low, high] = item.mass_interval_g ?? [item.mass_g, item.mass_g];
+    const grams = item.mass_g === null ? t("amount_unknown") : t("grams", { grams: rounded(item.mass_g), low: rounded(low), high: rounded(high) });
     const isSettled = item.status === "confirmed" || item.status === "corrected";
     const canConfirm = item.food && item.mass_g !== null && !isSettled;
     return h(
@@ -308,3 +309,6 @@ function outline(item, number) {
   const label = svg("text", { x: middle(xs), y: middle(ys), class: "label" }, String(number));
   return [svg("path", { d: path, "fill-rule": "evenodd", class: "food" }), label];
 }
+
+// Whole grams; below ten, two digits, since half a gram is not none.
+const rounded = (grams) => grams.toLocaleString(document.documentElement.lang, Math.abs(grams) < 10 ? { maximumSignificantDigits: 2 } : { maximumFractionDigits: 0 });
