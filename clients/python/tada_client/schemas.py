@@ -357,6 +357,7 @@ class ImageOut(TypedDict):
     media_type: str
     width_px: int
     height_px: int
+    flags: list[str]
     received_at: str
     durable: NotRequired[Literal[True]]
 
