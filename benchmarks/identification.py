@@ -34,7 +34,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.identification.building.fit_calibration import expected_calibration_error, fit_calibration  # noqa: E402
+from app.identification.building.fit_calibration import fit_calibration  # noqa: E402
 from app.identification.building.held_out import (  # noqa: E402
     scores_of_unseen_classes,
     scores_of_unseen_specimens,
@@ -51,6 +51,7 @@ from app.identification.kernel_classifier import KernelClassifier, fit_classifie
 from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
 from app.vision.looks.vcm import describe  # noqa: E402
 from app.vision.looks.vcm_region import region_of_box  # noqa: E402
+from benchmarks.calibration_error import expected_calibration_error  # noqa: E402
 from tools.food_index import LabelledFood, boxes_of, labelled_foods  # noqa: E402
 
 LUNCH = 750  # minutes after midnight

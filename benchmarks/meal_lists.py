@@ -35,7 +35,8 @@ import sqlalchemy as sa
 
 from app.db.migrate import upgrade
 from app.db.session import Database
-from app.exports.lists.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals
+from app.exports.lists.list_meals import Order, changed_meals, count_meals, list_meals
+from app.http.paging import encode_cursor, list_name
 from app.http.row_filter import RowFilter
 from app.meals.day_models import DiaryDay
 from app.meals.event_models import MealEvent
@@ -237,7 +238,7 @@ def pages(kind: str, database: Database, who: Who, samples: int, chance: random.
             places: tuple[tuple[str, Order, str | None], ...] = (
                 ("newest", "newest", None),
                 ("oldest", "oldest", None),
-                ("middle", "newest", cursor_behind(visible, "newest", middle, uuid.UUID(int=0))),
+                ("middle", "newest", encode_cursor(list_name("meals newest", visible), middle, uuid.UUID(int=0))),
             )
             for position, order, cursor in places:
                 taken = timed(lambda o=order, c=cursor, f=chosen: list_meals(

@@ -41,7 +41,8 @@ from app.core.settings import Settings
 from app.db.migrate import upgrade
 from app.db.session import Database
 from app.diary.day_summaries import list_day_summaries
-from app.exports.lists.list_records import cursor_behind, list_records
+from app.exports.lists.list_records import list_records
+from app.http.paging import encode_cursor, list_name
 from app.http.row_filter import RowFilter
 from app.meals.record_models import EffectiveRecord
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows
@@ -306,9 +307,10 @@ def positions(database: Database, who: Who, chosen: RowFilter) -> list[tuple[str
         ahead = sa.select(page).order_by(page.c.captured_at.desc(), page.c.item_id.desc()).limit(1)
         far = session.execute(ahead, {AFTER_INSTANT: BEFORE_ALL[0], AFTER_ITEM: BEFORE_ALL[1]}).first()
         if far is not None:
-            found.append(("page 1,001", cursor_behind(visible, far[0], far[1])))
+            found.append(("page 1,001", encode_cursor(list_name("records", visible), far[0], far[1])))
         end = datetime.combine(chosen.last_day or FIRST_DAY + timedelta(days=DAYS), datetime.min.time(), UTC)
-        found.append(("last", cursor_behind(visible, end - timedelta(minutes=30), uuid.UUID(int=0))))
+        last = encode_cursor(list_name("records", visible), end - timedelta(minutes=30), uuid.UUID(int=0))
+        found.append(("last", last))
     return found
 
 

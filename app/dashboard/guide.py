@@ -5,7 +5,7 @@ is not in docs/ becomes plain text, since a server does not have it.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,7 +13,6 @@ from posixpath import normpath
 from urllib.parse import parse_qs
 
 from markdown_it import MarkdownIt
-from markdown_it.token import Token
 from markupsafe import Markup
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Scope
@@ -27,20 +26,29 @@ PATH = "/docs/guide"
 FIRST = ("research", "operations", "apps", "capture", "development")  # what each kind of reader begins with
 LONGEST_QUERY = 200
 MOST_HITS, SNIPPET = 30, 160
+LINK = re.compile(r"\[([^\]]*)\]\((?![a-z]+:)([^)#\s]*)(#[^)\s]*)?\)")
+HEADING = re.compile(r"<h(\d)>(.*?)</h\1>")
+SECTION = re.compile(r'<h\d id="(.*?)">(.*?)</h\d>')
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading with the plain text below it. anchor: "" before the first heading."""
+    """A heading with the plain text below it."""
 
+    page: str
     anchor: str
     heading: str
     text: str
 
+    def snippet(self, words: list[str]) -> str:
+        """Return the text around the first of the words."""
+        place = min((at for word in words if (at := self.text.lower().find(word)) >= 0), default=0)
+        return self.text[max(place - SNIPPET // 4, 0) :][:SNIPPET]
+
 
 @dataclass(frozen=True, slots=True)
 class GuidePage:
-    """A page. name: its path in docs/ without .md. question: its first sentence. links: (page, anchor) in docs/."""
+    """A page. name: its path in docs/ without .md. question: its first sentence. links: (page or file, anchor)."""
 
     name: str
     title: str
@@ -48,15 +56,6 @@ class GuidePage:
     html: Markup
     sections: tuple[Section, ...]
     links: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Hit:
-    """A section in which all words of a search occur."""
-
-    page: GuidePage
-    section: Section
-    snippet: str
 
 
 class GuideFiles(PublicFiles):
@@ -69,7 +68,7 @@ class GuideFiles(PublicFiles):
         """Return a page, the list, or a file of docs/."""
         if path == ".":
             query = parse_qs(scope["query_string"].decode("latin-1")).get("q", [""])[0][:LONGEST_QUERY]
-            answer: Response = _answer("guide_list.html", query=query, hits=search(query))
+            answer: Response = _answer("guide_list.html", query=query, words=query.lower().split(), hits=search(query))
         elif path in guide_pages():
             answer = _answer("guide_page.html", guide_page=guide_pages()[path])
         else:
@@ -102,83 +101,44 @@ def listed_pages() -> list[GuidePage]:
     return [*(pages[name] for name in FIRST), *sorted(rest, key=lambda page: page.title)]
 
 
-def search(query: str) -> list[Hit]:
+def search(query: str) -> list[Section]:
     """Return the sections that have all words of a query, those with the words in their headings first."""
     words = query.lower().split()
-    if not words:
-        return []
     hits = [
-        (sum(word in heading for word in words), sum(text.count(word) for word in words), page, section)
+        (sum(word in heading for word in words), sum(text.count(word) for word in words), section)
         for page in guide_pages().values()
         for section in page.sections
         for heading, text in ((f"{page.title} {section.heading}".lower(), section.text.lower()),)
-        if all(word in heading or word in text for word in words)
+        if words and all(word in heading or word in text for word in words)
     ]
-    hits.sort(key=lambda hit: hit[:2], reverse=True)
-    return [Hit(page, section, _snippet(section.text, words)) for _, _, page, section in hits[:MOST_HITS]]
-
-
-def _snippet(text: str, words: Sequence[str]) -> str:
-    place = max(min((at for word in words if (at := text.lower().find(word)) >= 0), default=0) - SNIPPET // 4, 0)
-    return text[place : place + SNIPPET]
+    return [hit[2] for hit in sorted(hits, key=lambda hit: hit[:2], reverse=True)[:MOST_HITS]]
 
 
 def _page(name: str, text: str) -> GuidePage:
-    parser = MarkdownIt("commonmark").enable("table")
-    tokens = parser.parse(text)
-    links = [link for token in _inner(tokens) if (link := _set_address(token, name)) is not None]
-    sections = list(_sections(tokens))
-    first = next(place for place, token in enumerate(tokens) if token.type == "paragraph_open")
+    links: list[tuple[str, str]] = []
+
+    def address(link: re.Match[str]) -> str:
+        shown, file, anchor = link[1], link[2], link[3] or ""
+        path = normpath(f"{name}/../{file}") if file else name
+        if path.startswith(".."):
+            return shown
+        links.append((path.removesuffix(".md"), anchor[1:]))
+        return f"[{shown}]({PATH}/{path.removesuffix('.md')}{anchor})"
+
+    html = MarkdownIt("commonmark").enable("table").render(LINK.sub(address, text))
+    html = HEADING.sub(lambda found: f'<h{found[1]} id="{_anchor(found[2])}">{found[2]}</h{found[1]}>', html)
+    parts = [Markup(part).striptags() for part in SECTION.split(html)]  # noqa: S704 - the program's own pages
+    sections = [Section(name, *parts[place : place + 3]) for place in range(1, len(parts), 3)]
     return GuidePage(
         name=name,
         title=sections[0].heading,
-        question=re.split(r"(?<=[.?:])\s", _text_of(tokens[first + 1]))[0],
-        html=Markup(parser.renderer.render(tokens, parser.options, {})),  # noqa: S704 - these pages are the program's
+        question=re.split(r"(?<=[.?:])\s", sections[0].text)[0],
+        html=Markup(html),  # noqa: S704
         sections=tuple(sections),
         links=tuple(links),
     )
 
 
-def _sections(tokens: Sequence[Token]) -> Iterator[Section]:
-    """Give each heading its anchor, by GitHub's rule; return the headings with what stands below them."""
-    anchor = heading = ""
-    below: list[str] = []
-    for place, token in enumerate(tokens):
-        if token.type == "heading_open":
-            if heading:
-                yield Section(anchor, heading, " ".join(below))
-            heading, below = _text_of(tokens[place + 1]), []
-            anchor = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
-            token.attrSet("id", anchor)
-        elif token.type in ("th_open", "td_open"):
-            token.attrs.pop("style", None)  # the pages' policy allows none
-        elif token.type in ("inline", "fence", "code_block") and tokens[place - 1].type != "heading_open":
-            below.append(_text_of(token))
-    yield Section(anchor, heading, " ".join(below))
-
-
-def _text_of(token: Token) -> str:
-    if token.children is None:
-        return token.content
-    shown = (child for child in token.children if child.type != "image")
-    return "".join(" " if child.type == "softbreak" else child.content for child in shown)
-
-
-def _inner(tokens: Sequence[Token]) -> Iterator[Token]:
-    for token in tokens:
-        yield from token.children or ()
-
-
-def _set_address(token: Token, name: str) -> tuple[str, str] | None:
-    """Turn a link between files into one between pages. Return its page and anchor; None if it leads elsewhere."""
-    attribute = {"link_open": "href", "image": "src"}.get(token.type)
-    if attribute is None or re.match(r"[a-z]+:", target := str(token.attrGet(attribute))):
-        return None
-    file, _, anchor = target.partition("#")
-    path = normpath(f"{name}/../{file}") if file else f"{name}.md"
-    if path.startswith(".."):
-        token.attrs.clear()  # a link without an address is plain text
-        return None
-    page = path.removesuffix(".md")
-    token.attrSet(attribute, f"{PATH}/{page}" + (f"#{anchor}" if anchor else ""))
-    return page, anchor
+def _anchor(heading: str) -> str:
+    """Return a heading's anchor by GitHub's rule."""
+    return re.sub(r"[^\w\- ]", "", Markup(heading).striptags().lower()).replace(" ", "-")  # noqa: S704

@@ -7,13 +7,12 @@ import math
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Literal
 
 from app.db.session import Database
 from app.exports.lists import meal_row_queries as meal_rows
 from app.exports.lists.meal_row_queries import MealRow, PhotographedMeals
-from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records.queries import FoodName
@@ -65,11 +64,6 @@ def list_meals(
     with database.read() as session:
         rows = meal_rows.page_of_meals(session, chosen, after=after, limit=limit + 1, is_newest_first=order == "newest")
     return page_of(listed, rows, limit, lambda row: (row.meal.captured_at, row.meal.id))
-
-
-def cursor_behind(visible: RowFilter, order: Order, captured_at: datetime, meal_id: uuid.UUID) -> str:
-    """Return the cursor of the page after a place in the list, whether or not a meal is there."""
-    return encode_cursor(list_name(f"meals {order}", visible), captured_at, meal_id)
 
 
 def sums_of(row: MealRow) -> MealSums:

@@ -1,10 +1,7 @@
 """Pages of records: the caller's filters, keyset pages, opaque cursors that are bound to their filters."""
 
-import uuid
-from datetime import datetime
-
 from app.db.session import Database
-from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records import queries as records
@@ -21,8 +18,3 @@ def list_records(
     with database.read() as session:
         rows = records.page_of_records(session, chosen, after=after, limit=limit + 1)
     return page_of(listed, rows, limit, lambda row: (row.record.captured_at, row.record.item_id))
-
-
-def cursor_behind(visible: RowFilter, captured_at: datetime, item_id: uuid.UUID) -> str:
-    """Return the cursor of the page after a place in the list, whether or not a record is there."""
-    return encode_cursor(list_name("records", visible), captured_at, item_id)

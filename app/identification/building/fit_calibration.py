@@ -1,4 +1,4 @@
-"""Fit the temperature and the none score of an index, and measures how honest its probabilities are.
+"""Fit the temperature and the none score of an index.
 
 Both numbers are those under which held-out examples are likeliest: of known classes, no picture of whose specimen was
 seen; and of classes that were left out whole, which stand for all that the index does not know.
@@ -12,7 +12,6 @@ from app.identification.calibrate import NONE_PRIOR, Calibration, posterior
 from app.identification.metric import Vectors
 
 LEAST_TEMPERATURE = 0.01  # of scores that run from 0 to 1: e^100 for one class over another is certainty enough
-BINS = 15
 SEARCH_FROM = (np.log(0.1), 0.4)
 
 
@@ -33,22 +32,6 @@ def fit_calibration(known: Vectors, labels: NDArray[np.intp], unknown: Vectors) 
         return float(of_known_loss - NONE_PRIOR * np.log(np.maximum(of_none, 1e-12)).mean())
 
     return _calibration(scipy.optimize.minimize(loss, SEARCH_FROM, method="Nelder-Mead").x)
-
-
-def expected_calibration_error(probabilities: Vectors, is_right: NDArray[np.bool_], bins: int = BINS) -> float:
-    """Mean |share right - mean probability| over equal bins of the first candidate's probability, (n,), by size.
-
-    Naeini, Cooper and Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015. Raises
-    ValueError without any.
-    """
-    if len(probabilities) == 0:
-        raise ValueError("no probability is no calibration")
-    place = np.minimum((probabilities * bins).astype(int), bins - 1)
-    gaps = [
-        np.count_nonzero(place == i) * abs(is_right[place == i].mean() - probabilities[place == i].mean())
-        for i in np.unique(place)
-    ]
-    return float(np.sum(gaps) / len(probabilities))
 
 
 def _calibration(parameters: NDArray[np.float64]) -> Calibration:

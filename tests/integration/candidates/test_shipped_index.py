@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from app.candidates.labelled_folder import LAYOUT
-from app.identification.building.fit_calibration import expected_calibration_error, fit_calibration
+from app.identification.building.fit_calibration import fit_calibration
 from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.identification.calibrate import posterior
 from app.identification.food_index import shipped_index
 from app.nutrition.foods import load_starter_table
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
+from benchmarks.calibration_error import expected_calibration_error
 from tools.food_index import describe_food, labelled_foods
 
 NOT_IN_THE_STARTER_TABLE = {"mooncake", "sachima"}  # no public table at hand has figures for them

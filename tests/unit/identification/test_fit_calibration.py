@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from app.identification.building.fit_calibration import LEAST_TEMPERATURE, expected_calibration_error, fit_calibration
+from app.identification.building.fit_calibration import LEAST_TEMPERATURE, fit_calibration
 from app.identification.calibrate import NONE_PRIOR, posterior
+from benchmarks.calibration_error import expected_calibration_error
 
 CLASSES = 6
 
