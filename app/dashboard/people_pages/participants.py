@@ -128,11 +128,12 @@ def _adequacy(page: Page, judged: Adequacy | None, component: str, first: date |
 
 
 def _codes_of(text: str) -> list[str]:
-    """Return the codes of a range such as T001-T020; any other text is one code, blank text none."""
+    """Return the codes of a range such as T001-T020 or T1-T20; any other text is one code, blank text none."""
     ends = _RANGE.fullmatch(text)
-    if ends is None or len(ends["first"]) != len(ends["last"]):
+    if ends is None:
         return [text] if text else []
-    first, last, width = int(ends["first"]), int(ends["last"]), len(ends["first"])
+    first, last = sorted((int(ends["first"]), int(ends["last"])))
+    width = min(len(ends["first"]), len(ends["last"]))
     return [f"{ends['stem']}{number:0{width}}" for number in range(first, min(last, first + MOST_AT_ONCE) + 1)]
 
 

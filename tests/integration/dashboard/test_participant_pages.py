@@ -133,6 +133,13 @@ def test_range_adds_its_participants_and_their_cards_follow_from_there(client, a
     assert cards.count("<svg") == 4  # one code each: the study has no app
 
 
+def test_range_without_leading_zeros_or_backwards_is_no_code_of_one_person(client, admin, enrol, sign_in_browser):
+    enrol()
+    owner = sign_in_browser("olga", pilot="owner")
+    owner.post(PARTICIPANTS, codes="A8-A11, B003-B001")
+    assert codes_of(client, admin) == ["A10", "A11", "A8", "A9", "B001", "B002", "B003", "P001"]
+
+
 def test_invalid_code_adds_nobody_and_keeps_the_text(client, admin, enrol, sign_in_browser):
     enrol()
     owner = sign_in_browser("olga", pilot="owner")
