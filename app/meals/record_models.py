@@ -15,6 +15,7 @@ from app.meals.run_answer import Json
 from app.nutrition.doubt import Estimate
 from app.nutrition.nutrients import interval_in_proportion
 
+NEEDS_LOOK = "status <> 'rejected' AND reviewed IS {no} AND (origin <> 'declared' OR status = 'needs_review')"
 HEADLINE_COLUMNS = (  # the components that a record holds itself, units in their names
     "energy_kcal",
     "protein_g",
@@ -378,6 +379,20 @@ class EffectiveRecord(Base):
             *("study_id", "captured_at", "meal_id", "local_date"),
             sqlite_where=sa.text("status <> 'rejected' AND reviewed IS 0"),
             postgresql_where=sa.text("status <> 'rejected' AND reviewed IS false"),
+        ),
+        # those that need a look (records/conditions.py), for the review queue and lists of meals; the index before, and
+        # that of all reviewed, are for code before these, dropped a release after
+        sa.Index(
+            "ix_effective_record_look_queue",
+            *("study_id", "reviewed", "status", "doubt", "item_id"),
+            sqlite_where=sa.text(NEEDS_LOOK.format(no=0)),
+            postgresql_where=sa.text(NEEDS_LOOK.format(no="false")),
+        ),
+        sa.Index(
+            "ix_effective_record_look_meals",
+            *("study_id", "captured_at", "meal_id", "local_date"),
+            sqlite_where=sa.text(NEEDS_LOOK.format(no=0)),
+            postgresql_where=sa.text(NEEDS_LOOK.format(no="false")),
         ),
     )
 

@@ -30,10 +30,11 @@ def holds(record: type[EffectiveRecord]) -> Condition:
 def needs_look(record: type[EffectiveRecord]) -> Conditions:
     """A reviewer should look at the item: none has settled it, and it is no text entry that is complete.
 
-    Overview, meals, review queue, exports and API all count by it. The first two are literals, as in the partial index.
+    Overview, meals, review queue, exports and API all count by it. Literals, as in the partial indexes.
     """
-    is_no_complete_text = sa.or_(record.origin != "declared", record.status == "needs_review")
-    return (holds(record), record.reviewed.is_(False), is_no_complete_text)
+    is_no_text = record.origin != sa.literal_column("'declared'")
+    is_incomplete = record.status == sa.literal_column("'needs_review'")
+    return (holds(record), record.reviewed.is_(False), sa.or_(is_no_text, is_incomplete))
 
 
 def has_flags(record: type[EffectiveRecord]) -> Condition:

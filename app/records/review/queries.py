@@ -116,10 +116,10 @@ def count_queue(session: Session, chosen: QueueFilter, most: int) -> int:
 def count_meals_to_look_at(session: Session, study_id: uuid.UUID) -> int:
     """How many meals of the study have an item that needs a look, counted up to MOST_MEALS."""
     record = EffectiveRecord
-    meals = (
-        sa.select(record.meal_id).where(record.study_id == study_id, *needs_look(record)).distinct().limit(MOST_MEALS)
-    )
-    return session.scalar(sa.select(sa.func.count()).select_from(meals.subquery())) or 0
+    in_order = (record.captured_at, record.meal_id)  # as an index has them, so that no more of it is read
+    meals = sa.select(*in_order).where(record.study_id == study_id, *needs_look(record)).distinct()
+    counted = meals.order_by(*in_order).limit(MOST_MEALS).subquery()
+    return session.scalar(sa.select(sa.func.count()).select_from(counted)) or 0
 
 
 def left_photographs(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, MealImage]:

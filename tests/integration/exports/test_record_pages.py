@@ -242,8 +242,8 @@ def test_queue_of_a_food_with_very_many_versions_is_read(database, eaten):
 @pytest.mark.parametrize(
     ("named", "index"),
     [
-        ({}, "study_id_reviewed_status_doubt_item_id"),
-        ({"status": "needs_review", "min_doubt": 0.1}, "study_id_reviewed_status_doubt_item_id"),
+        ({}, "look_queue"),
+        ({"status": "needs_review", "min_doubt": 0.1}, "look_queue"),
         ({"food_key": "apple"}, "queue_of_food"),
         ({"food_key": "apple", "status": "proposed", "provisional": False}, "queue_of_food"),
         ({"provisional": True}, "queue_of_provisional"),
