@@ -21,6 +21,7 @@ from app import __version__
 from app.dashboard.addresses import study_address
 from app.dashboard.menus import FOODS, server_menu, study_menu
 from app.people.access.page_rules import PREFIX
+from app.records.review.queries import MOST_MEALS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -45,6 +46,7 @@ def environment() -> Environment:
     )
     jinja.globals |= {"static": static, "prefix": PREFIX, "version": __version__, "study_url": study_url}
     jinja.globals |= {"study_menu": study_menu, "foods_entry": FOODS, "server_menu": server_menu}
+    jinja.globals["most_meals"] = MOST_MEALS
     jinja.filters |= {
         "amount": amount,
         "interval": interval,

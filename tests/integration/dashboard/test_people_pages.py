@@ -252,7 +252,7 @@ def test_change_of_the_marker_names_the_meals_that_it_concerns_and_asks(owner, s
     assert (asked.status_code, study()["marker"]) == (409, "plain:9x7:11")
     told = text_of(asked.text)
     assert "1 photographed meal " in told
-    assert "2026-11-20 to 2026-11-20, keep the volumes that were measured with plain:9x7:11" in told
+    assert "2026-11-20 to 2026-11-20, keeps the volumes that were measured with plain:9x7:11" in told
     assert "All later ones, and 1 that waits now, are measured with plain:9x7:22." in told
     assert owner.post(SETTINGS, **form, agreed_marker="plain:9x7:30").status_code == 409
     assert owner.post(SETTINGS, **form, agreed_marker="plain:9x7:22").status_code == 303

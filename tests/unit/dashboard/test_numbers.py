@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from app.dashboard.templates import amount, interval
+from app.dashboard.templates import amount, environment, interval
 
 
 @pytest.mark.parametrize(
@@ -27,3 +27,8 @@ def test_number_keeps_two_figures_and_is_never_long(value, shown):
 def test_each_end_of_an_interval_has_its_own_figures():
     assert interval((0.5, 15_000.4), "ml").striptags() == "0.50 to 15 000 ml"
     assert interval((None, 1.0)) == ""
+
+
+def test_number_of_meals_that_is_no_longer_counted_is_not_shown_as_exact():
+    pages = environment().get_template("parts.html").module
+    assert [Markup(pages.to_look_at(meals)).striptags() for meals in (999, 1000)] == ["999", "1 000+"]
