@@ -66,7 +66,7 @@ def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Resp
 @router.get(ENROL)
 def get_enrol(page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = "") -> Response:
     """The form that asks for participants' codes."""
-    return page.render("enrol.html", cards=[], refused=[], codes=participant)
+    return page.render("enrol.html", cards=[], refused=[], codes=participant, has_app=False)
 
 
 @router.post(ENROL)
@@ -82,7 +82,7 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
         raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
     wrong_codes = [(code, wrong) for code in codes if (wrong := _why_no_card(page, study, code))]
     if wrong_codes:
-        return page.render("enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered)
+        return page.render("enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered, has_app=has_app)
     server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
     cards = []
     for code in codes:

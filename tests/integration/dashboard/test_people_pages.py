@@ -87,7 +87,9 @@ def test_refused_value_stays_in_the_form_beside_its_error(owner, study):
 def test_list_with_an_unknown_code_makes_no_card_and_ends_none(client, owner):
     page = owner.post(ENROL, participants="P001").text
     printed = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
-    answer = owner.post(ENROL, participants="P001\nP999")
+    assert 'value="true" checked' not in owner.post(ENROL, participants="P999").text
+    answer = owner.post(ENROL, participants="P001\nP999", app="true")
+    assert 'name="app" value="true" checked' in answer.text
     assert answer.status_code == 422
     assert "P999: " in html.unescape(answer.text)
     assert 'class="secret"' not in answer.text
