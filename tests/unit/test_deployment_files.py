@@ -191,6 +191,13 @@ def test_kubernetes_passes_on_every_route_but_metrics():
     assert {route for route in routes if not is_passed(route)} == {"/metrics"}
 
 
+def test_children_of_an_api_pod_cannot_outgrow_it():
+    (container,) = pods()["tada-api"]["containers"]
+    values = {each["name"]: int(each["value"]) for each in container["env"]}
+    assert container["resources"]["limits"]["memory"] == "1Gi"
+    assert values["TADA_API_CHILDREN"] * values["TADA_ESTIMATE_MEMORY_BYTES"] <= 2**30
+
+
 def test_pods_of_kubernetes_fit_a_machine_of_four_gigabytes():
     mebibytes = 0
     for one in kubernetes():
