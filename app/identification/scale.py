@@ -19,7 +19,8 @@ WRONG_LOG_SD = 0.7  # a factor of two either way is usual among wrong ones: mill
 # Median, mm, and spread in logarithms. Rims' radii: plates of 170 mm across to platters of 330, bowls of 110 to 240,
 # espresso cups of 55 to mugs of 115, in 90 % of tableware. Phones are held 210 to 680 mm above the table.
 USUAL_MM = {"plate": (120.0, 0.2), "bowl": (80.0, 0.25), "cup": (40.0, 0.22), "camera": (380.0, 0.35)}
-SURE = 0.8  # posterior from which on the factor is told: the sizes are some 80 times likelier with it
+UNUSUAL, UNUSUAL_LOG_SD = 0.1, 0.7  # share of other sizes, and their spread
+SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 times likelier with another one
 LEAST_LOG_FACTOR = math.log(1.2)  # that is told: below it the interval of a volume covers much of it
 
 Log = NDArray[np.float64]
@@ -51,11 +52,11 @@ def plausible_factor(sizes: MeasuredSizes) -> float | None:
     wrong = math.log(1.0 - DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, WRONG_LOG_SD)
     likelihood = np.zeros_like(LOG_FACTORS)
     for kind, lengths_mm in sizes.lengths_mm.items():
-        usual_mm, log_sd = USUAL_MM[kind]
-        for length_mm in lengths_mm:
-            likelihood += _log_normal(math.log(length_mm) + LOG_FACTORS, math.log(usual_mm), log_sd)
-    for food in sizes.foods:
-        likelihood += _food_log_likelihood(food)
+        if lengths_mm:  # dishes of one kind are of one set: they count once
+            likelihood += np.mean([_length_log_likelihood(kind, length_mm) for length_mm in lengths_mm], axis=0)
+    if sizes.foods:  # that all are small, or large, counts once; what each kind says, for itself
+        likelihood += np.mean([_of_any_food(food) for food in sizes.foods], axis=0)
+        likelihood += np.sum([_of_its_kind(food) for food in sizes.foods], axis=0)
     log_posterior = np.logaddexp(right, wrong) + likelihood
     posterior = np.exp(log_posterior - np.max(log_posterior))
     posterior /= posterior.sum()
@@ -65,16 +66,29 @@ def plausible_factor(sizes: MeasuredSizes) -> float | None:
     return float(np.exp(LOG_FACTORS[np.searchsorted(np.cumsum(posterior), 0.5)]))
 
 
-def _food_log_likelihood(food: MeasuredFood) -> Log:
-    """(n,) of each factor. A slice, or several pieces, may have any size, as for the identification (sizes.py)."""
+def _length_log_likelihood(kind: str, length_mm: float) -> Log:
+    """(n,) of each factor. Some are unusual: sauce dishes, platters, a phone at arm's length."""
+    logs = math.log(length_mm) + LOG_FACTORS
+    usual_mm, log_sd = USUAL_MM[kind]
+    usual = np.exp(_log_normal(logs, math.log(usual_mm), log_sd))
+    unusual = np.exp(_log_normal(logs, math.log(usual_mm), UNUSUAL_LOG_SD))
+    return np.asarray(np.log((1.0 - UNUSUAL) * usual + UNUSUAL * unusual))
+
+
+def _of_any_food(food: MeasuredFood) -> Log:
+    """(n,) of each factor, for a food of whatever kind."""
     logs = math.log(food.volume_ml) + 3.0 * LOG_FACTORS
-    of_any = np.exp(_log_normal(logs, ANY_LOG_ML, math.hypot(ANY_LOG_SD, food.relative_sd)))
+    return _log_normal(logs, ANY_LOG_ML, math.hypot(ANY_LOG_SD, food.relative_sd))
+
+
+def _of_its_kind(food: MeasuredFood) -> Log:
+    """(n,) what its kind adds. A slice, or several pieces, may have any size, as for the identification (sizes.py)."""
+    logs, share = math.log(food.volume_ml) + 3.0 * LOG_FACTORS, 0.0
     known = np.zeros_like(logs)
-    share = 0.0
     for probability, size in food.kinds:
         known += probability * np.exp(_log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd)))
         share += probability
-    return np.asarray(np.log(AS_EXPECTED * known + (1.0 - AS_EXPECTED * share) * of_any))
+    return np.asarray(np.log(AS_EXPECTED * known / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share))
 
 
 def _log_normal(value: Log, mean: float, sd: float) -> Log:

@@ -119,7 +119,7 @@ def count_by_status(session: Session, study_id: uuid.UUID, most: int) -> dict[st
 def count_photographed(session: Session, study_id: uuid.UUID) -> PhotographedMeals:
     """Count a study's photographed meals: those that are measured, and those that wait."""
     is_waiting = Meal.status.in_(("receiving", "queued", "processing"))
-    measured_day = sa.case((sa.not_(is_waiting), Meal.local_date))
+    measured_day = sa.case((sa.not_(is_waiting) & (Meal.status != "failed"), Meal.local_date))
     query = sa.select(
         sa.func.count(measured_day),
         sa.func.min(measured_day, type_=sa.Date()),

@@ -42,3 +42,17 @@ def test_usual_table_by_any_printer_is_not_doubted(table_of, declared):
 )
 def test_slice_several_pieces_and_an_unknown_food_do_not_doubt_a_usual_plate(foods):
     assert plausible_factor(table(1.0, plates=[120.0], foods=foods)) is None
+
+
+@pytest.mark.parametrize(
+    "unusual",
+    [
+        {"plates": [120.0, 35.0, 33.0, 36.0]},
+        {"bowls": [35.0, 36.0]},
+        {"foods": [(15.0, [])] * 6},
+        {"foods": [(5.0, [])] * 3},
+    ],
+    ids=["sauce dishes", "dip bowls", "small pieces", "garnish"],
+)
+def test_small_dishes_and_pieces_of_one_meal_count_once(unusual):
+    assert plausible_factor(table(1.0, **unusual, camera=400.0)) is None
