@@ -14,6 +14,7 @@ from urllib.parse import parse_qs
 
 from markdown_it import MarkdownIt
 from markupsafe import Markup
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Scope
 
@@ -66,19 +67,22 @@ class GuideFiles(PublicFiles):
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a page, the list, or a file of docs/."""
-        if path == ".":
-            query = parse_qs(scope["query_string"].decode("latin-1")).get("q", [""])[0][:LONGEST_QUERY]
-            answer: Response = _answer("guide_list.html", query=query, words=query.lower().split(), hits=search(query))
-        elif path in guide_pages():
-            answer = _answer("guide_page.html", guide_page=guide_pages()[path])
-        else:
-            answer = await super().get_response(path, scope)
+        html = await run_in_threadpool(_page_at, path, scope["query_string"].decode("latin-1"))
+        answer: Response = HTMLResponse(html) if html is not None else await super().get_response(path, scope)
         answer.headers.update(HEADERS)
         return answer
 
 
-def _answer(template: str, **context: object) -> HTMLResponse:
-    return HTMLResponse(render(template, guide=PATH, pages=listed_pages(), **context))
+def _page_at(path: str, query_string: str) -> str | None:
+    """Return a page, or the list with what was searched for; None for other files."""
+    pages = guide_pages()
+    if path in pages:
+        return render("guide_page.html", guide=PATH, pages=listed_pages(), guide_page=pages[path])
+    if path != ".":
+        return None
+    query = parse_qs(query_string).get("q", [""])[0][:LONGEST_QUERY]
+    words = query.lower().split()
+    return render("guide_list.html", guide=PATH, pages=listed_pages(), query=query, words=words, hits=search(words))
 
 
 def guide_folder() -> Path:
@@ -101,9 +105,8 @@ def listed_pages() -> list[GuidePage]:
     return [*(pages[name] for name in FIRST), *sorted(rest, key=lambda page: page.title)]
 
 
-def search(query: str) -> list[Section]:
-    """Return the sections that have all words of a query, those with the words in their headings first."""
-    words = query.lower().split()
+def search(words: list[str]) -> list[Section]:
+    """Return the sections that have all of these words, in small letters; those with them in their headings first."""
     hits = [
         (sum(word in heading for word in words), sum(text.count(word) for word in words), section)
         for page in guide_pages().values()
