@@ -209,7 +209,7 @@ class MealImage(Base):
 
     received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
 
-    decoding_pixels: of a baseline JPEG that takes as long to decode; None: of no photograph, or stored before that was.
+    decoding_pixels: of a baseline JPEG that takes as long to decode; None: of a map or a voice note.
 
     is_reencoded: its location could only be cut by writing its picture anew.
 

@@ -20,7 +20,7 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, PhotographError, Whose
-from app.children.decoding_cost import COSTLY_PIXELS, inspect_in_child
+from app.children.decoding_cost import COSTLY_PIXELS
 from app.core.errors import GoneError, NotFoundError, TadaError
 from app.core.settings import Settings
 from app.db.session import Database
@@ -173,11 +173,6 @@ def _made(
             raise PhotoDamagedError("The photograph is no longer what was sealed: `tada doctor` tells more.")
         if found.is_file:
             return source.read_bytes()
-        whose = Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id)
-        if image.decoding_pixels is not None:
-            is_costly = image.decoding_pixels > COSTLY_PIXELS
-        else:
-            is_costly = inspect_in_child(children, [source], whose).is_costly
         answer = children.run(
             "picture",
             {
@@ -188,9 +183,9 @@ def _made(
                 "colour": found.colour,
             },
             seconds=SECONDS,
-            whose=whose,
+            whose=Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id),
             photograph_sha256=image.stored_sha256,
-            is_costly=is_costly,
+            is_costly=(image.decoding_pixels or 0) > COSTLY_PIXELS,
         )
         if answer["failure"] is not None:
             raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])
