@@ -52,20 +52,19 @@ class IdentifyFoods:
         try:
             identifier = self._learned.identifier_for(meal, self._index())
             identified = self._identify(meal, described, identifier)
+            for (item, _), identification in zip(described, identified, strict=True):
+                if identification is not None:
+                    item.candidates = [
+                        CandidateAnswer(food=each.food_key, probability=round(each.probability, DECIMALS))
+                        for each in identification.candidates
+                    ]
+                    item.none_probability = round(identification.none_probability, DECIMALS)
+                    item.index_version = identification.index_version
             note_doubtful_scale(meal, answer, identifier)
         except Exception as error:  # any bug: the volumes are computed, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
-            return
-        for (item, _), identification in zip(described, identified, strict=True):
-            if identification is not None:
-                item.candidates = [
-                    CandidateAnswer(food=each.food_key, probability=round(each.probability, DECIMALS))
-                    for each in identification.candidates
-                ]
-                item.none_probability = round(identification.none_probability, DECIMALS)
-                item.index_version = identification.index_version
 
     def _identify(
         self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]], identifier: Identifier

@@ -98,6 +98,7 @@ class Identifier:
             raise ValueError(f"the share of foods that the index does not know is between 0 and 1, not {none_prior}")
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
+        self._sizes = {known.food_key: known.size for known in self._known if known.size is not None}
         place = {known.food_key: number for number, known in enumerate(self._known)}
         labels = np.concatenate([index.labels, np.array([place[example.food_key] for example in kept], np.intp)])
         vectors = np.concatenate([index.vectors, *(example.vector.reshape(1, -1) for example in kept)])
@@ -114,13 +115,16 @@ class Identifier:
 
     def size_of(self, food_key: str) -> FoodSize | None:
         """Return the size of a food's next piece; None where no piece of it was measured."""
-        return next((known.size for known in self._known if known.food_key == food_key), None)
+        return self._sizes.get(food_key)
 
     def sizes_by_looks(self, vector: Vectors) -> list[tuple[float, FoodSize]]:
         """Return the probability of each food of known size by looks alone, with its size. Raises as identify."""
-        found = self.identify(vector, most=len(self._known)).candidates
-        sizes = ((each.probability, self.size_of(each.food_key)) for each in found)
-        return [(probability, size) for probability, size in sizes if size is not None]
+        candidates = self.identify(vector, most=len(self._known)).candidates
+        return [
+            (candidate.probability, self._sizes[candidate.food_key])
+            for candidate in candidates
+            if candidate.food_key in self._sizes
+        ]
 
     def identify(
         self, vector: Vectors, circumstances: Circumstances = NO_CIRCUMSTANCES, most: int = 10

@@ -1,4 +1,4 @@
-"""Whether a meal's sizes speak for the marker's size as it was declared: what stands on tables is of usual sizes.
+"""Does the marker have the size that was declared? What stands on tables is of usual sizes.
 
 A board declared at twice its size makes plates of half a metre and apples of a litre and a half. Round dishes and foods
 of known kinds say by Bayes' rule which factor all lengths should have: 1, within the error of a printer, or any other.
@@ -6,7 +6,7 @@ of known kinds say by Bayes' rule which factor all lengths should have: 1, withi
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,25 +38,19 @@ class MeasuredFood:
     kinds: Sequence[tuple[float, FoodSize]] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredSizes:
-    """What a run measured beside the marker. lengths_mm: kind, as in USUAL_MM -> radii of rims, the camera's height."""
+def plausible_factor(lengths_mm: Mapping[str, Sequence[float]], foods: Sequence[MeasuredFood]) -> float | None:
+    """Return the factor that all lengths should have; None unless the declared size is clearly not the right one.
 
-    lengths_mm: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    foods: Sequence[MeasuredFood] = ()
-
-
-def plausible_factor(sizes: MeasuredSizes) -> float | None:
-    """Return the factor that all lengths should have; None unless the declared size is clearly another."""
+    lengths_mm: kind, as in USUAL_MM -> radii of rims, the camera's height.
+    """
     right = math.log(DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, PRINT_LOG_SD)
     wrong = math.log(1.0 - DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, WRONG_LOG_SD)
     likelihood = np.zeros_like(LOG_FACTORS)
-    for kind, lengths_mm in sizes.lengths_mm.items():
-        if lengths_mm:  # dishes of one kind are of one set: they count once
-            likelihood += np.mean([_length_log_likelihood(kind, length_mm) for length_mm in lengths_mm], axis=0)
-    if sizes.foods:  # that all are small, or large, counts once; what each kind says, for itself
-        likelihood += np.mean([_of_any_food(food) for food in sizes.foods], axis=0)
-        likelihood += np.sum([_of_its_kind(food) for food in sizes.foods], axis=0)
+    for kind, of_kind_mm in lengths_mm.items():  # dishes of one kind are of one set: they count once
+        likelihood += np.mean([_length_log_likelihood(kind, length_mm) for length_mm in of_kind_mm], axis=0)
+    if foods:  # that all are small, or large, counts once; what each kind says, for itself
+        likelihood += np.mean([_of_any_food(food) for food in foods], axis=0)
+        likelihood += np.sum([_of_its_kind(food) for food in foods], axis=0)
     log_posterior = np.logaddexp(right, wrong) + likelihood
     posterior = np.exp(log_posterior - np.max(log_posterior))
     posterior /= posterior.sum()
@@ -84,11 +78,11 @@ def _of_any_food(food: MeasuredFood) -> Log:
 def _of_its_kind(food: MeasuredFood) -> Log:
     """(n,) what its kind adds. A slice, or several pieces, may have any size, as for the identification (sizes.py)."""
     logs, share = math.log(food.volume_ml) + 3.0 * LOG_FACTORS, 0.0
-    known = np.zeros_like(logs)
+    of_kinds = np.zeros_like(logs)
     for probability, size in food.kinds:
-        known += probability * np.exp(_log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd)))
+        of_kinds += probability * np.exp(_log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd)))
         share += probability
-    return np.asarray(np.log(AS_EXPECTED * known / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share))
+    return np.asarray(np.log(AS_EXPECTED * of_kinds / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share))
 
 
 def _log_normal(value: Log, mean: float, sd: float) -> Log:

@@ -119,12 +119,10 @@ class Trace:
             raise ValueError("Colours are measured on the markers, which are not found yet.")
         return self.colours[1 - place if self.is_swapped else place]
 
-    def parameters(self) -> dict[str, float | int | str | list[float]]:
+    def parameters(self) -> dict[str, object]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         # the number in its slot's name; 2: the right one
-        out: dict[str, float | int | str | list[float]] = (
-            {} if self.second_place == 1 else {"second_view": self.second_place + 1}
-        )
+        out: dict[str, object] = {} if self.second_place == 1 else {"second_view": self.second_place + 1}
         out |= {} if self.scale is None else {"scale_source": self.scale}
         if self.single is not None:
             marker = self.single.first.marker
@@ -156,7 +154,7 @@ class Trace:
             out["rectified_focal_px"] = round(pair.focal_px, 2)
             out["depth_p_mm"] = round(depth.p_mm, 3)
             out["depth_q_over_focal_baseline"] = round(depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5)
-        out |= {} if self.foods is None else rim_radii_mm(self.foods)
+        out |= {} if self.foods is None else {"rim_radii_mm": rim_radii_mm(self.foods)}
         if self.printed is not None:
             out["printed_depth_p_mm"] = round(self.printed.depth.p_mm, 3)
             out["printed_depth_q_mm_px"] = round(self.printed.depth.q_mm_px, 3)

@@ -71,14 +71,14 @@ class Foods:
 
 
 def rim_radii_mm(foods: Foods) -> dict[str, list[float]]:
-    """Return the radii of the rims of round dishes, mm, by their kind: plates, bowls, and cups that hold a liquid."""
+    """Return kind -> radii of the rims of round dishes, mm: "plate", "bowl", and "cup" for one that holds a liquid."""
     radii: dict[str, list[float]] = {}
     for dish in foods.dishes:
         if dish.radius_mm is not None:
-            radii.setdefault("bowl_radii_mm" if dish.is_deep else "plate_radii_mm", []).append(dish.radius_mm)
+            radii.setdefault("bowl" if dish.is_deep else "plate", []).append(dish.radius_mm)
     for liquid in (region.liquid for region in foods.regions if region.liquid is not None):
         is_cup = liquid.rim.height_mm - liquid.table_mm > BOWL_ASPECT * liquid.rim.radius_mm
-        radii.setdefault("cup_radii_mm" if is_cup else "bowl_radii_mm", []).append(liquid.rim.radius_mm)
+        radii.setdefault("cup" if is_cup else "bowl", []).append(liquid.rim.radius_mm)
     return {name: [round(float(each), 1) for each in found] for name, found in radii.items()}
 
 

@@ -340,7 +340,11 @@ def test_marker_that_was_declared_at_twice_its_size_is_doubted(
     with state.database.read() as session:
         meal = session.scalars(sa.select(Meal)).one()
     item = found_item(280.0 * declared**3, hint, vcm=vcm(*looks("apple")[1][0]))
-    parameters = {"scale_source": source, "plate_radii_mm": [125.0 * declared]}
+    parameters = {
+        "scale_source": source,
+        "camera_height_first_mm": 350.0 * declared,
+        "rim_radii_mm": {"plate": [125.0 * declared]},
+    }
     found = RunAnswer.model_validate(answer(item, parameters=parameters))
     IdentifyFoods(state.database, lambda: known).add_candidates(meal, found)
     assert ("scale_doubtful" in found.items[0].flags) is is_doubted

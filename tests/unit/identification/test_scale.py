@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.identification.scale import MeasuredFood, MeasuredSizes, plausible_factor
+from app.identification.scale import MeasuredFood, plausible_factor
 from app.identification.sizes import FoodSize
 
 APPLE, EGG = FoodSize(5.3, 0.25), FoodSize(4.0, 0.2)  # 200 and 55 ml
@@ -13,9 +13,10 @@ def table(factor, *, plates=(), bowls=(), cups=(), camera=350.0, foods=()):
     radii = {
         kind: [factor * each for each in radii]
         for kind, radii in zip(("plate", "bowl", "cup"), (plates, bowls, cups), strict=True)
+        if radii
     }
     radii["camera"] = [factor * camera]
-    return MeasuredSizes(radii, [MeasuredFood(factor**3 * volume, 0.05, kinds) for volume, kinds in foods])
+    return radii, [MeasuredFood(factor**3 * volume, 0.05, kinds) for volume, kinds in foods]
 
 
 TABLES = [
@@ -28,20 +29,20 @@ TABLES = [
 @pytest.mark.parametrize("table_of", TABLES)
 @pytest.mark.parametrize("declared", [2.0, 0.5])
 def test_wrong_size_is_told_with_its_factor(table_of, declared):
-    assert plausible_factor(table(declared, **table_of)) == pytest.approx(1.0 / declared, rel=0.25)
+    assert plausible_factor(*table(declared, **table_of)) == pytest.approx(1.0 / declared, rel=0.25)
 
 
 @pytest.mark.parametrize("table_of", [*TABLES, {}, {"plates": [78.0]}, {"plates": [165.0], "bowls": [70.0]}])
 @pytest.mark.parametrize("declared", [1.0, 0.97, 1.03])
 def test_usual_table_by_any_printer_is_not_doubted(table_of, declared):
-    assert plausible_factor(table(declared, **table_of)) is None
+    assert plausible_factor(*table(declared, **table_of)) is None
 
 
 @pytest.mark.parametrize(
     "foods", [[(12.0, [(1.0, APPLE)])], [(620.0, [(1.0, APPLE)])], [(900.0, [(0.4, APPLE)])], [(1800.0, [])]]
 )
 def test_slice_several_pieces_and_an_unknown_food_do_not_doubt_a_usual_plate(foods):
-    assert plausible_factor(table(1.0, plates=[120.0], foods=foods)) is None
+    assert plausible_factor(*table(1.0, plates=[120.0], foods=foods)) is None
 
 
 @pytest.mark.parametrize(
@@ -55,4 +56,4 @@ def test_slice_several_pieces_and_an_unknown_food_do_not_doubt_a_usual_plate(foo
     ids=["sauce dishes", "dip bowls", "small pieces", "garnish"],
 )
 def test_small_dishes_and_pieces_of_one_meal_count_once(unusual):
-    assert plausible_factor(table(1.0, **unusual, camera=400.0)) is None
+    assert plausible_factor(*table(1.0, **unusual, camera=400.0)) is None
