@@ -44,10 +44,10 @@ demo: venv  ## one meal, from upload to record, on throwaway data
 browse: venv  ## a sample study to look at in a browser, on throwaway data, until Ctrl-C
 	$(BIN)/tada demo --browse
 
-test: dev  ## the gate, by which a change is judged: seven to eight minutes on two quiet cores
+test: dev  ## the gate, by which a change is judged: some six minutes on two quiet cores
 	$(TWO_WORKERS) -m "not slow"
 
-test-share: dev  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: 11 to 13 minutes
+test-share: dev  ## the gate and one sixth of the other tests, TADA_TEST_SHARE=0 to 5: 8 to 13 minutes
 	$(TWO_WORKERS)
 
 test-all: dev  ## every test

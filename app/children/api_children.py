@@ -22,7 +22,7 @@ from app.core.settings import Settings
 log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
-WAITING_A_CHILD = 10  # of two: all uploads at once of one study, and fewer than a process has threads
+WAITING_A_CHILD = 10  # with two children sixteen uploads of one study may wait, and threads are left for others
 WAIT_SECONDS = 6.0
 MAX_UNDECODABLE = 100_000  # remembered photographs: some 10 MB
 PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer

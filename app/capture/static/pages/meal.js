@@ -28,7 +28,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   const eaten = h("div", { role: "status" });
   const actions = h("div", { class: "actions" });
   let meal = null;
-  let said = []; // the participant's own events of the meal, those that were not undone
+  let ownEvents = []; // the participant's events of the meal that were not undone
   const afterId = `${id}/after`;
   const reviewId = `${id}/review`;
   let waitingAfter = await readWaitingAfter();
@@ -71,19 +71,19 @@ export async function showMeal(main, { t, phone, client, go }, id) {
     items.replaceChildren(...parts.map((item, index) => card(item, index + 1)));
     const isDone = ["estimated", "needs_review", "failed", "confirmed"].includes(meal.status);
     actions.replaceChildren(...(isDone ? mealActions(parts) : []));
-    showSaid();
-    if (!isRead) readSaid().catch(() => {}); // offline the meal is shown without it
+    showEaten();
+    if (!isRead) readOwnEvents().catch(() => {}); // offline the meal is shown without it
     if (isFirst || parts.length) await drawFoods(parts);
   }
 
-  async function readSaid() {
+  async function readOwnEvents() {
     const { version } = meal;
     const { body } = await client.request("GET", `/v1/meals/${id}/events`, { query: { limit: MOST_EVENTS }, signal: stop.signal });
     if (version !== meal.version) return; // those of a later version are being read
-    said = body.items.filter((event) => event.layer === "participant" && !event.undone);
-    const comments = said.filter((event) => event.kind === "comment");
+    ownEvents = body.items.filter((event) => event.layer === "participant" && !event.undone);
+    const comments = ownEvents.filter((event) => event.kind === "comment");
     notes.replaceChildren(...comments.map((event) => h("p", {}, t("note_sent", { text: event.new.text }))));
-    showSaid();
+    showEaten();
   }
 
   async function drawFoods(parts) {
@@ -205,9 +205,9 @@ export async function showMeal(main, { t, phone, client, go }, id) {
   }
 
   // That all was eaten, also before it is sent, and the way back. A reviewer's word is not the person's to take back.
-  function showSaid() {
+  function showEaten() {
     const isEaten = waitingAfter?.all_eaten || meal.after?.status === "nothing_left";
-    const event = said.find((event) => event.kind === "nothing_left");
+    const event = ownEvents.find((event) => event.kind === "nothing_left");
     const takeBack = waitingAfter ? takeBackWaiting : event && (() => say({ kind: "undo", event: event.id }));
     const parts = [
       h("p", { class: "good" }, `✓ ${t("all_eaten")}`),
