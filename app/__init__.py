@@ -1,3 +1,3 @@
 """tada-server: photographs of a meal in, food volumes and nutrient records out."""
 
-__version__ = "0.4.0"
+__version__ = "0.5.0.dev0"
