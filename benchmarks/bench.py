@@ -32,7 +32,7 @@ from app.exports.export_spec import ExportSpec
 from app.exports.lists.list_records import list_records
 from app.exports.tables.export_tables import write_export
 from app.http.row_filter import RowFilter
-from app.http.tables.media_types import Output
+from app.http.media_types import Output
 from app.people.access.caller import StaffCaller
 from benchmarks import api, pipeline, precheck
 from benchmarks.query import PAGE, Who, callers, draw, filled_database, filter_sets, quantile

@@ -20,11 +20,11 @@ from app.diary.overview_schemas import (
     PlaceOut,
 )
 from app.diary.study_overview import note_overview_export, study_overview
+from app.http.flat_rows import encode_flat, flat_paths
+from app.http.media_types import MEDIA_TYPES, attachment
 from app.http.model_response import ModelResponse
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
-from app.http.tables.flat_rows import encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES, attachment
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/studies", tags=["days"])

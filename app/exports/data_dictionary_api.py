@@ -5,17 +5,16 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
-from app.exports.data_dictionary import columns_for, key_of
+from app.exports.data_dictionary import columns_for
 from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn, TableSchema
 from app.exports.export_files import ComponentsIn, LayoutIn, ProvenanceIn
 from app.exports.export_spec import ExportSpec, Rows
+from app.exports.table_columns import key_of
+from app.http.columns.dictionary import DICTIONARY_COLUMNS, dictionary_csv, entries, table_schema
+from app.http.media_types import MEDIA_TYPES
 from app.http.model_response import ModelResponse
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
-from app.http.tables.columns import PartOfBatch
-from app.http.tables.csv_rows import encode_csv
-from app.http.tables.dictionary import DICTIONARY_PARTS, entries, table_schema
-from app.http.tables.media_types import MEDIA_TYPES
 from app.people.access.deps import CurrentCaller, State
 
 router = APIRouter(prefix="/v1", tags=["exports"])
@@ -49,10 +48,9 @@ def get_data_dictionary(
         return JSONResponse(table_schema(columns, key=key_of(spec)))
     dictionary = entries(columns)
     if output == "csv":
-        pieces = encode_csv(DICTIONARY_PARTS, [[PartOfBatch(DICTIONARY_PARTS[0], dictionary)]])
         headers = {"Content-Disposition": f'attachment; filename="data-dictionary-{rows}.csv"'}
-        return Response(b"".join(pieces), media_type=MEDIA_TYPES["csv"], headers=headers)
-    names = [column.name for column in DICTIONARY_PARTS[0].columns]
+        return Response(dictionary_csv(dictionary), media_type=MEDIA_TYPES["csv"], headers=headers)
+    names = [column.name for column in DICTIONARY_COLUMNS]
     body = DataDictionary(
         rows=rows,
         layout=layout,

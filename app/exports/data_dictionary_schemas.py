@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from app.exports.export_spec import Components, Layout, Rows
-from app.http.tables.dictionary import DictionaryType
+from app.http.columns.dictionary import DictionaryType
 
 
 class DictionaryColumn(BaseModel):

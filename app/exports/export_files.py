@@ -7,15 +7,15 @@ from fastapi import Depends, Query, Request
 from pydantic import StringConstraints
 
 from app.core.errors import InvalidInputError
-from app.exports.export_file import begin_export
+from app.exports.export_file import make_export
 from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.http.closing_stream import ClosingStream
+from app.http.media_types import MEDIA_TYPES
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
-from app.http.tables.media_types import MEDIA_TYPES
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller
@@ -139,7 +139,12 @@ def file_spec(
 
 
 def answer_file(state: ApiState, caller: Caller, spec: ExportSpec) -> ClosingStream:
-    """Return the file as a download. Raises as begin_export."""
-    file = begin_export(state.database, state.blobs, state.settings, state.part(ExportPlaces), caller, spec)
-    headers = {"Content-Disposition": f'attachment; filename="{spec.file_name}"'}
-    return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[spec.output], headers=headers)
+    """Return the file as a download. Raises as make_export."""
+    places = state.part(ExportPlaces)
+    file = make_export(state.database, state.blobs, state.settings, places, caller, spec)
+    headers = {
+        "Content-Disposition": f'attachment; filename="{spec.file_name}"',
+        "Content-Length": str(file.length),
+    }
+    media_type = MEDIA_TYPES[spec.output]
+    return ClosingStream(file.pieces, file.close, media_type=media_type, headers=headers)

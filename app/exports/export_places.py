@@ -1,4 +1,4 @@
-"""Limits on concurrent exports: each keeps a copy of its rows or photographs on the disk."""
+"""Limits on concurrent exports: each has a process, and a copy of its rows or photographs on the disk."""
 
 import threading
 import uuid
@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from app.core.errors import UnavailableError
+from app.people.access.caller import Caller, DeviceCaller
 
 OPEN_A_PERSON = 2  # one more than needed: an interrupted download may seem open for some minutes
 OPEN_AT_ONCE = 8
@@ -19,20 +20,21 @@ class ExportPlaces:
         self._open: Counter[uuid.UUID] = Counter()
         self._lock = threading.Lock()
 
-    def take(self, participant_id: uuid.UUID) -> Callable[[], None]:
+    def take(self, caller: Caller) -> Callable[[], None]:
         """Take a place; return the function that gives it back. Raises UnavailableError (`server_busy`)."""
+        person_id = caller.participant_id if isinstance(caller, DeviceCaller) else caller.staff_id
         with self._lock:
-            if self._open[participant_id] >= OPEN_A_PERSON or self._open.total() >= OPEN_AT_ONCE:
+            if self._open[person_id] >= OPEN_A_PERSON or self._open.total() >= OPEN_AT_ONCE:
                 raise UnavailableError(
                     "Other exports are running: try again in a minute.",
                     code="server_busy",
                     retry_after_seconds=RETRY_AFTER_SECONDS,
                 )
-            self._open[participant_id] += 1
+            self._open[person_id] += 1
 
         def leave() -> None:
             with self._lock:
-                self._open[participant_id] -= 1
+                self._open[person_id] -= 1
                 self._open = +self._open
 
         return leave

@@ -10,9 +10,9 @@ from typing import Literal, get_args
 from pydantic import JsonValue, TypeAdapter
 
 from app.core.errors import InvalidInputError
+from app.http.media_types import Output, file_name
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
-from app.http.tables.media_types import Output, file_name
 
 Rows = Literal["items", "meals", "days", "photographs", "participants"]
 Layout = Literal["wide", "long"]

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
-from app.http.tables.columns import Column, columns_of
-from app.http.tables.day_columns import DAY_PARTS
-from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
-from app.http.tables.record_columns import RECORD_COLUMNS
+from app.http.columns.column import Column
+from app.http.columns.day_columns import DAY_COLUMNS
+from app.http.columns.photograph_columns import PHOTOGRAPH_COLUMNS
+from app.http.columns.record_columns import RECORD_COLUMNS
 
 
 def _by_name(columns: Iterable[Column]) -> dict[str, str]:
@@ -19,8 +19,8 @@ def _by_name(columns: Iterable[Column]) -> dict[str, str]:
 
 
 RECORD = _by_name(RECORD_COLUMNS)
-DAY = _by_name(columns_of(DAY_PARTS))
-PHOTOGRAPH = _by_name(columns_of(PHOTOGRAPH_PARTS))
+DAY = _by_name(DAY_COLUMNS)
+PHOTOGRAPH = _by_name(PHOTOGRAPH_COLUMNS)
 
 STUDY = "The study's code."
 PARTICIPANT = "The participant's pseudonymous code in the study."

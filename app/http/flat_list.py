@@ -19,8 +19,8 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
-from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES, attachment
+from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
+from app.http.media_types import MEDIA_TYPES, attachment
 
 MOST_ROWS = 50_000
 LIST_FIELDS = ("items", "groups")

@@ -13,8 +13,8 @@ from fastapi.responses import Response
 from app.core.errors import RangeNotSatisfiableError
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
+from app.http.media_types import MEDIA_TYPES as ROWS
 from app.http.stored_file import StoredFile
-from app.http.tables.media_types import MEDIA_TYPES as ROWS
 from app.storage.blob_store import BlobStore
 
 RANGE = re.compile(r"bytes=(\d{0,19})-(\d{0,19})")

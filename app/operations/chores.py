@@ -15,7 +15,7 @@ from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures, erase_sandboxes
-from app.releases.file_work_chore import FileProcess, expire_exports
+from app.releases.file_work_chore import FileThread, expire_exports
 from app.reminders.send_reminders import SendReminders
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
@@ -46,7 +46,7 @@ def worker_chores(
             return 0
         return erase_old_pictures(database, now) + erase_sandboxes(eraser, now)
 
-    files = FileProcess(database, settings)
+    files = FileThread(database, blobs, settings, box)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
     reminders = [] if settings.push_contact is None else [SendReminders(database, box, post, settings.push_contact)]

@@ -1,43 +1,36 @@
 """Compares a release with the current data, for `tada releases check`.
 
-The current data are frozen into a temporary folder and compared by checksum, and table by table by the rows' keys.
-Nothing is changed. Large tables are compared in parts, chosen by the keys' hashes. The files' order cannot be used for
-that: the ids of anonymised participants changed, their places did not.
+The current data are frozen into a temporary folder and compared by checksum, and table by table by
+the rows' keys. Nothing is changed.
 """
 
+import hashlib
 import tempfile
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import duckdb
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
-from app.exports.made_file import StagedFile, long_snapshot, staged_file
+from app.exports.file_task import FileTasks
+from app.exports.live_tables import limited_duckdb
 from app.exports.release_models import Release
-from app.http.tables.columns import Column, Row
 from app.people import queries as people
-from app.people.models import Study
 from app.releases import queries as releases
-from app.releases.freeze_release import filters_of_json, freeze
+from app.releases.freeze_release import create_view
+from app.releases.manifest import Manifest, checksum_of, facts_of
 from app.releases.queries import ReleaseRow
-from app.releases.release_files import MANIFEST, Manifest, ReleaseFiles
+from app.releases.release_runner import freeze_request, write_files
 from app.releases.releases import CheckedRelease, check_files
+from app.releases.tables import FORMER_MANIFEST, KEYS, MANIFEST
 from app.storage.blob_store import BlobStore
 
-KEYS: Mapping[str, tuple[str, ...]] = {
-    "items": ("id",),
-    "meals": ("participant", "meal_id"),
-    "days": ("participant", "local_date"),
-    "photographs": ("participant", "meal_id", "slot"),
-    "participants": ("participant",),
-    "foods": ("food_key", "food_version", "food_table"),
-    "food_nutrients": ("food_key", "food_version", "food_table", "number"),
-}
-ROWS_AT_A_TIME = 200_000  # in memory; the files are read once per part
 MOST_LISTED = 10_000
+MOST_SECONDS = 6 * 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +79,23 @@ def compare_release(database: Database, blobs: BlobStore, study_code: str, name:
         row = _find(session, study_code, name)
     checked = check_files(blobs, row)
     with tempfile.TemporaryDirectory(prefix="made-", dir=blobs.staging_folder()) as folder:
-        now = _freeze_now(database, row.release, Path(folder) / "now")
+        now, frozen = Path(folder) / "now", Path(folder) / "frozen"
+        tables_now = _freeze_now(database, row.release, now)
+        checksum_now = checksum_of({path.name: _sha256_of(path) for path in now.iterdir()})
         if not checked.is_whole:
-            return Comparison(checked, now.checksum, None)
-        frozen = _fetch(blobs, row, Path(folder) / "frozen")
-        manifest = Manifest.model_validate_json((frozen / MANIFEST).read_bytes())
+            return Comparison(checked, checksum_now, None)
+        manifest = _fetch(blobs, row, frozen)
         tables = [
-            _difference(table, columns, frozen, now.columns.get(table, ()), Path(folder) / "now")
+            _difference(
+                table,
+                [column.name for column in columns],
+                [column["name"] for column in tables_now.get(table, {"columns": []})["columns"]],
+                frozen,
+                now,
+            )
             for table, columns in manifest.tables.items()
         ]
-    return Comparison(checked, now.checksum, tables)
+    return Comparison(checked, checksum_now, tables)
 
 
 def releases_of_study(database: Database, study_code: str) -> list[Release]:
@@ -117,85 +117,77 @@ def _find(session: Session, study_code: str, name: str) -> ReleaseRow:
     return row
 
 
-def _freeze_now(database: Database, release: Release, folder: Path) -> ReleaseFiles:
+def _freeze_now(database: Database, release: Release, folder: Path) -> dict[str, Any]:
+    """Write the tables as they would be frozen now."""
     folder.mkdir()
-
-    def keep(name: str, file: StagedFile) -> str:
-        file.path.rename(folder / name)
-        return name
-
-    files = ReleaseFiles(lambda: staged_file(folder, lambda _: None, 0), keep)
-    with long_snapshot(database) as session:
-        study = session.get_one(Study, release.study_id)
-        freeze(session, study.id, study.code, filters_of_json(release.filters), files)
-    return files
+    tasks = FileTasks(database, folder.parent, min_free_bytes=0)
+    request = freeze_request(release, folder)
+    tables: dict[str, Any] = tasks.run("freeze", request, most_seconds=MOST_SECONDS)
+    write_files(folder, tables)
+    return tables
 
 
-def _fetch(blobs: BlobStore, row: ReleaseRow, folder: Path) -> Path:
+def _sha256_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _fetch(blobs: BlobStore, row: ReleaseRow, folder: Path) -> Manifest:
     folder.mkdir()
+    manifest = MANIFEST
     for file in row.files:
-        if file.name == MANIFEST or file.name.endswith(".parquet"):
+        if not file.name.endswith(".csv"):
             blobs.fetch(file.blob_key, folder / file.name)
-    return folder
+        if file.name == FORMER_MANIFEST:
+            manifest = FORMER_MANIFEST
+    return Manifest.model_validate(facts_of((folder / manifest).read_bytes()))
 
 
 def _difference(
-    table: str, columns: Sequence[Column], frozen: Path, columns_now: Sequence[Column], now: Path
+    table: str, columns: Sequence[str], columns_now: Sequence[str], frozen: Path, now: Path
 ) -> TableDifference:
-    """Compare rows with the same key in the columns that both have; whole rows in a table without keys."""
-    current = {column.name: column for column in columns_now}
-    common = [column for column in columns if column.name in current]
-    names = [column.name for column in common]
-    before = _Table(frozen / f"{table}.parquet", common, KEYS.get(table))
-    after = (
-        _Table(now / f"{table}.parquet", [current[name] for name in names], KEYS.get(table)) if columns_now else None
-    )
-    parts = 1 + max(side.count() for side in (before, after) if side is not None) // ROWS_AT_A_TIME
-    sums, by_column = Counter[str](), Counter[str]()
-    for part in range(parts):
-        old_rows = dict(before.rows(part, parts))
-        for key, row in after.rows(part, parts) if after is not None else ():
-            old = old_rows.pop(key, None)
-            sums["only_now" if old is None else "same" if old == row else "other"] += 1
-            if old is not None and old != row:
-                by_column.update(name for name, was, value in zip(names, old, row, strict=True) if was != value)
-        sums["only_frozen"] += len(old_rows)
-    frozen_rows, common_rows = sums["same"] + sums["other"] + sums["only_frozen"], sums["same"] + sums["other"]
-    frozen_names = {column.name for column in columns}
-    differing = (
-        dict(by_column)
-        | {column.name: frozen_rows for column in columns if column.name not in current}
-        | {name: common_rows + sums["only_now"] for name in current if name not in frozen_names}
-    )
-    return TableDifference(table, sums["same"], sums["other"], sums["only_frozen"], sums["only_now"], differing)
+    """Compare rows with the same key in the columns that both have; whole rows without a key.
+
+    columns_now: none where the table would not be frozen now.
+    """
+    common = [name for name in columns if name in columns_now]
+    with limited_duckdb(frozen.parent / "spilled") as connection:
+        create_view(connection, table, frozen)
+        if not columns_now:
+            ((rows,),) = connection.execute(f"SELECT count(*) FROM {table}").fetchall()
+            return TableDifference(table, 0, 0, rows, 0, dict.fromkeys(columns, rows))
+        counts = _counts(connection, table, common, now)
+    same, other, only_frozen, only_now, *others = counts
+    differing = {name: count for name, count in zip(common, others, strict=True) if count}
+    frozen_rows, common_rows = same + other + only_frozen, same + other
+    for name in columns:
+        if name not in columns_now:
+            differing[name] = frozen_rows
+    for name in columns_now:
+        if name not in columns:
+            differing[name] = common_rows + only_now
+    return TableDifference(table, same, other, only_frozen, only_now, differing)
 
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """A Parquet file of these columns. keys: columns that identify a row; None: all columns, and their occurrence."""
-
-    path: Path
-    columns: Sequence[Column]
-    keys: tuple[str, ...] | None
-
-    def count(self) -> int:
-        """Return the number of rows."""
-        from app.http.tables.table_files import count_rows  # noqa: PLC0415  # pyarrow
-
-        return count_rows(self.path)
-
-    def rows(self, part: int, parts: int) -> Iterator[tuple[Row, Row]]:
-        """Yield (key, row) of a part; equal keys are in the same part of each table."""
-        from app.http.tables.table_files import read_rows  # noqa: PLC0415  # pyarrow
-
-        names = [column.name for column in self.columns]
-        places = [names.index(name) for name in (names if self.keys is None else self.keys)]
-        occurrences = Counter[Row]()
-        for row in read_rows(self.columns, self.path):
-            key = tuple(row[place] for place in places)
-            if hash(key) % parts != part:
-                continue
-            if self.keys is None:
-                occurrences[key] += 1
-                key = (*key, occurrences[key])
-            yield key, row
+def _counts(connection: duckdb.DuckDBPyConnection, table: str, common: Sequence[str], now: Path) -> list[int]:
+    """Rows that are the same, others, only frozen, only now; then of each column those that differ."""
+    key = KEYS.get(table, tuple(common))
+    names = ", ".join(common)
+    numbered = f"SELECT {names}, row_number() OVER (PARTITION BY {', '.join(key)}) AS occurrence FROM"
+    current = f"read_parquet('{now / table}.parquet')"
+    joined = " AND ".join(f"frozen.{name} IS NOT DISTINCT FROM now.{name}" for name in (*key, "occurrence"))
+    differs = [f"frozen.{name} IS DISTINCT FROM now.{name}" for name in common]
+    both = "frozen.occurrence IS NOT NULL AND now.occurrence IS NOT NULL"
+    some = " OR ".join(differs)
+    filters = [
+        f"{both} AND NOT ({some})",
+        f"{both} AND ({some})",
+        "now.occurrence IS NULL",
+        "frozen.occurrence IS NULL",
+        *(f"{both} AND {differ}" for differ in differs),
+    ]
+    counts = ", ".join(f"count(*) FILTER ({condition})" for condition in filters)
+    (row,) = connection.execute(
+        f"SELECT {counts} FROM ({numbered} {table}) frozen FULL JOIN ({numbered} {current}) now ON {joined}"
+    ).fetchall()
+    return list(row)

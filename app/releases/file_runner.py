@@ -1,11 +1,12 @@
 """Makes one waiting export or release: claims it, writes its files from one snapshot, seals them, commits them.
 
-Runs in a process beside the worker (app/file_worker.py). A partial file, or one with rows that were erased while it was
-written, is never served: the files count only with the last transaction, which checks that the claim still holds and
-that the study has erased nothing since the snapshot. An interrupted file is made again from a new snapshot.
+A process of its own reads the rows (exports/file_task.py). A partial file, or one with rows that were erased while it
+was written, is never served: the files count only with the last transaction, which checks that the claim still holds
+and that the study has erased nothing since. An interrupted file is made again.
 """
 
 import errno
+import threading
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -18,13 +19,13 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
+from app.exports.export_file import request_of
 from app.exports.export_size import estimate_rows
 from app.exports.export_spec import spec_of_json
 from app.exports.file_work_queries import Work
-from app.exports.made_file import Attempt, ClaimLostError, WorkLife, long_snapshot
+from app.exports.made_file import AskedToStopError, Attempt, ClaimLostError, WorkLife
 from app.exports.models import Export
 from app.exports.release_models import Release
-from app.exports.tables.export_tables import write_export
 from app.people.access.caller import StaffCaller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Staff
@@ -38,7 +39,6 @@ MOST_ATTEMPTS = 5
 FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
 DONE, AGAIN, LOST = "done", "again", "lost"
 CHANGING = "changing"  # state of a release that is retried until it succeeds
-MOST_TRIES_WITHOUT_FILES = 870  # of such a release with lost files: three days, in which they can be restored
 INTERNAL_ERROR = "internal_error"
 
 
@@ -52,7 +52,12 @@ class Ended:
 
 
 class FileRunner:
-    """One attempt at one export or release. claim: random id. beat_seconds: shorter in tests."""
+    """One attempt at one export or release.
+
+    claim: random id.
+    stopping: once it is set, the attempt is given up and does not count.
+    beat_seconds: shorter in tests.
+    """
 
     def __init__(
         self,
@@ -62,11 +67,12 @@ class FileRunner:
         box: SecretBox,
         claim: uuid.UUID,
         *,
+        stopping: threading.Event | None = None,
         lease_seconds: float = file_work.LEASE_SECONDS,
         beat_seconds: float = 1.0,
     ) -> None:
         self._database, self._blobs, self._settings, self._claim = database, blobs, settings, claim
-        self._box = box
+        self._box, self._stopping = box, stopping or threading.Event()
         self._lease_seconds, self._beat_seconds = lease_seconds, beat_seconds
 
     def run_one(self) -> Ended | None:
@@ -84,31 +90,38 @@ class FileRunner:
             with WorkLife(self._database, work, self._claim, self._beat_seconds) as life:
                 parts = self._database, self._blobs, self._settings
                 if isinstance(work, Export):
-                    with Attempt(*parts, work, self._claim, life) as attempt:
+                    with Attempt(*parts, work, self._claim, life, self._stopping) as attempt:
                         return DONE if self._make_export(attempt) else AGAIN
-                with Attempt(*parts, work, self._claim, life) as making:
+                with Attempt(*parts, work, self._claim, life, self._stopping) as making:
                     return DONE if make_release(making, self._box) else AGAIN
         except ClaimLostError:
             return LOST
+        except AskedToStopError:
+            with self._database.write() as session:
+                file_work.put_back(session, self._claim, counts=False)
+            return AGAIN
         except Exception as error:  # the worker's edge: the failure is saved in the work's row
             log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
-            is_over = work.state != CHANGING or (
-                isinstance(error, FilesLostError) and work.attempts >= MOST_TRIES_WITHOUT_FILES
-            )
+            is_over = work.state != CHANGING or isinstance(error, FilesLostError)
             return self._save_failure(work, _lasting_code(error, work.attempts), is_over=is_over)
 
     def _make_export(self, attempt: Attempt[Export]) -> bool:
-        export, life, spec = attempt.work, attempt.life, spec_of_json(attempt.work.spec)
-        with attempt.new_file() as file:
-            with long_snapshot(self._database) as session:
-                moment = exports.moment_of(session, export.study_id)
-                self._save_estimate(export, estimate_rows(session, export.study_id, spec))
-                file.write_all(write_export(session, _acting_for(session, export), spec, counted=life.count_rows))
-            key = attempt.seal(file)
+        export, spec = attempt.work, spec_of_json(attempt.work.spec)
+        with self._database.read() as session:
+            moment = exports.moment_of(session, export.study_id)
+            rows = estimate_rows(session, export.study_id, spec)
+            caller = _acting_for(session, export)
+        self._save_estimate(export, rows)
+        with attempt.folder() as folder:
+            path = folder / spec.file_name
+            request = request_of(self._database, caller, spec, path)
+            answer = attempt.run("export", request, folder)
+            file = attempt.seal(path)
 
         def end(_: Session, held: Export) -> None:
-            held.state, held.blob_key, held.sha256 = "done", key, file.sha256
-            held.rows_written, held.bytes, held.at_change_seq = life.rows, file.length, moment.change_seq
+            held.state, held.blob_key, held.sha256 = "done", file.key, file.sha256
+            held.rows_written, held.bytes = int(str(answer["rows"])), file.length
+            held.at_change_seq = moment.change_seq
             held.finished_at = datetime.now(UTC)
             held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
 

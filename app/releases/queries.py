@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Collection, Iterable, Iterator
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from itertools import islice
 from typing import Literal, NamedTuple, TypeVar
 
@@ -12,11 +12,8 @@ from sqlalchemy.orm import Session
 from app.exports.file_work_queries import WorkKey, begin_again, find_work, page_of_works
 from app.exports.queries import lock_study
 from app.exports.release_models import Release, ReleaseChange, ReleaseFile
-from app.foods.models import Component, Food, FoodDensity, FoodNutrient, FoodRelease, StudyDensity
-from app.meals.models import Meal
-from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people import privacy_queries as privacy
-from app.people.models import Participant, Study
+from app.people.models import Study
 
 KEYS_A_STATEMENT = 500
 UsedFood = tuple[str, int | None, str]  # key, version, table
@@ -153,105 +150,11 @@ def take_back_places(session: Session, study_id: uuid.UUID) -> None:
     session.flush()
 
 
-def eaten_on_days(
-    session: Session, study_id: uuid.UUID, participant_codes: Collection[str], first_day: date, last_day: date
-) -> sa.Result[str, date, *tuple[float | None, ...]]:
-    """Return (code, local_date, consumed_g, *HEADLINE_COLUMNS) of these participants' records that count."""
-    record = EffectiveRecord
-    amounts = (record.consumed_g, *(getattr(record, name) for name in HEADLINE_COLUMNS))
-    query = sa.select(Participant.code, record.local_date, *amounts)
-    return session.execute(
-        query.join(Participant, Participant.id == record.participant_id).where(
-            Participant.study_id == study_id,
-            Participant.code.in_(participant_codes),
-            record.local_date.between(first_day, last_day),
-            record.status != "rejected",
-        )
-    )
-
-
-def arrivals_on_days(
-    session: Session, study_id: uuid.UUID, participant_codes: Collection[str], first_day: date, last_day: date
-) -> sa.Result[str, date, datetime, datetime]:
-    """Return (code, local_date, captured_at, received_at) of these participants' meals."""
-    query = sa.select(Participant.code, Meal.local_date, Meal.captured_at, Meal.received_at)
-    return session.execute(
-        query.join(Participant, Participant.id == Meal.participant_id).where(
-            Participant.study_id == study_id,
-            Participant.code.in_(participant_codes),
-            Meal.local_date.between(first_day, last_day),
-        )
-    )
-
-
 def drop_files(session: Session, release: Release, now: datetime) -> None:
     """Delete all files of a release that can never be served again: any of them may hold erased data."""
     privacy.schedule_deletion(session, replace_files(session, release.id, []), now)
     forget_changes(session, [change.id for change in changes_of(session, release.id)])
     release.bytes = release.rows_written = 0
-
-
-def foods_used(session: Session, used: Collection[UsedFood]) -> dict[int, UsedFood]:
-    """Return food id -> food, in the order of (key, table, version)."""
-    foods: dict[int, UsedFood] = {}
-    for keys in _batches(sorted({key for key, _, _ in used})):
-        table = FoodRelease.name + " " + FoodRelease.version
-        query = (
-            sa.select(Food.id, Food.key, Food.version, table)
-            .join(FoodRelease, FoodRelease.id == Food.release_id)
-            .where(Food.key.in_(keys))
-        )
-        foods |= {
-            food_id: (key, version, name)
-            for food_id, key, version, name in session.execute(query)
-            if (key, version, name) in used
-        }
-    return dict(sorted(foods.items(), key=lambda pair: (pair[1][0], pair[1][2], pair[1][1] or 0)))
-
-
-def foods_by_id(session: Session, ids: Collection[int]) -> dict[int, Food]:
-    """Return food id -> food."""
-    query = sa.select(Food)
-    return {food.id: food for batch in _batches(ids) for food in session.scalars(query.where(Food.id.in_(batch)))}
-
-
-def nutrients_by_food(session: Session, ids: Collection[int]) -> Iterator[tuple[int, list[FoodNutrientRow]]]:
-    """Yield (food id, nutrients in the components' order), reading some foods at a time."""
-    for batch in _batches(ids):
-        nutrients: dict[int, list[FoodNutrientRow]] = {food_id: [] for food_id in batch}
-        query = (
-            sa.select(
-                FoodNutrient.food_id,
-                Component.number,
-                Component.tagname,
-                Component.name,
-                Component.unit,
-                FoodNutrient.per_100_g,
-            )
-            .join(Component, Component.id == FoodNutrient.component_id)
-            .where(FoodNutrient.food_id.in_(batch))
-            .order_by(Component.number)
-        )
-        for food_id, number, tagname, name, unit, per_100_g in session.execute(query):
-            nutrients[food_id].append((number, tagname, name, unit, per_100_g))
-        yield from nutrients.items()
-
-
-def densities_by_food(session: Session, ids: Collection[int]) -> dict[int, list[FoodDensity]]:
-    """Return food id -> densities of the food table, in its order."""
-    densities: dict[int, list[FoodDensity]] = {food_id: [] for food_id in ids}
-    for batch in _batches(ids):
-        query = sa.select(FoodDensity).where(FoodDensity.food_id.in_(batch))
-        for density in session.scalars(query.order_by(FoodDensity.food_id, FoodDensity.position)):
-            densities[density.food_id].append(density)
-    return densities
-
-
-def study_densities(session: Session, study_id: uuid.UUID, keys: Collection[str]) -> list[StudyDensity]:
-    """Return the study's own densities of these foods that were not withdrawn."""
-    query = sa.select(StudyDensity).where(StudyDensity.study_id == study_id, StudyDensity.withdrawn_at.is_(None))
-    densities = session.scalars(query.order_by(StudyDensity.food_key, StudyDensity.measured_at, StudyDensity.id))
-    return [density for density in densities if density.food_key in keys]
 
 
 def _batches(values: Iterable[T]) -> Iterator[list[T]]:

@@ -21,9 +21,9 @@ from app.people.access import audit
 from app.people.access.caller import StaffCaller
 from app.people.studies import enter_study
 from app.releases import queries as releases
-from app.releases.freeze_release import ReleaseFilters
+from app.releases.manifest import checksum_of
 from app.releases.queries import ReleaseRow
-from app.releases.release_files import checksum_of
+from app.releases.release_filters import ReleaseFilters
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 CHANGING_RETRY_SECONDS = 10

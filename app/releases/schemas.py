@@ -9,7 +9,7 @@ from app.exports.release_models import ReleaseState
 from app.http.field_descriptions import FILTERS, NEXT, PAGE
 from app.http.text_schemas import LocalDay, Text
 from app.meals.record_models import RecordStatus
-from app.releases.freeze_release import ReleaseFilters
+from app.releases.release_filters import ReleaseFilters
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")]
 

@@ -13,13 +13,14 @@ from app.dashboard.data_pages.export_form import OPTIONS, TABLES, Choice, choice
 from app.dashboard.forms import Fields
 from app.dashboard.page import CurrentPage, Page
 from app.exports import background_exports
-from app.exports.data_dictionary import columns_for, key_of
+from app.exports.data_dictionary import columns_for
 from app.exports.data_dictionary_api import get_data_dictionary
 from app.exports.export_files import answer_file
 from app.exports.export_size import count_export_rows
 from app.exports.export_spec import ExportSpec, spec_of_json
 from app.exports.models import UNDER_WAY, Export
 from app.exports.queries import RequestedExport
+from app.exports.table_columns import key_of
 from app.http import paging
 from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file

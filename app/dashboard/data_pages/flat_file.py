@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pydantic import BaseModel
 from starlette.responses import Response
 
-from app.http.tables.flat_rows import encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES
+from app.http.flat_rows import encode_flat, flat_paths
+from app.http.media_types import MEDIA_TYPES
 
 
 def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:

@@ -16,8 +16,8 @@ from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
 from app.people.access.page_rules import STUDY_PAGES
 from app.releases import releases
+from app.releases.manifest import read_contents
 from app.releases.queries import ReleaseRow
-from app.releases.release_contents import read_contents
 from app.releases.releases import CheckedRelease
 from app.releases.schemas import ReleaseIn
 

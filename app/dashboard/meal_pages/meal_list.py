@@ -28,8 +28,8 @@ from app.exports.lists.list_meals import (
     missing_meals,
 )
 from app.foods.foods import food_names
+from app.http.media_types import Output
 from app.http.paging import Cursor
-from app.http.tables.media_types import Output
 from app.meals.models import AfterStatus, MealStatus
 from app.people.access.page_rules import PREFIX
 

@@ -18,7 +18,7 @@ from app.diary.schemas import (
 )
 from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
 from app.exports.known_filters import require_known
-from app.exports.tables.export_days import day_values
+from app.exports.lists.day_values import day_values
 from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse

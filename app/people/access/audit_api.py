@@ -9,13 +9,13 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
 from app.http.flat_list import FILES, negotiated_format
+from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
+from app.http.media_types import MEDIA_TYPES, attachment
 from app.http.model_response import ModelResponse
 from app.http.paging import Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.state import ApiState
-from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.tables.media_types import MEDIA_TYPES, attachment
 from app.http.text_schemas import AwareInstant
 from app.people.access.audit_log import read_audit, stream_audit
 from app.people.access.audit_schemas import AuditEventOut, AuditPage

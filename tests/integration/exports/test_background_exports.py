@@ -11,9 +11,9 @@ import pytest
 import sqlalchemy as sa
 
 from app.exports import file_work_queries as file_work
-from app.exports import made_file
 from app.exports import queries as exports
 from app.exports.background_exports import MOST_OF_PERSON
+from app.exports.file_task import FileTasks
 from app.exports.models import Export
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
@@ -218,18 +218,19 @@ def test_file_is_no_orphan_expires_after_a_week_and_its_row_is_deleted_a_month_l
 
 @pytest.fixture
 def during(monkeypatch):
-    """Do something once while a file is being written, behind its first piece."""
+    """Do something once after a file was written, before it counts."""
 
     def during(action):
-        write, done = made_file.StagedFile.write, []
+        run, done = FileTasks.run, []
 
-        def write_and_act(file, piece):
-            write(file, piece)
+        def run_and_act(*args, **kwargs):
+            answer = run(*args, **kwargs)
             if not done:
                 done.append(True)
                 action()
+            return answer
 
-        monkeypatch.setattr(made_file.StagedFile, "write", write_and_act)
+        monkeypatch.setattr(FileTasks, "run", run_and_act)
 
     return during
 
@@ -340,7 +341,7 @@ def test_transient_fault_is_retried_and_a_lasting_one_fails_the_export(viewer, r
         raise ConnectionError("the store is away")
 
     with monkeypatch.context() as patch:
-        patch.setattr(file_runner, "write_export", broken)
+        patch.setattr(FileTasks, "run", broken)
         for attempt in range(file_runner.MOST_ATTEMPTS):
             assert viewer.get(path).json()["state"] == "queued", attempt
             with state.database.write() as session:
@@ -352,7 +353,7 @@ def test_transient_fault_is_retried_and_a_lasting_one_fails_the_export(viewer, r
     assert viewer.get(path + "/file").json()["code"] == "export_failed"
     assert run() is None
     path = ask(viewer, format="ndjson").headers["location"]
-    monkeypatch.setattr("app.exports.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+    monkeypatch.setattr("app.exports.file_task.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
     assert run().outcome == "storage_full"
     assert viewer.get(path).json()["failure"] == "storage_full"
 

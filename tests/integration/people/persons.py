@@ -29,7 +29,7 @@ from app.people.calibration_models import CameraCalibration
 from app.people.models import Enrolment, Participant, PushSubscription, Staff, Study
 from app.records.rebuild_records import rebuild_records
 from app.releases.file_runner import FileRunner
-from app.releases.freeze_release import ReleaseFilters
+from app.releases.release_filters import ReleaseFilters
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from tests.integration.conftest import Phone, meal_metadata
 from tests.support import estimates

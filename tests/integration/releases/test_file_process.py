@@ -1,4 +1,4 @@
-"""The worker's side process for exports and releases: a real process that is killed, stopped and left behind."""
+"""The worker's thread for exports and releases, and its process: killed, stopped, left behind."""
 
 import os
 import signal
@@ -7,27 +7,22 @@ import sys
 import pytest
 import sqlalchemy as sa
 
+from app.exports import file_task
 from app.exports.models import Export
-from app.jobs.chores import Chore, ChoreThread
-from app.releases.file_work_chore import FileProcess
+from app.people.access.secret_box import SecretBox
+from app.releases.file_work_chore import FileThread
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.support.stores import stored_names
-from tests.support.waiting import PATIENCE_SECONDS, wait_until
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
-SLOW = """
-import sys, time
-from app.exports import made_file
-from app import file_worker
-
-write = made_file.StagedFile.write
-def slow(file, piece):
-    write(file, piece)
-    time.sleep(60)
-made_file.StagedFile.write = slow
-file_worker.main()
-"""
+ASLEEP = (
+    sys.executable,
+    "-c",
+    "import json, os, sys, time; sys.stdin.read(); open(os.environ['TADA_TEST_PID'], 'w').write(str(os.getpid()));"
+    " time.sleep(600)",
+)
 
 
 @pytest.fixture
@@ -40,9 +35,31 @@ def asked(client, admin, enrol, state):
     return lambda: viewer.get(path).json()
 
 
-def wait_for(is_so, process):
-    """Until it is so, looking after the process meanwhile as its chore does."""
-    wait_until(lambda: process.look() or is_so(), "the file process")
+@pytest.fixture
+def files(state):
+    threads = []
+
+    def start():
+        threads.append(FileThread(state.database, state.blobs, state.settings, state.part(SecretBox)))
+        return threads[-1]
+
+    yield start
+    for thread in threads:
+        thread.stop()
+
+
+@pytest.fixture
+def asleep(monkeypatch, tmp_path):
+    """Processes that write nothing and do not end: the id of the newest."""
+    path = tmp_path / "pid"
+    monkeypatch.setenv("TADA_TEST_PID", str(path))
+    monkeypatch.setattr(file_task, "COMMAND", ASLEEP)
+
+    def pid():
+        wait_until(lambda: path.exists() and path.read_text(), "the process")
+        return int(path.read_text())
+
+    return pid
 
 
 def attempts(state):
@@ -50,33 +67,29 @@ def attempts(state):
         return session.scalar(sa.select(Export.attempts))
 
 
-def test_process_makes_the_file_and_ends(state, settings, asked):
-    process = FileProcess(state.database, settings)
-    wait_for(lambda: asked()["state"] == "done", process)
-    wait_for(lambda: process.pid is None, process)
+def test_thread_makes_the_file(asked, files):
+    thread = files()
+    wait_until(lambda: thread.look() or asked()["state"] == "done", "the file")
     assert asked()["rows_written"] == 1
 
 
-@pytest.mark.both_stores
-def test_killed_process_is_replaced_at_once(state, settings, asked):
-    slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
-    wait_for(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow)
-    os.kill(slow.pid, signal.SIGKILL)
-    wait_for(lambda: asked()["state"] == "queued", slow)
-    slow.stop()
-    other = FileProcess(state.database, settings)
-    wait_for(lambda: asked()["state"] == "done", other)
-    other.stop()
+def test_work_of_a_killed_process_begins_again(state, asked, files, asleep, monkeypatch):
+    files().look()
+    os.kill(asleep(), signal.SIGKILL)
+    wait_until(lambda: asked()["state"] == "queued", "the work to be given back")
+    monkeypatch.undo()
+    with state.database.write() as session:
+        session.execute(sa.update(Export).values(begin_after=None))
+    other = files()
+    wait_until(lambda: other.look() or asked()["state"] == "done", "the file")
     assert attempts(state) >= 2
 
 
-def test_stopped_worker_releases_its_work_without_counting_an_attempt(state, settings, asked):
-    slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
-    chores = ChoreThread([Chore("make_files", 0.1, slow.look, at_end=slow.stop)])
-    chores.start()
-    wait_until(lambda: asked()["state"] == "running", "the export to run")
-    pid = slow.pid
-    chores.stop(PATIENCE_SECONDS)
+def test_stopped_worker_releases_its_work_without_counting_an_attempt(state, asked, files, asleep):
+    thread = files()
+    thread.look()
+    pid = asleep()
+    thread.stop()
     assert asked()["state"] == "queued"
     assert attempts(state) == 0
     with pytest.raises(ProcessLookupError):

@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from pyarrow import parquet
 from pydantic import SecretStr
 
+from app.core.errors import StorageFullError
 from app.exports import file_work_queries as file_work
 from app.exports.release_models import Release, ReleaseChange, ReleaseFile
 from app.foods.models import StudyDensity
@@ -22,11 +23,9 @@ from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.access.last_use import LastUse
 from app.people.models import Participant, Study
 from app.privacy.delete_blobs import BlobDeleter
-from app.releases import compare_release as compare
 from app.releases import release_runner
 from app.releases.compare_release import compare_release
-from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES
-from app.releases.release_days import NOT_DERIVABLE, day_without
+from app.releases.tables import LEFT_OUT
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.integration.people.persons import database_bytes
@@ -35,6 +34,7 @@ from tests.support.commands import run_tada
 from tests.support.stores import make_old, store_bytes, stored_names
 
 PATH = "/v1/studies/pilot/releases"
+NOT_DERIVABLE = LEFT_OUT["days"]
 TABLES = ("items", "meals", "days", "photographs", "participants", "foods", "food_nutrients", "food_densities")
 MARKED = "P-marked-7Kq"
 
@@ -110,6 +110,11 @@ def typed(owner, release, table):
     return parquet.read_table(io.BytesIO(fetch(owner, release, f"{table}.parquet"))).to_pylist()
 
 
+def facts(owner, release):
+    """What datapackage.json tells of the release itself."""
+    return json.loads(fetch(owner, release, "datapackage.json"))["tada"]
+
+
 def erase(eaten, meal):
     phone = eaten["phones"][MARKED]
     answer = phone.client.delete(f"/v1/meals/{eaten['meals'][meal]}", headers=phone.headers)
@@ -119,15 +124,15 @@ def erase(eaten, meal):
 def test_release_has_every_table_with_verifiable_checksums(owner, run):
     release = frozen(owner, run, "baseline", note="for the paper")
     names = {f"{table}.{end}" for table in TABLES for end in ("csv", "parquet")}
-    assert {file["name"] for file in release["files"]} == names | {"data-dictionary.csv", "release.json"}
+    assert {file["name"] for file in release["files"]} == names | {"data-dictionary.csv", "datapackage.json"}
     lines = []
     for file in release["files"]:
         content = fetch(owner, release, file["name"])
         assert (hashlib.sha256(content).hexdigest(), len(content)) == (file["sha256"], file["bytes"])
-        if file["name"] != "release.json":
+        if file["name"] != "datapackage.json":
             lines.append(f"{file['sha256']}  {file['name']}\n")
     assert release["checksum"] == hashlib.sha256("".join(sorted(lines)).encode()).hexdigest()
-    told = json.loads(fetch(owner, release, "release.json"))
+    told = facts(owner, release)
     assert told["checksum"] == release["checksum"]
     assert (told["study"], told["note"], told["frozen_by"]) == ("pilot", "for the paper", "olga")
     assert told["protocol"]["marker"] == "plain:9x7:11"
@@ -291,7 +296,7 @@ def test_release_without_erased_meals_equals_the_studys_current_days_and_a_new_r
         assert rows(owner, after, table) == kept, table
     assert_same_days(rows(owner, after, "days"), live_days(owner))
     assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
-    told = json.loads(fetch(owner, after, "release.json"))
+    told = facts(owner, after)
     assert [one["checksum"] for one in told["altered"]] == [release["checksum"]]
     BlobDeleter(state.database, state.blobs).delete_scheduled()
     held = store_bytes(state.blobs)
@@ -302,7 +307,7 @@ def test_release_without_erased_meals_equals_the_studys_current_days_and_a_new_r
         assert session.scalar(sa.select(sa.func.count()).select_from(ReleaseChange)) == 0
     anew = frozen(owner, run, "anew")
     for file, other in zip(after["files"], anew["files"], strict=True):
-        assert file["name"] == "release.json" or file["sha256"] == other["sha256"], file["name"]
+        assert file["name"] == "datapackage.json" or file["sha256"] == other["sha256"], file["name"]
     assert after["checksum"] == anew["checksum"]
 
 
@@ -375,15 +380,15 @@ def test_second_erasure_during_a_change_is_applied(owner, run, state, eaten, mon
 def test_erasure_during_freezing_restarts_the_release(owner, run, state, eaten, monkeypatch):
     owner.post(PATH, json={"name": "baseline"})
     done = []
-    add = release_runner.ReleaseFiles.add_manifest
+    write = release_runner.write_files
 
-    def add_after_erasure(files, told):
+    def write_after_erasure(*args):
         if not done:
             done.append(True)
             erase(eaten, "two a")
-        return add(files, told)
+        return write(*args)
 
-    monkeypatch.setattr(release_runner.ReleaseFiles, "add_manifest", add_after_erasure)
+    monkeypatch.setattr(release_runner, "write_files", write_after_erasure)
     assert run().outcome in ("again", "lost")
     assert not [name for name in stored_names(state.blobs) if "/releases/" in name]
     assert run().outcome == "done"
@@ -393,8 +398,12 @@ def test_erasure_during_freezing_restarts_the_release(owner, run, state, eaten, 
 def test_failed_change_is_retried_without_limit(owner, run, state, eaten, monkeypatch):
     frozen(owner, run, "baseline")
     erase(eaten, "two a")
+
+    def fail(*_):
+        raise StorageFullError("no room")
+
     with monkeypatch.context() as patch:
-        patch.setattr("app.exports.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+        patch.setattr(release_runner, "alter_tables", fail)
         begin_now(state)
         assert run().outcome == "again"
         begin_now(state, attempts=5000)  # for weeks
@@ -428,35 +437,10 @@ def begin_now(state, **values):
 
 
 @pytest.mark.parametrize("how", LOST)
-def test_changing_release_with_a_lost_file_reports_it_until_the_file_is_restored(owner, run, state, eaten, how):
-    before = frozen(owner, run, "baseline")
-    key, content = lose(state, how)
-    erase(eaten, "two a")
-    assert run().outcome == "again"
-    release = owner.get(f"{PATH}/baseline").json()
-    assert (release["state"], release["failure"], release["files"]) == ("changing", LOST[how], [])
-    assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_changing"
-    found = compare_release(state.database, state.blobs, "pilot", "baseline")
-    assert [(file.name, file.blob_key) for file in found.checked.files if file.state == how] == [("meals.parquet", key)]
-    assert found.tables is None
-    state.blobs.put_bytes(key, content)
-    begin_now(state)
-    assert run().outcome == "done"
-    after = owner.get(f"{PATH}/baseline").json()
-    assert (after["state"], after["failure"]) == ("ready", None)
-    assert str(eaten["meals"]["two a"]) not in fetch(owner, after, "meals.csv").decode()
-    assert [one["checksum"] for one in after["former_checksums"]] == [before["checksum"]]
-
-
-def test_release_with_a_file_lost_for_three_days_fails_and_keeps_no_file(owner, run, state, eaten):
-    how = "missing"
+def test_release_with_a_lost_file_fails_with_an_erasure_and_keeps_no_file(owner, run, state, eaten, how):
     frozen(owner, run, "baseline")
     lose(state, how)
     erase(eaten, "two a")
-    assert run().outcome == "again"
-    begin_now(state, attempts=MOST_TRIES_WITHOUT_FILES - 2)
-    assert run().outcome == "again"
-    begin_now(state)
     assert run().outcome == LOST[how]
     release = owner.get(f"{PATH}/baseline").json()
     assert (release["state"], release["failure"]) == ("failed", LOST[how])
@@ -480,7 +464,7 @@ def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_
     set_policy(client, admin, location_policy="keep")
     add_meal(state, MARKED, "2026-11-07", place={"latitude": 48.1374, "longitude": 11.5755})
     before = frozen(owner, run, "before")
-    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 1
+    assert facts(owner, before)["contents"]["placed_meals"] == 1
     assert "48.1374" in fetch(owner, before, "meals.csv").decode()
     paths = {}
     for rows, output in (("meals", "csv"), ("items", "geojson"), ("items", "csv")):
@@ -495,12 +479,12 @@ def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_
     assert len([name for name in stored_names(state.blobs) if "/exports/" in name]) == 1
     assert "48.1374" in fetch(owner, before, "meals.csv").decode()
     after = frozen(owner, run, "after")
-    assert json.loads(fetch(owner, after, "release.json"))["contents"]["placed_meals"] == 0
+    assert facts(owner, after)["contents"]["placed_meals"] == 0
     assert "48.1374" not in fetch(owner, after, "meals.csv").decode()
     set_policy(client, admin, withdrawal_policy="anonymise")
     assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
     assert [run().outcome, run().outcome] == ["done", "done"]
-    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 0
+    assert facts(owner, before)["contents"]["placed_meals"] == 0
     assert "48.1374" not in fetch(owner, before, "meals.csv").decode()
 
 
@@ -528,18 +512,7 @@ def test_unfinished_file_is_made_again_without_places_once_they_are_dropped(
     assert (made.status_code, "48.1374" in made.text) == (200, False)
 
 
-def test_last_meal_is_found_by_instants_with_and_without_fractions():
-    day = {"day_status": "closed", "decided_by": "participant", "meals_after_closing": 1}
-    meal = {"status": "confirmed", "origin": "declared", "upload_delay_seconds": 1.0}
-    before = meal | {"meal_id": "a", "received_at": "2026-11-01T20:00:00Z"}
-    after = meal | {"meal_id": "b", "received_at": "2026-11-01T20:00:00.500000Z"}
-    assert day_without(day, [before], [after], [], expects_after_pair=False)["meals_after_closing"] == 0
-    assert day_without(day, [after], [before], [], expects_after_pair=False)["meals_after_closing"] == 1
-
-
-def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_differ(
-    owner, run, state, eaten, monkeypatch
-):
+def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_differ(owner, run, state, eaten):
     frozen(owner, run, "baseline")
     found = compare_release(state.database, state.blobs, "pilot", "baseline")
     assert (found.checked.is_whole, found.is_reproduced) == (True, True)
@@ -557,9 +530,6 @@ def test_check_reports_whether_freezing_now_gives_the_same_files_and_which_rows_
     assert items.columns["consumed_g"] == items.columns["flags"] == items.columns["CA_mg"] == 1  # of grams and content
     assert not {"energy_kcal", "edible_g", "id"} & set(items.columns)  # what the record itself tells is as it was
     assert next(table for table in found.tables if table.table == "meals").only_now == 1
-    for rows_at_a_time in (1, 3):
-        monkeypatch.setattr(compare, "ROWS_AT_A_TIME", rows_at_a_time)
-        assert compare_release(state.database, state.blobs, "pilot", "baseline").tables == found.tables
 
 
 def test_command_reports_a_whole_release_and_names_a_lost_file_by_its_key(owner, run, state):
