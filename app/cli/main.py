@@ -23,6 +23,7 @@ from app.cli.jobs import jobs_cli
 from app.cli.people import admin_cli, staff_cli
 from app.cli.releases import releases_cli
 from app.cli.remeasure import remeasure
+from app.cli.sql import sql
 from app.cli.vessels import vessels_cli
 from app.core.errors import Failure, InvalidInputError, TadaError
 from app.core.private_files import keep_files_private
@@ -64,6 +65,7 @@ for name, group in (
 cli.command()(backup)
 cli.command()(restore)
 cli.command()(remeasure)
+cli.command()(sql)
 
 MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
 MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal

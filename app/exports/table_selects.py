@@ -86,6 +86,19 @@ def select_table(connection: duckdb.DuckDBPyConnection, spec: ExportSpec, scope:
     return TableSelect(columns, _wide_sums(spec, scope, sql, components), order)
 
 
+def show_tables(connection: duckdb.DuckDBPyConnection, study_code: str | None) -> None:
+    """Let a query see the exported tables with their columns, of one study or of all."""
+    condition = f"study = {quoted(study_code)}" if study_code is not None else "true"
+    columns = {"components": "* EXCLUDE (study_id)"}
+    for rows, view in VIEWS.items():
+        columns[view] = ", ".join(column.name for column in columns_of(ExportSpec(rows), ()))
+    connection.execute("CREATE SCHEMA shown")
+    for view, listed in columns.items():
+        connection.execute(f"CREATE VIEW shown.{view} AS SELECT {listed} FROM main.{view} WHERE {condition}")
+    ((path,),) = connection.execute("SELECT current_setting('search_path')").fetchall()
+    connection.execute(f"SET search_path = 'memory.shown,{path}'")
+
+
 def _among(column: str, values: Sequence[str] | None) -> list[str]:
     if values is None:
         return []

@@ -62,7 +62,7 @@ class FilesWithPlaces:
     """Invalidates a study's files that may contain places when the study changes its policy to "drop".
 
     take_back: a function of each domain that makes such files. From then on queries leave out places, finished exports
-    expire and running ones start again. Frozen releases keep their places; release.json tells the number of meals.
+    expire and running ones start again. Frozen releases keep their places; datapackage.json tells the number of meals.
     """
 
     take_back: Sequence[Callable[[Session, uuid.UUID], object]]

@@ -66,7 +66,9 @@ class ReleaseOut(BaseModel):
     requested_at: datetime = Field(description="When it was requested.")
     frozen_at: datetime | None = Field(description="The moment of its data.")
     change_seq: int | None = Field(description="The study's change counter at that moment.")
-    checksum: str | None = Field(description="SHA-256 over the sorted lines `sha256  name` of all but release.json.")
+    checksum: str | None = Field(
+        description="SHA-256 over the sorted lines `sha256  name` of all but datapackage.json."
+    )
     altered_at: datetime | None = Field(description="When erased data were last removed; null: never.")
     former_checksums: list[FormerChecksum] = Field(
         description="Checksums before erased data were removed, the oldest first."

@@ -107,7 +107,7 @@ SELECT
     records.consumed_g * (food_nutrient.per_100_g / 100.0) AS amount,
     food_nutrient.per_100_g,
     records.study_id
-FROM records
+FROM main.records
 JOIN food_nutrient ON food_nutrient.food_id = records.food_id
 JOIN component ON component.id = food_nutrient.component_id;
 

@@ -11,8 +11,8 @@ from pyarrow import parquet
 
 from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
-from app.http.row_filter import RowFilter
 from app.http.columns import meal_columns, record_columns
+from app.http.row_filter import RowFilter
 from app.meals.event_models import LAYERS
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord

@@ -9,8 +9,8 @@ import pytest
 import sqlalchemy as sa
 from pyarrow import parquet
 
-from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec
 from app.exports.data_dictionary import columns_for
+from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec
 from app.exports.export_table import export_request, export_table
 from app.exports.live_tables import live_tables
 from app.meals.item_state import fold_meal
