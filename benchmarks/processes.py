@@ -26,10 +26,10 @@ def children_of(pid: int) -> list[int]:
 
 
 def processor_seconds(pids: list[int]) -> float:
-    """User and system time of these processes."""
+    """User and system time of these processes, and of their children that have ended."""
     ticks = 0
     for pid in pids:
         with suppress(OSError):
             fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-            ticks += int(fields[11]) + int(fields[12])
+            ticks += sum(map(int, fields[11:15]))
     return ticks / os.sysconf("SC_CLK_TCK")

@@ -17,12 +17,14 @@ from tests.support.stores import stored_names
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
-ASLEEP = (
-    sys.executable,
-    "-c",
-    "import json, os, sys, time; sys.stdin.read(); open(os.environ['TADA_TEST_PID'], 'w').write(str(os.getpid()));"
-    " time.sleep(600)",
-)
+PROGRAM = """
+import os, sys, time
+sys.stdin.read()
+with open(os.environ["TADA_TEST_PID"], "w") as file:
+    file.write(str(os.getpid()))
+time.sleep(600)
+"""
+ASLEEP = (sys.executable, "-c", PROGRAM)
 
 
 @pytest.fixture
