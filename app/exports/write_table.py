@@ -91,16 +91,21 @@ def _json_value(column: Column) -> str:
         case "local time":
             return f"regexp_replace(strftime({name}, '{LOCAL_TIME}'), '[.]000000$', '')"
         case "number":
-            return f"{name}::DOUBLE"
+            return _number(name)
         case _:
             return name
+
+
+def _number(name: str) -> str:
+    """A number; 0.0 is never negative: Parquet would keep the sign of the first one of a page."""
+    return f"{name}::DOUBLE + 0.0"
 
 
 def _parquet_value(column: Column) -> str:
     name = f'"{column.name}"'
     match column.type:
         case "number":
-            return f"{name}::DOUBLE"
+            return _number(name)
         case "integer":
             return f"{name}::BIGINT"
         case _:
