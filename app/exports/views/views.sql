@@ -348,8 +348,8 @@ SELECT
     coalesce(unmeasured_items, 0) AS unmeasured_items,
     coalesce(provisional_items, 0) AS provisional_items,
     coalesce(unseen_leftovers_items, 0) AS unseen_leftovers_items,
-    coalesce(diary_day.status = 'closed' AND diary_day.ate_nothing::BOOLEAN AND meals IS NULL, false) AS ate_nothing,
-    ate_nothing OR coalesce(
+    coalesce(diary_day.status = 'closed' AND diary_day.ate_nothing::BOOLEAN AND meals IS NULL, false) AS said_nothing,
+    said_nothing OR coalesce(
         diary_day.status = 'closed' AND meals > 0 AND items IS NULL AND unmeasured_meals = 0, false
     ) AS is_nothing,
     consumed_g,
@@ -372,7 +372,7 @@ SELECT
     day.local_date,
     date_diff('day', first_days.first_day, day.local_date) + 1 AS study_day,
     day.status AS day_status,
-    day.ate_nothing,
+    day.said_nothing AS ate_nothing,
     CASE WHEN NOT day.has_entry THEN NULL
         WHEN (day.participant_id, day.local_date) IN (
             SELECT participant_id, local_date FROM day_event WHERE layer = 'reviewer'
@@ -393,7 +393,8 @@ SELECT
         day.status = 'closed' AND day.items > 0 AND day.unmeasured_items = 0 AND day.unmeasured_meals = 0
         AND day.provisional_items = 0
     ) AS is_complete,
-    CASE WHEN is_complete AND energy_kcal_coverage >= 1.0 - 1e-9 THEN energy_kcal END AS whole_energy_kcal,
+    CASE WHEN day.is_nothing THEN 0.0
+        WHEN is_complete AND day.energy_kcal_coverage >= 1.0 - 1e-9 THEN day.energy_kcal END AS whole_energy_kcal,
     energy_to_basal_rate(participant.profile::VARCHAR, day.local_date::VARCHAR, whole_energy_kcal)
         AS energy_to_basal_rate,
     plausibility(participant.profile::VARCHAR, day.local_date::VARCHAR, whole_energy_kcal) AS plausibility,
