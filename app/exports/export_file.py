@@ -1,5 +1,6 @@
 """A table as a file that is made at once and sent, recorded in each study's audit log."""
 
+import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from app.exports.export_spec import ExportSpec, check_spec
 from app.exports.export_table import export_request
 from app.exports.file_task import FileTasks
 from app.people.access import audit
-from app.people.access.caller import Caller, StaffCaller, visible_rows, visible_studies
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows, visible_studies
 from app.records.page_queries import participants_of, studies_of
 from app.storage.blob_store import BlobStore
 
@@ -51,7 +52,7 @@ def make_export(
     Raises InvalidInputError, UnavailableError (`server_busy`), StorageFullError.
     """
     check_spec(spec)
-    leave = places.take(caller)
+    leave = places.take(_person_of(caller))
     try:
         if isinstance(caller, StaffCaller):
             note_export(database, caller, spec)
@@ -68,6 +69,10 @@ def make_export(
     except BaseException:
         leave()
         raise
+
+
+def _person_of(caller: Caller) -> uuid.UUID:
+    return caller.participant_id if isinstance(caller, DeviceCaller) else caller.staff_id
 
 
 def request_of(database: Database, caller: Caller, spec: ExportSpec, path: Path) -> dict[str, JsonValue]:

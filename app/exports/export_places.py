@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 
 from app.core.errors import UnavailableError
-from app.people.access.caller import Caller, DeviceCaller
 
 OPEN_A_PERSON = 2  # one more than needed: an interrupted download may seem open for some minutes
 OPEN_AT_ONCE = 8
@@ -20,9 +19,8 @@ class ExportPlaces:
         self._open: Counter[uuid.UUID] = Counter()
         self._lock = threading.Lock()
 
-    def take(self, caller: Caller) -> Callable[[], None]:
+    def take(self, person_id: uuid.UUID) -> Callable[[], None]:
         """Take a place; return the function that gives it back. Raises UnavailableError (`server_busy`)."""
-        person_id = caller.participant_id if isinstance(caller, DeviceCaller) else caller.staff_id
         with self._lock:
             if self._open[person_id] >= OPEN_A_PERSON or self._open.total() >= OPEN_AT_ONCE:
                 raise UnavailableError(

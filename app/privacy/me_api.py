@@ -76,7 +76,7 @@ def post_participant_withdrawal(
 def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
     """All data on the participant of the calling phone, as one ZIP file."""
     require_room(state)
-    leave = state.part(ExportPlaces).take(caller)
+    leave = state.part(ExportPlaces).take(caller.participant_id)
     try:
         file, size = export_me(state.database, state.blobs, caller)
     except BaseException:
