@@ -1,6 +1,5 @@
-"""`tada backup` and `tada restore`: back up a deployment to one file, and restore it to an empty deployment."""
+"""`tada backup` and `tada restore`: a deployment to one file, and into an empty deployment."""
 
-import errno
 import json
 import signal
 import sys
@@ -13,134 +12,140 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.database import JsonOption, unmigrated_database
-from app.core.errors import InvalidInputError, StorageFullError, UnavailableError
+from app.core.errors import InvalidInputError, UnavailableError
 from app.core.settings import Settings
 
 if TYPE_CHECKING:
-    from app.operations.backup.backup_format import Backup
+    from app.operations.backup.archive import Backup
 
 PROGRESS_SECONDS = 2.0
 LISTED = 20  # damaged blobs printed by name; --json has a thousand, the backup's lacking.jsonl all
+LOST = "the backup is lost: continue without it."
 KEPT_APART = (
-    "TADA_SECRET_KEY is not in it (on SQLite: the file secret.key in TADA_DATA_DIR), nor is the ledger of erasures "
-    "(TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
+    "TADA_SECRET_KEY is not in it (on SQLite: the file secret.key in TADA_DATA_DIR), nor is the "
+    "ledger of erasures (TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
 )
-
 OTHER_LEDGER = (
-    "TADA_ERASURE_URL is not the ledger that the backup was made with: it lacks {} erasures that the backup records. "
-    "Whoever was erased after the backup is back: erase them again before you start a server for others."
+    "TADA_ERASURE_URL is not the ledger that the backup was made with: it lacks {} erasures that "
+    "the backup records. Whoever was erased after the backup is back: erase them again before you "
+    "start a server for others."
 )
 
+WrittenFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="File to write; -: standard output."),
+]
+ReadFile = Annotated[Path, typer.Argument(metavar="FILE", help="A file of `tada backup`.")]
+Check = Annotated[bool, typer.Option("--check", help="Only read the whole file; restore nothing.")]
+OtherKey = Annotated[bool, typer.Option("--other-key", help=f"The TADA_SECRET_KEY of {LOST}")]
+OtherLedger = Annotated[
+    bool,
+    typer.Option("--other-ledger", help=f"The ledger of erasures of {LOST}"),
+]
 
-def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; -: standard output.")],
-    as_json: JsonOption = False,
-) -> None:
-    """Write database and photographs to one file, as of this moment, while servers and workers continue."""
-    from app.operations.backup.backup import backup_to_file, write_backup
-    from app.operations.backup.last_backup import note_backup
+
+def backup(file: WrittenFile, as_json: JsonOption = False) -> None:
+    """Write database and photographs to one file, as of this moment, while servers continue."""
+    from app.operations.backup.write_backup import backup_to_file, note_backup, write_backup
     from app.people.access.secret_box import open_secret_box
     from app.storage.opening import open_blob_store
 
     settings, to_pipe = Settings(), str(file) == "-"
-    with _clean_up_when_terminated(), unmigrated_database() as database, _explain_file_errors():
+    with _clean_up_when_terminated(), unmigrated_database() as database:
         blobs = open_blob_store(settings.resolved_blob_url, settings)
-        box, report_progress = open_secret_box(settings), _progress()
+        box, report = open_secret_box(settings), _progress()
         if to_pipe:
-            written = write_backup(database, blobs, box, sys.stdout.buffer, report_progress)
-            sys.stdout.buffer.flush()
+            try:
+                written = write_backup(database, blobs, box, sys.stdout.buffer, report)
+                sys.stdout.buffer.flush()
+            except BrokenPipeError:
+                raise UnavailableError(
+                    "The process that reads the backup has ended: the backup is incomplete."
+                ) from None
         else:
-            written = backup_to_file(database, blobs, box, file, report_progress)
-        note_backup(database, blobs=written.end.blobs, damaged=written.end.damaged, piped=to_pipe)
-    summary = _summary(written)
+            written = backup_to_file(database, blobs, box, file, report)
+        note_backup(database, blobs=written.blobs, damaged=written.damaged_blobs, piped=to_pipe)
     if as_json:
-        print(json.dumps(summary), file=sys.stderr if to_pipe else sys.stdout)
+        print(json.dumps(_summary(written)), file=sys.stderr if to_pipe else sys.stdout)
     else:
         print(f"{file}: {_counts_text(written)}.", file=sys.stderr)
         _print_damaged(written)
         print(KEPT_APART, file=sys.stderr)
-    raise SystemExit(1 if written.end.damaged else 0)
+    raise SystemExit(1 if written.damaged_blobs else 0)
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file of `tada backup`.")],
-    check: Annotated[bool, typer.Option("--check", help="Only read the whole file; restore nothing.")] = False,
-    other_key: Annotated[
-        bool,
-        typer.Option("--other-key", help="The TADA_SECRET_KEY of the backup is lost: continue without it."),
-    ] = False,
-    other_ledger: Annotated[
-        bool,
-        typer.Option("--other-ledger", help="The ledger of erasures of the backup is lost: continue without it."),
-    ] = False,
+    file: ReadFile,
+    check: Check = False,
+    other_key: OtherKey = False,
+    other_ledger: OtherLedger = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a backup, then restore it to an empty deployment that is not running: any database, any store."""
-    from app.operations.backup.restore import check_only
+    """Check a backup, then restore it to an empty deployment that is not running.
+
+    Any database, any store.
+    """
+    from app.operations.backup.read_backup import check_backup
     from app.operations.backup.restore import restore as run
+    from app.operations.explain_errors import explained_errors
     from app.storage.opening import open_blob_store
 
-    settings, report_progress = Settings(), _progress()
+    settings, report, counts = Settings(), _progress(), {}
     if str(file) == "-":
-        raise InvalidInputError("A backup is checked before it is restored, so it must be a file: save it first.")
+        raise InvalidInputError(
+            "A backup is checked before it is restored, so it must be a file: save it first.",
+        )
     if check:
-        with _explain_file_errors():
-            checked = check_only(file, settings, report_progress, other_key=other_key)
-        _print_checked(checked, {}, "as it was made" if checked.end.damaged else "whole", as_json=as_json)
-        raise SystemExit(1 if checked.end.damaged else 0)
-    with _clean_up_when_terminated(), unmigrated_database() as database, _explain_file_errors():
-        blobs = open_blob_store(settings.resolved_blob_url, settings)
-        restored = run(file, database, blobs, settings, report_progress, other_key=other_key, other_ledger=other_ledger)
-    counts = {"queued_again": restored.queued_again, "missing_in_ledger": restored.missing_in_ledger}
-    _print_checked(restored.checked, counts, "restored", as_json=as_json)
-    if restored.missing_in_ledger:
-        print(OTHER_LEDGER.format(restored.missing_in_ledger), file=sys.stderr)
-    raise SystemExit(1 if restored.checked.end.damaged else 0)
-
-
-def _print_checked(checked: "Backup", counts: dict[str, int], outcome: str, *, as_json: bool) -> None:
-    summary = _summary(checked)
+        with explained_errors(), file.open("rb") as content:
+            checked: Backup = check_backup(content, settings, report, other_key=other_key)
+        outcome = "as it was made" if checked.damaged_blobs else "whole"
+    else:
+        with _clean_up_when_terminated(), unmigrated_database() as database:
+            blobs = open_blob_store(settings.resolved_blob_url, settings)
+            lost = {"other_key": other_key, "other_ledger": other_ledger}
+            done = run(file, database, blobs, settings, report, **lost)
+        checked, outcome = done.checked, "restored"
+        counts = {"queued_again": done.queued_again, "missing_in_ledger": done.missing_in_ledger}
     if as_json:
-        print(json.dumps({**summary, **counts}))
-        return
-    print(f"{outcome}: {_counts_text(checked)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
-    if counts.get("queued_again"):
-        print(f"{counts['queued_again']} meals wait for a worker.")
-    _print_damaged(checked)
+        print(json.dumps({**_summary(checked), **counts}))
+    else:
+        made_at = checked.manifest.created_at.isoformat(timespec="seconds")
+        print(f"{outcome}: {_counts_text(checked)}, of {made_at}.")
+        if counts.get("queued_again"):
+            print(f"{counts['queued_again']} meals wait for a worker.")
+        _print_damaged(checked)
+    if counts.get("missing_in_ledger"):
+        print(OTHER_LEDGER.format(counts["missing_in_ledger"]), file=sys.stderr)
+    raise SystemExit(1 if checked.damaged_blobs else 0)
 
 
 def _summary(backup: "Backup") -> dict[str, object]:
-    manifest, end = backup.manifest, backup.end
     return {
-        "backup": manifest.backup,
-        "created_at": manifest.created_at.isoformat(),
-        "program": manifest.program,
-        "revision": manifest.revision,
-        "database": manifest.database,
-        "rows": sum(end.rows.values()),
-        "tables": end.rows,
-        "blobs": end.blobs,
-        "blob_bytes": end.blob_bytes,
-        "erased_meanwhile": end.erased,
-        "damaged_blobs": end.damaged,
-        "damaged": dict(backup.damaged_first),
+        **backup.manifest.model_dump(mode="json", exclude={"format"}),
+        "rows": sum(backup.tables.values()),
+        "tables": backup.tables,
+        "blobs": backup.blobs,
+        "blob_bytes": backup.blob_bytes,
+        "erased_meanwhile": len(backup.erased),
+        "damaged_blobs": backup.damaged_blobs,
+        "damaged": backup.damaged,
     }
 
 
 def _counts_text(backup: "Backup") -> str:
-    end = backup.end
-    return f"{sum(end.rows.values())} rows, {end.blobs} blobs ({end.blob_bytes / 1e6:.1f} MB)"
+    rows, megabytes = sum(backup.tables.values()), backup.blob_bytes / 1e6
+    return f"{rows} rows, {backup.blobs} blobs ({megabytes:.1f} MB)"
 
 
 def _print_damaged(backup: "Backup") -> None:
-    damaged = backup.end.damaged
-    if not damaged:
+    if not backup.damaged_blobs:
         return
-    print(f"{damaged} blobs are not in the backup:", file=sys.stderr)
-    for key, why in list(backup.damaged_first.items())[:LISTED]:
-        print(f"  {key}: {why}", file=sys.stderr)
-    if damaged > LISTED:
-        print(f"  and {damaged - LISTED} more: `tar xOf FILE lacking.jsonl`", file=sys.stderr)
+    print(f"{backup.damaged_blobs} blobs are not in the backup:", file=sys.stderr)
+    for key, reason in list(backup.damaged.items())[:LISTED]:
+        print(f"  {key}: {reason}", file=sys.stderr)
+    unlisted = backup.damaged_blobs - LISTED
+    if unlisted > 0:
+        print(f"  and {unlisted} more: `tar xOf FILE lacking.jsonl`", file=sys.stderr)
 
 
 def _progress() -> Callable[[str], None]:
@@ -158,31 +163,17 @@ def _progress() -> Callable[[str], None]:
 
 @contextmanager
 def _clean_up_when_terminated() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into SystemExit, so that partly written files are removed as after Ctrl-C."""
+    """Turn SIGTERM and SIGHUP into SystemExit, so that partial files are removed."""
 
     def end(number: int, _frame: object) -> None:
         raise SystemExit(128 + number)
 
-    numbers = (signal.SIGTERM, signal.SIGHUP)
-    before = {number: handler for number in numbers if (handler := signal.getsignal(number)) != signal.SIG_IGN}  # nohup
-    for number in before:
-        signal.signal(number, end)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:  # nohup
+            signal.signal(number, end)
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def _explain_file_errors() -> Iterator[None]:
-    """Turn errors of the file or the store into a TadaError with a readable message."""
-    try:
-        yield
-    except BrokenPipeError:
-        raise UnavailableError("The process that reads the backup has ended: the backup is incomplete.") from None
-    except OSError as error:
-        prefix = f"{error.filename}: " if error.filename else ""
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise StorageFullError(f"{prefix}there is no room left. Nothing was kept.") from error
-        raise UnavailableError(f"{prefix}{error.strerror or error}") from error

@@ -40,7 +40,7 @@ def explain_error(error: BaseException) -> TadaError | None:
         is_away = isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
         return _of_database(error.orig, is_away=is_away, is_full=is_disk_full(error))
     if _sqlite_code(error) == sqlite3.SQLITE_FULL:
-        return StorageFullError("The folder for temporary files (TMPDIR) has no room left.")  # app/db/scratch_keys.py
+        return StorageFullError("The folder for temporary files (TMPDIR) has no room left.")
     if isinstance(error, (psycopg.Error, sqlite3.Error)):
         return _of_database(error, is_away=isinstance(error, OUTAGE_ERRORS), is_full=False)
     if isinstance(error, OSError):

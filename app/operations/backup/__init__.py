@@ -1,1 +1,1 @@
-"""`tada backup` and `tada restore`: a deployment in one file, verified completely before anything is restored."""
+"""`tada backup` and `tada restore`: a deployment in one file, verified before a restore."""

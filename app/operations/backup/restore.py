@@ -1,67 +1,87 @@
 """`tada restore`: restore a backup to an empty deployment: tables, blobs, then all rows or none.
 
-The whole backup, the target and the ledger of erasures are checked before anything is written. An interrupted restore
-can be repeated: blobs stored already are identical. At the end, erasures from after the backup are reapplied
-(operations/prepare.py) and waiting meals are queued again.
+The whole backup, the target and the ledger of erasures are checked before anything is written. An
+interrupted restore can be repeated: blobs stored already are identical. At the end, erasures from
+after the backup are reapplied (operations/prepare.py) and waiting meals are queued again.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import IO
 
+import psycopg
+import pyarrow as pa
+import pyarrow.compute as pc
 import sqlalchemy as sa
+from sqlalchemy.exc import OperationalError, StatementError
 
-from app.core.errors import ConflictError, StorageFullError
+from app.core.errors import InvalidInputError
 from app.core.settings import Settings
-from app.db.layout import TableLayout, layout_at
-from app.db.migrate import SchemaUnknownError
-from app.db.schema_state import current_revision, revisions
-from app.db.scratch_keys import ScratchKeys
+from app.db.bulk import insert_into
 from app.db.session import Database
 from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
 from app.meals.job_models import Job
-from app.operations.backup.backup import ReportProgress
-from app.operations.backup.backup_check import CheckedBackup, check_backup, empty_named, unpacked_rows
-from app.operations.backup.backup_format import BLOB_COLUMNS, MAX_CHUNK_BYTES, MAX_DOCUMENT_BYTES, Manifest, broken
-from app.operations.backup.backup_tar import members
-from app.operations.backup.backup_values import MOST_INTEGER, row_reader
-from app.operations.backup.refill import Refill, make_tables, refilling, require_alone, require_empty
-from app.operations.backup.restore_blobs import put_blobs
-from app.operations.backup.restore_ledger import existing_box, require_ledger
+from app.operations.backup.archive import Backup, Manifest, ReportProgress, broken, members
+from app.operations.backup.blob_files import store_blobs
+from app.operations.backup.read_backup import check_backup, table_of
+from app.operations.backup.table_files import read_file, tables_at
+from app.operations.backup.target import (
+    make_tables,
+    require_empty_database,
+    require_ledger,
+    require_store,
+)
+from app.operations.backup.write_backup import Tables
 from app.operations.prepare import prepare
+from app.operations.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
 from app.people.access import audit
-from app.people.access.secret_box import KEY_FILE, SecretBox, SecretKeyError
 from app.records.project_records import project_meal
 from app.storage.blob_store import BlobStore
-from app.storage.local import LocalBlobStore
 
-# Added to every change's number, so that clients that have read changes made after the backup get all of its changes
-# again. Larger than the number of changes between backup and restore, small enough for a thousand million restores.
+
+def _of_tables(query: str) -> sa.TextClause:
+    return sa.text(query).bindparams(sa.bindparam("tables", expanding=True))
+
+
+# Added to every change's number, so that clients that have read changes made after the backup get
+# all of its changes again. Larger than the number of changes between backup and restore, small
+# enough for a thousand million restores.
 CHANGE_SEQ_JUMP = 2**32
-ERASED_AT_A_TIME = 500  # tables have no indexes at this time, so each query scans them
+ERASED_AT_A_TIME = 500  # keys in a statement
+INDEXES = {
+    "sqlite": _of_tables("""
+        SELECT name, sql FROM sqlite_master
+        WHERE type = 'index' AND sql IS NOT NULL AND tbl_name IN :tables
+    """),
+    "postgresql": _of_tables("""
+        SELECT indexname, indexdef FROM pg_indexes
+        WHERE schemaname = current_schema() AND tablename IN :tables
+            AND indexname NOT IN (SELECT conname FROM pg_constraint)
+    """),
+}
+FOREIGN_KEYS = _of_tables("""
+    SELECT relname, conname, pg_get_constraintdef(pg_constraint.oid)
+    FROM pg_constraint JOIN pg_class ON pg_class.oid = conrelid
+    WHERE contype = 'f' AND connamespace = current_schema()::regnamespace AND relname IN :tables
+""")
+SQLITE_CACHE_KIB = 64 * 1024  # ids are random, so index pages are written in random order
 
 
 @dataclass(frozen=True, slots=True)
 class RestoreDone:
-    """Result of a restore. queued_again: meals that waited for their estimate.
+    """Result of a restore.
 
-    missing_in_ledger: erasures recorded in the backup but not in the ledger, so it is not the original ledger.
+    queued_again: meals that waited for their estimate
+    missing_in_ledger: erasures that the backup records and the ledger lacks, so that it is not the
+        original ledger
     """
 
-    checked: CheckedBackup
+    checked: Backup
     queued_again: int
     missing_in_ledger: int
-
-
-def check_only(
-    path: Path, settings: Settings, report_progress: ReportProgress, *, other_key: bool = False
-) -> CheckedBackup:
-    """Verify a backup completely without restoring it. Raises as check_backup."""
-    with path.open("rb") as file, empty_named() as named:
-        return check_backup(file, _key_of(settings, other_key=other_key), named, report_progress)
 
 
 def restore(
@@ -69,141 +89,156 @@ def restore(
     database: Database,
     blobs: BlobStore,
     settings: Settings,
-    report_progress: ReportProgress,
+    report: ReportProgress,
     *,
     other_key: bool = False,
     other_ledger: bool = False,
 ) -> RestoreDone:
     """Restore a backup to an empty deployment that is not running.
 
-    other_key: accept a different secret key. other_ledger: accept a different ledger of erasures.
-    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`, `backup_refused`), SecretKeyError,
-    ConflictError (`deployment_in_use`, `deployment_not_empty`, `ledger_differs`), StorageFullError, OSError of a store.
-    They are raised before anything is written, except `backup_refused`, which leaves blobs, and failures of writing.
+    other_key: accept a different secret key
+    other_ledger: accept a different ledger of erasures
+    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`,
+    `backup_refused`), SecretKeyError, ConflictError (`deployment_in_use`, `deployment_not_empty`,
+    `ledger_differs`), StorageFullError, OSError of a store. They are raised before anything is
+    written, except `backup_refused`, which leaves blobs, and failures of writing.
     """
-    with path.open("rb") as file, empty_named() as named:
-        _require_free_database(database)  # again after the check, which may take an hour
-        checked = check_backup(file, _key_of(settings, other_key=other_key), named, report_progress)
-        _require_free_database(database)
-        _require_store(blobs, named.blobs, checked.end.blob_bytes)
-        missing_in_ledger = require_ledger(settings, named.erasures, other_ledger=other_ledger)
-        make_tables(database, checked.manifest.revision, checked.layout)
-        put_blobs(file, checked.blobs_offset, blobs, report_progress)
-        with refilling(database, checked.layout) as refill:
-            _put_rows(refill, file, checked, report_progress)
-            _mark_erased(refill, checked, named.blobs)
+    with path.open("rb") as file:
+        require_empty_database(database)
+        checked = check_backup(file, settings, report, other_key=other_key)
+        require_empty_database(database)  # again: the check may have taken an hour
+        require_store(blobs, file, checked)
+        missing_in_ledger = require_ledger(settings, checked.erasures, other_ledger=other_ledger)
+        make_tables(database, checked.manifest.revision)
+        store_blobs(file, blobs, report)
+        tables = tables_at(checked.manifest.revision)
+        with _filling(database, tables) as connection:
+            _insert_rows(connection, file, checked, report)
+            _mark_erased(connection, checked, tables)
     prepare(database, settings)
-    return RestoreDone(checked, _put_to_work(database, checked.manifest), missing_in_ledger)
+    queued_again = _put_to_work(database, checked.manifest)
+    return RestoreDone(checked, queued_again, missing_in_ledger)
 
 
-def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], SecretBox | None]:
-    def open_box(manifest: Manifest) -> SecretBox | None:
-        """Return the key that the backup was sealed with. Raises SecretKeyError if this deployment has another."""
-        if other_key:
-            return None
-        box = existing_box(settings)
-        if box is None or box.digest("backup.key", manifest.backup) != manifest.key_check:
-            raise SecretKeyError(
-                "TADA_SECRET_KEY is not the key of this backup: without it erasures cannot be reapplied, and webhooks' "
-                f"secrets cannot be opened. Set it, or put the file {KEY_FILE} of the old data folder into "
-                f"{settings.data_dir}. If it is lost: --other-key."
-            )
-        return box
+@contextmanager
+def _filling(database: Database, tables: Tables) -> Iterator[sa.Connection]:
+    """Yield a transaction to insert rows.
 
-    return open_box
-
-
-def _require_free_database(database: Database) -> None:
-    """Require that no one else has the database open, and that it is empty, with a known schema."""
-    require_alone(database)
-    revision = current_revision(database)
-    if revision is None:
-        return
-    if revision not in revisions():
-        raise SchemaUnknownError(f"The database's schema ({revision}) is a newer program's: restore with that program.")
-    require_empty(database, layout_at(revision))
-
-
-def _require_store(blobs: BlobStore, keys: ScratchKeys, needed_bytes: int) -> None:
-    """Require that the store is writable, has room, and has only blobs that an interrupted restore has left."""
-    blobs.check()
-    everything = blobs.keys()
-    for blob in everything:
-        if not keys.is_named(blob.key):
-            raise ConflictError(
-                "The blob store has blobs that are not of this backup: restore into an empty one.",
-                code="deployment_not_empty",
-            )
-        needed_bytes -= blob.size
-    free_bytes = blobs.free_bytes()
-    if isinstance(blobs, LocalBlobStore) and free_bytes < needed_bytes:  # a bucket has no known limit
-        raise StorageFullError(
-            f"The blobs need {needed_bytes / 1e9:.1f} GB, and the store has {free_bytes / 1e9:.1f} GB left."
-        )
+    Indexes, foreign keys and triggers are dropped meanwhile, which takes a third of the time, and
+    created again in the same transaction.
+    Raises InvalidInputError (`backup_refused`) for rows that this database refuses.
+    """
+    with _explained_refusal("all tables"), database.write() as session:
+        connection = session.connection()
+        statements = []
+        if database.is_sqlite:
+            connection.exec_driver_sql("PRAGMA defer_foreign_keys = ON")  # until the commit
+            connection.exec_driver_sql(f"PRAGMA cache_size = -{SQLITE_CACHE_KIB}")
+        else:
+            for setting in ("statement_timeout", "idle_in_transaction_session_timeout"):
+                connection.exec_driver_sql(f"SET LOCAL {setting} = 0")
+            statements = _drop_foreign_keys(connection, list(tables))
+        drop_triggers(connection)
+        statements = _drop_indexes(connection, list(tables)) + statements
+        yield connection
+        for statement in statements:
+            connection.execute(sa.text(statement))
+        create_triggers(connection)
+        connection.exec_driver_sql(MARK_ALL_DAYS)
+        if not database.is_sqlite:
+            for table in tables.values():
+                _advance_sequence(connection, table)
+                connection.exec_driver_sql(f"ANALYZE {_quoted(connection, table.name)}")
 
 
-def _put_rows(refill: Refill, file: IO[bytes], checked: CheckedBackup, report_progress: ReportProgress) -> None:
-    chunks = members(file)
-    next(chunks).content(MAX_DOCUMENT_BYTES)  # the manifest
-
-    def rows_of(table: TableLayout) -> Iterator[Sequence[object]]:
-        read, change = row_reader(table), table.place("change_seq")
-        for sha256 in checked.chunks[table.name]:
-            member = next(chunks)
-            content = member.content(MAX_CHUNK_BYTES)
-            if member.sha256 != sha256:
-                raise broken("it was changed while it was read")
-            for row in unpacked_rows(content, member.name, read):
-                if change is not None and isinstance(number := row[change], int):
-                    row[change] = _later(number)
-                yield row
-
-    for table in checked.layout:
-        count = refill.put(table, rows_of(table))
-        report_progress(f"restored: {table.name}, {count} rows")
+def _drop_indexes(connection: sa.Connection, tables: list[str]) -> list[str]:
+    """Drop all indexes but those of constraints, and return the statements that create them."""
+    statements = []
+    indexes = connection.execute(INDEXES[connection.dialect.name], {"tables": tables}).all()
+    for name, definition in indexes:
+        connection.exec_driver_sql(f"DROP INDEX {_quoted(connection, name)}")
+        statements.append(definition)
+    return statements
 
 
-def _later(change_seq: int) -> int:
-    if change_seq > MOST_INTEGER - CHANGE_SEQ_JUMP:
-        raise broken("its change numbers are too large")
-    return change_seq + CHANGE_SEQ_JUMP
+def _drop_foreign_keys(connection: sa.Connection, tables: list[str]) -> list[str]:
+    """Drop PostgreSQL's foreign keys, and return the statements that create and check them."""
+    statements = []
+    for table, name, definition in connection.execute(FOREIGN_KEYS, {"tables": tables}).all():
+        alter = f"ALTER TABLE {_quoted(connection, table)}"
+        constraint = f"CONSTRAINT {_quoted(connection, name)}"
+        connection.exec_driver_sql(f"{alter} DROP {constraint}")
+        statements.append(f"{alter} ADD {constraint} {definition}")
+    return statements
 
 
-def _mark_erased(refill: Refill, checked: CheckedBackup, keys: ScratchKeys) -> None:
-    """Mark blobs erased while the backup was written: the rows are from before the erasure, the blobs from after."""
-    tables, erased = {table.name: table for table in checked.layout}, keys.erased()
-    while batch := list(islice(erased, ERASED_AT_A_TIME)):
-        for name, (key, erased_at) in BLOB_COLUMNS.items():
-            if name not in tables:
-                continue  # the backup predates the table
-            table = tables[name].table()
-            in_batch = table.c[key].in_(batch)
-            if erased_at is not None and tables[name].place(erased_at) is not None:
-                change = sa.update(table).values({erased_at: checked.manifest.created_at})
-                refill.change(change.where(in_batch, table.c[erased_at].is_(None)))
-            elif name == "release_file":
-                _mark_release(refill, table, tables, in_batch)
-            elif name == "run_artefact":
-                refill.change(sa.delete(table).where(in_batch))
+def _quoted(connection: sa.Connection, name: str) -> str:
+    return connection.dialect.identifier_preparer.quote(name)
 
 
-def _mark_release(
-    refill: Refill, files: sa.TableClause, tables: Mapping[str, TableLayout], in_batch: sa.ColumnElement[bool]
+def _advance_sequence(connection: sa.Connection, table: sa.Table) -> None:
+    """Let PostgreSQL number new rows after those inserted; does nothing without a sequence."""
+    column = table.autoincrement_column
+    if column is not None:
+        sequence = sa.func.pg_get_serial_sequence(table.name, column.name)
+        last = sa.select(sa.func.max(column)).scalar_subquery()
+        connection.execute(sa.select(sa.func.setval(sequence, last)))
+
+
+def _insert_rows(
+    connection: sa.Connection,
+    file: IO[bytes],
+    checked: Backup,
+    report: ReportProgress,
 ) -> None:
-    """Mark releases that were rewritten while the backup was written: the backup lacks some of their old files.
+    for name, _, content in members(file):
+        table = table_of(name, checked)
+        if table is None:
+            continue
+        try:
+            for batch in read_file(content.read(), table):
+                rows = _with_later_changes(batch).to_pylist()
+                with _explained_refusal(table.name):
+                    insert_into(connection, table, rows)
+        except ValueError as error:
+            raise broken(f"{name}: {error}") from error
+        report(f"restored: {name}")
+
+
+def _with_later_changes(rows: pa.RecordBatch) -> pa.RecordBatch:
+    place = rows.schema.get_field_index("change_seq")
+    if place < 0:
+        return rows
+    later = pc.add_checked(rows.column(place), CHANGE_SEQ_JUMP)
+    return rows.set_column(place, "change_seq", later)
+
+
+def _mark_erased(connection: sa.Connection, checked: Backup, tables: Tables) -> None:
+    """Mark blobs erased while the backup was written: its rows are from before the erasure."""
+    for first in range(0, len(checked.erased), ERASED_AT_A_TIME):
+        keys = checked.erased[first : first + ERASED_AT_A_TIME]
+        image, artefact = tables["meal_image"], tables["run_artefact"]
+        kept = sa.update(image).where(image.c.blob_key.in_(keys), image.c.erased_at.is_(None))
+        connection.execute(kept.values(erased_at=checked.manifest.created_at))
+        connection.execute(sa.delete(artefact).where(artefact.c.blob_key.in_(keys)))
+        _fail_releases(connection, tables, keys)
+
+
+def _fail_releases(connection: sa.Connection, tables: Tables, keys: list[str]) -> None:
+    """Mark releases that were rewritten while the backup was written: it lacks their old files.
 
     The others may contain erased data: no row names them any more, so they are deleted as orphans.
     """
-    release, changes = tables["release"].table(), tables["release_change"].table()
-    broken = sa.select(files.c.release_id).where(in_batch)
-    lost = {"state": "failed", "failure_code": "release_files_missing", "claim": None}
-    refill.change(sa.update(release).where(release.c.id.in_(broken)).values(lost))
-    refill.change(sa.delete(changes).where(changes.c.release_id.in_(broken)))
-    refill.change(sa.delete(files).where(files.c.release_id.in_(broken)))
+    release, file, change = (tables[name] for name in ("release", "release_file", "release_change"))
+    failed = sa.select(file.c.release_id).where(file.c.blob_key.in_(keys))
+    values = {"state": "failed", "failure_code": "release_files_missing", "claim": None}
+    connection.execute(sa.update(release).where(release.c.id.in_(failed)).values(values))
+    connection.execute(sa.delete(change).where(change.c.release_id.in_(failed)))
+    connection.execute(sa.delete(file).where(file.c.release_id.in_(failed)))
 
 
 def _put_to_work(database: Database, manifest: Manifest) -> int:
-    """Record the restore and requeue running jobs, which no worker runs here and whose results were not stored."""
+    """Record the restore and requeue running jobs, which no worker runs here."""
     with database.write() as session:
         waiting = session.execute(
             sa.update(Job)
@@ -211,7 +246,20 @@ def _put_to_work(database: Database, manifest: Manifest) -> int:
             .values(state="queued", executor_id=None, result_key=None)
             .returning(Job.id)
         ).all()
-        audit.note(
-            session, None, "server.restore", subject=manifest.backup, backup_made_at=manifest.created_at.isoformat()
-        )
+        made_at = manifest.created_at.isoformat()
+        audit.note(session, None, "server.restore", subject=manifest.backup, backup_made_at=made_at)
     return len(waiting) + sweep(database, JobQueue(), project_meal)
+
+
+@contextmanager
+def _explained_refusal(place: str) -> Iterator[None]:
+    """Raise `backup_refused` for values that the database refuses, without quoting them."""
+    try:
+        yield
+    except (OperationalError, psycopg.OperationalError):
+        raise
+    except (StatementError, psycopg.Error) as error:  # COPY bypasses SQLAlchemy
+        reason = type(getattr(error, "orig", error)).__name__
+        message = f"The database refuses the backup's rows: {place}: {reason}."
+        whole = f"{message} None of them was stored."
+        raise InvalidInputError(whole, code="backup_refused") from None

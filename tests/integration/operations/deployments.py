@@ -12,7 +12,6 @@ from fastapi.testclient import TestClient
 
 from app.core.settings import Settings
 from app.db.base import Base
-from app.db.layout import TRANSIENT_TABLES
 from app.db.session import Database
 from app.estimates.save_estimate import save_estimate
 from app.jobs import queries as jobs
@@ -21,8 +20,9 @@ from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run, RunArtefact
 from app.meals.run_answer import RunAnswer
-from app.operations.backup.backup import backup_to_file
 from app.operations.backup.restore import restore
+from app.operations.backup.table_files import TRANSIENT_TABLES
+from app.operations.backup.write_backup import backup_to_file
 from app.people.access.secret_box import open_secret_box
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store

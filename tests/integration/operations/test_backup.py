@@ -3,16 +3,19 @@
 import contextlib
 import csv
 import errno
-import shutil
+import json
+import math
 import threading
 import uuid
 from datetime import UTC, datetime, timedelta
 
 import obstore
+import pyarrow as pa
 import pytest
 import sqlalchemy as sa
 
-from app.core.errors import StorageFullError
+from app.core.errors import InvalidInputError, StorageFullError
+from app.db.base import Base, UtcDateTime
 from app.db.migrate import upgrade
 from app.db.schema_state import current_revision, head_revision
 from app.diary.day_sums import compare_days, write_all_sums
@@ -22,9 +25,10 @@ from app.meals.day_models import DiaryDay
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import RunArtefact
-from app.operations.backup.backup import write_backup
-from app.operations.backup.refill import Refill
+from app.operations.backup import restore as restore_module
 from app.operations.backup.restore import CHANGE_SEQ_JUMP
+from app.operations.backup.table_files import TRANSIENT_TABLES, schema_of, tables_at
+from app.operations.backup.write_backup import write_backup
 from app.operations.figure_queries import last_backup
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretKeyError
@@ -57,20 +61,15 @@ def source(state, settings) -> Deployment:
 
 @pytest.fixture
 def empty_machine(request, tmp_path):
-    """empty_machine("sqlite"): a new folder, a new database, a new store. has_tables: quicker to restore into."""
+    """empty_machine("sqlite"): a new folder, a new database without tables, a new store."""
     with contextlib.ExitStack() as stack:
 
-        def make(kind_of_database, *, has_tables=True, **settings):
+        def make(kind_of_database, **settings):
             folder = tmp_path / f"machine-{len(list(tmp_path.iterdir()))}"
             folder.mkdir()
-            if kind_of_database == "sqlite":
-                url = f"sqlite:///{folder / 'tada.sqlite3'}"
-                if has_tables:
-                    shutil.copyfile(request.getfixturevalue("sqlite_migrated"), folder / "tada.sqlite3")
-            else:
-                template = {"template": request.getfixturevalue("postgres_migrated")} if has_tables else {}
-                server = request.getfixturevalue("postgres_server")
-                url = stack.enter_context(postgres_database(server, **template))
+            url = f"sqlite:///{folder / 'tada.sqlite3'}"
+            if kind_of_database == "postgres":
+                url = stack.enter_context(postgres_database(request.getfixturevalue("postgres_server")))
             return stack.enter_context(deployment(folder, url, **settings))
 
         yield make
@@ -143,9 +142,9 @@ def test_restored_deployment_has_every_row_every_byte_and_every_answer(
     """From SQLite and files onto SQLite and S3, and onto PostgreSQL and files."""
     before = answers(client, admin, person)
     store = {} if onto_other else s3_settings(request.getfixturevalue("s3_server"))
-    machine = empty_machine("postgres" if onto_other else "sqlite", has_tables=False, **store)
+    machine = empty_machine("postgres" if onto_other else "sqlite", **store)
     done = source.back_up(tmp_path / "one.tar")
-    assert (done.end.damaged, done.end.erased) == (0, 0)
+    assert (done.damaged_blobs, done.erased) == (0, [])
     machine.restore(tmp_path / "one.tar")
     assert without_note(machine.rows()) == later(source.rows())
     assert machine.stored() == {key: source.blobs.read(key) for key in named_blobs(source.database)}
@@ -154,6 +153,107 @@ def test_restored_deployment_has_every_row_every_byte_and_every_answer(
         for path, told in answers(restored, admin, person, CHANGE_SEQ_JUMP).items():
             assert told == before[path]
         assert restored.post("/v1/studies", headers=admin, json={"code": "next", "name": "Next"}).status_code == 201
+
+
+EXTREMES = {  # column -> what SQLite and PostgreSQL both hold, and what a careless format loses
+    "meal.details": ['{"n": 12345678901234567890123, "b": [1.5, null, "\\u00e4"]}', "null", "7"],
+    "meal.local_date": ["0001-01-01", "9999-12-31"],
+    "meal.captured_at": ["0001-01-01 00:00:00.000000", "9999-12-31 23:59:59.999999"],
+    "meal.utc_offset_minutes": [-(2**31), 2**31 - 1],
+    "meal_image.bytes": [2**63 - 1, -(2**63)],
+    "effective_record.consumed_g": [5e-324, 0.1 + 0.2, math.inf],
+    "participant.code": ["a\tb\nc\\'\";--\u2028😀", "NaN", "12"],
+}
+EARLIER_REFERS_TO_LATER = "UPDATE item SET parent_id = (SELECT id FROM item ORDER BY rowid DESC LIMIT 1)"
+STRUCTURE = {  # all that a restore drops and creates again
+    "sqlite": "SELECT name, sql FROM sqlite_master WHERE type IN ('index', 'trigger')",
+    "postgresql": """
+        SELECT indexname, split_part(indexdef, ' WHERE ', 1) FROM pg_indexes WHERE schemaname = current_schema()
+        UNION ALL SELECT conname, pg_get_constraintdef(oid) FROM pg_constraint
+            WHERE connamespace = current_schema()::regnamespace
+        UNION ALL SELECT tgname, pg_get_triggerdef(oid) FROM pg_trigger WHERE NOT tgisinternal
+    """,
+}
+
+
+def test_every_value_and_its_type_is_the_same_after_postgresql(person, source, empty_machine, tmp_path):
+    """SQLite holds what it is given: a number as a text, or NULL as JSON's null, would come back as others."""
+    for turn in range(3):
+        with source.database.write() as session:
+            session.execute(sa.text(EARLIER_REFERS_TO_LATER))
+            for name, values in EXTREMES.items():
+                table, column = name.split(".")
+                update = sa.text(f"UPDATE {table} SET {column} = :value")
+                session.execute(update, {"value": values[turn % len(values)]})
+        between, after = empty_machine("postgres"), empty_machine("sqlite")
+        source.back_up(tmp_path / f"{turn}-sqlite.tar")
+        between.restore(tmp_path / f"{turn}-sqlite.tar")
+        between.back_up(tmp_path / f"{turn}-postgres.tar")
+        after.restore(tmp_path / f"{turn}-postgres.tar")
+        before, again = raw_rows(source.database), raw_rows(after.database)
+        assert before.keys() == again.keys()
+        for name in before:
+            assert again[name] == before[name], name
+    for restored in (between, after):
+        new = empty_machine("sqlite" if restored.database.is_sqlite else "postgres")
+        upgrade(new.database)
+        assert structure(restored.database) == structure(new.database)
+
+
+def structure(database):
+    """Every index, constraint and trigger by name, as the database itself writes it."""
+    with database.read() as session:
+        return dict(map(tuple, session.execute(sa.text(STRUCTURE[session.get_bind().dialect.name]))))
+
+
+def raw_rows(database):
+    """Table and column -> each row's value and SQLite's type of it, by the row's key.
+
+    JSON is compared as a value, since PostgreSQL has its own spaces; so are numbers of changes, which a restore raises.
+    """
+    found = {}
+    with database.read() as session:
+        for table in tables_at(head_revision()).values():
+            if table.name in ("audit_event", "job"):  # a restore writes there
+                continue
+            key = " || ' ' || ".join(column.name for column in table.primary_key)
+            for column in table.columns:
+                query = sa.text(f"SELECT {key}, {column.name}, typeof({column.name}) FROM {table.name} ORDER BY 1")
+                rows = [tuple(row) for row in session.execute(query)]
+                if isinstance(column.type, sa.types.NullType):
+                    rows = [(key, json.loads(value) if kind == "text" else value, kind) for key, value, kind in rows]
+                if column.name == "change_seq":
+                    rows = [(key, value and value % CHANGE_SEQ_JUMP, kind) for key, value, kind in rows]
+                found[table.name, column.name] = rows
+    return found
+
+
+def test_value_of_another_type_than_its_column_is_told_when_the_backup_is_made(person, source, tmp_path):
+    for value in ("1.5", "'x'", "x'00'"):
+        with source.database.write() as session:
+            session.execute(sa.text(f"UPDATE meal SET utc_offset_minutes = {value}"))
+        with pytest.raises(InvalidInputError, match="utc_offset_minutes") as refused:
+            source.back_up(tmp_path / "one.tar")
+        assert refused.value.code == "database_inconsistent"
+
+
+def test_tables_and_their_columns_are_those_of_the_models():
+    """Read from a scratch database they are complete, and each column is of the kind that its model says."""
+    arrow_types = {
+        sa.Uuid: pa.uuid(), UtcDateTime: pa.timestamp("us", "UTC"), sa.Date: pa.date32(), sa.JSON: pa.json_(),
+        sa.LargeBinary: pa.binary(), sa.Float: pa.float64(), sa.Boolean: pa.bool_(), sa.Integer: pa.int64(),
+        sa.String: pa.string(),
+    }  # fmt: skip
+    modelled = {
+        table.name: {
+            column.name: next(arrow for kind, arrow in arrow_types.items() if isinstance(column.type, kind))
+            for column in table.columns
+        }
+        for table in Base.metadata.sorted_tables
+        if table.name not in TRANSIENT_TABLES
+    }
+    schemas = {table.name: schema_of(table) for table in tables_at(head_revision()).values()}
+    assert {name: dict(zip(schema.names, schema.types, strict=True)) for name, schema in schemas.items()} == modelled
 
 
 def send_meal(state, phone, seed):
@@ -218,7 +318,7 @@ def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
         stop.set()
         for thread in threads:
             thread.join()
-    assert (done.end.damaged, done.end.erased) == (0, 0)
+    assert (done.damaged_blobs, done.erased) == (0, [])
     machine = empty_machine(kind)
     machine.restore(tmp_path / "busy.tar")
     rows = machine.rows()
@@ -260,10 +360,9 @@ def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anythi
     assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
     ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
     machine = empty_machine(kind, **ledger, secret_key="x" * 40)
-    before = machine.rows()
     with pytest.raises(SecretKeyError, match="erasures from after the backup"):
         machine.restore(tmp_path / "one.tar", other_key=True)
-    assert (machine.rows(), machine.stored()) == (before, {})
+    assert (current_revision(machine.database), machine.stored()) == (None, {})
     machine = empty_machine(kind, **ledger | {"erasure_url": f"file://{tmp_path / 'new-ledger'}"}, secret_key="x" * 40)
     machine.restore(tmp_path / "one.tar", other_key=True)
     assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays), uuid.UUID(erased)}
@@ -285,15 +384,12 @@ def test_restore_that_was_broken_off_can_be_done_again(kind, person, source, emp
         with pytest.raises(OSError, match="network"):
             machine.restore(tmp_path / "one.tar")
     assert machine.stored().keys() == set(stored)
-    put = Refill.put
 
-    def put_and_break(refill, table, rows):
-        if table.name == "meal_image":
-            raise KeyboardInterrupt
-        return put(refill, table, rows)
+    def break_off(*_arguments):
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Refill, "put", put_and_break)
+        patch.setattr(restore_module, "_mark_erased", break_off)  # the rows are there, and not committed
         with pytest.raises(KeyboardInterrupt):
             machine.restore(tmp_path / "one.tar")
     assert machine.rows()["meal"] == {}
@@ -306,7 +402,7 @@ def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, e
     """The disk may be just large enough, and the restore was broken off and is done again."""
     done = source.back_up(tmp_path / "one.tar")
     machine = empty_machine(kind)
-    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.end.blob_bytes - 1)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes - 1)
     with pytest.raises(StorageFullError):
         machine.restore(tmp_path / "one.tar")
     assert machine.stored() == {}
@@ -322,7 +418,7 @@ def test_restore_into_a_bucket_does_not_ask_for_room_on_this_machine(
 ):
     done = source.back_up(tmp_path / "one.tar")
     machine = empty_machine(kind, **s3_settings(s3_server))
-    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.end.blob_bytes // 2)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes // 2)
     machine.restore(tmp_path / "one.tar")
     assert machine.stored().keys() == named_blobs(source.database)
 
@@ -353,7 +449,7 @@ def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, e
 
     with (tmp_path / "one.tar").open("wb") as file:
         done = write_backup(source.database, source.blobs, source.box, file, erase)
-    assert (done.end.erased, done.end.damaged) == (3, 0)
+    assert (len(done.erased), done.damaged_blobs) == (3, 0)
     machine = empty_machine(kind)
     machine.restore(tmp_path / "one.tar")
     with machine.database.read() as session:
@@ -371,11 +467,11 @@ def test_damaged_and_missing_blobs_are_told_by_name_and_all_others_but_orphans_a
     source.blobs.delete(missing)
     source.blobs.put_bytes("study/meal/left/" + "0" * 64, b"of nobody")  # an orphan, as an upload leaves it
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged_first == {damaged: "its bytes are not those that were stored", missing: "missing"}
-    assert done.end.blobs == len(whole)
+    assert done.damaged == {damaged: "its bytes are not those that were stored", missing: "missing"}
+    assert done.blobs == len(whole)
     machine = empty_machine(kind)
     checked = machine.restore(tmp_path / "one.tar").checked
-    assert (checked.end.damaged, checked.damaged_first) == (2, done.damaged_first)
+    assert (checked.damaged_blobs, checked.damaged) == (2, done.damaged)
     assert machine.stored().keys() == set(whole)
 
 
@@ -385,8 +481,8 @@ def test_blob_that_a_bucket_s_disk_altered_is_told_by_name(kind, person, source,
     altered, *whole = sorted(named_blobs(source.database))
     obstore.put(source.blobs._store, altered, b"other bytes", attributes={"sha256": altered[-64:]})
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged_first == {altered: "its bytes are not those that were stored"}
-    assert done.end.blobs == len(whole)
+    assert done.damaged == {altered: "its bytes are not those that were stored"}
+    assert done.blobs == len(whole)
 
 
 def test_backup_that_breaks_off_leaves_no_file_and_calls_no_blob_damaged(kind, person, source, monkeypatch, tmp_path):
@@ -420,13 +516,13 @@ def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
     bad, once, *whole = sorted(named_blobs(source.database))
     stream, failed = source.blobs.stream, []
 
-    def stream_or_fail(key, chunk_bytes):
+    def stream_or_fail(key, *sizes):
         if key == bad or (key == once and once not in failed):
             failed.append(key)
             raise OSError(errno.EIO, "input/output error")
-        return stream(key, chunk_bytes)
+        return stream(key, *sizes)
 
     monkeypatch.setattr(source.blobs, "stream", stream_or_fail)
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged_first == {bad: "the store cannot read it"}
-    assert done.end.blobs == len(whole) + 1
+    assert done.damaged == {bad: "the store cannot read it"}
+    assert done.blobs == len(whole) + 1

@@ -18,7 +18,7 @@ from app.diary.models import DayMark
 from app.exports.release_models import Release, ReleaseFile
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
-from app.operations.backup.last_backup import note_backup
+from app.operations.backup.write_backup import note_backup
 from app.operations.doctor import doctor_data, doctor_work
 from app.operations.doctor.doctor import examine
 from app.outbox.models import Webhook, WebhookDelivery

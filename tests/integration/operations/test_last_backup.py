@@ -6,7 +6,7 @@ import pytest
 
 from app.core.settings import Settings
 from app.operations import figures
-from app.operations.backup.last_backup import note_backup
+from app.operations.backup.write_backup import note_backup
 from app.operations.figures import DeploymentFigures
 from app.people.privacy_models import AuditEvent
 from app.storage.local import LocalBlobStore
