@@ -88,8 +88,8 @@ def test_release_rewritten_during_the_backup_is_reported_to_lack_files(frozen, s
     _, phone, meal = frozen
 
     def change_behind_the_rows(words):
-        """Once the last table is read and no blob is: an erasure, the release anew, its old files deleted."""
-        if words.startswith("webhook_delivery:") and phone is not None:
+        """Once its rows are read and no blob is: an erasure, the release anew, its old files deleted."""
+        if words.startswith("release_file:") and phone is not None:
             phone.client.delete(f"/v1/meals/{meal}", headers=phone.headers)
             run(source)
             BlobDeleter(source.database, source.blobs).delete_scheduled()
