@@ -2,6 +2,7 @@
 
     python -m benchmarks.api [--only sqlite|postgresql] [--rounds 3] [--meals 64] [--concurrency 1 8 32]
                              [--flow-seconds 30] [--folder FOLDER] [--no-polls] [--processes 1]
+                             [--pairs FOLDER]
 
 On SQLite with files, and on PostgreSQL with an S3 server (SeaweedFS), each fresh and of our own. No worker: meals wait
 in the queue, which is what stands in the pipeline's place. The load comes from another process
@@ -13,6 +14,8 @@ in the queue, which is what stands in the pipeline's place. The load comes from 
   of the ratios of neighbours. Processor: milliseconds a meal of the server, of the children that decode the
   photographs, and of the bare endpoint. Peak: the server's resident memory at its highest (VmHWM, cleared before),
   and by how much that is more than it had at rest.
+- With --pairs, such as ../shared/scenes/dev/meals: only uploads of the stereo pairs there, and the bare endpoint also
+  decodes each photograph once, in as many processes as the server has children.
 - Polls: GET /v1/meals/{id} by phones of their own, closed loop.
 - Flow: 50 meals a second of small pairs, open loop: each is sent when it is due, its latency counted from then.
   Afterwards every meal that was sent is looked for: its row, its job, its photographs' hashes as they lie in the store.
@@ -82,6 +85,7 @@ def main() -> int:
     parser.add_argument("--flow-seconds", type=float, default=30.0)
     parser.add_argument("--no-polls", action="store_true")
     parser.add_argument("--processes", type=int, default=1, help="Of the server; figures of memory are their sums.")
+    parser.add_argument("--pairs", type=Path, help="Folder with stereo pairs, */left.jpg and */right.jpg.")
     parser.add_argument("--folder", type=Path, help="On the disk that is measured; default: the system's for such.")
     arguments = parser.parse_args()
     needed = 4 * 2 * PHOTO_BYTES * arguments.meals + 4_000 * MEGABYTE
@@ -92,7 +96,7 @@ def main() -> int:
             if free < needed:
                 print(f"{free / MEGABYTE:.0f} MB are free in {name}; this needs {needed / MEGABYTE:.0f}")
                 return 1
-            with deployment(kind, Path(name), arguments.processes) as server:
+            with deployment(kind, Path(name), arguments.processes, decodes=arguments.pairs is not None) as server:
                 is_fine &= measure(server, arguments)
     return 0 if is_fine else 1
 
@@ -115,6 +119,13 @@ class Deployment:
     def pids(self) -> list[int]:
         """The processes that answer, without those that decode photographs."""
         return children_of(self.process.pid) if self.processes > 1 else [self.process.pid]
+
+    @property
+    def bare_port(self) -> int:
+        """Of the bare endpoint."""
+        if self.bare is None:
+            raise SystemExit("There is no bare endpoint beside S3.")
+        return self.bare[1]
 
     @property
     def settings(self) -> Settings:
@@ -157,8 +168,8 @@ class Deployment:
 
 
 @contextlib.contextmanager
-def deployment(kind: str, folder: Path, processes: int = 1) -> Iterator[Deployment]:
-    """A fresh server; all that was started for it ends with it."""
+def deployment(kind: str, folder: Path, processes: int = 1, *, decodes: bool = False) -> Iterator[Deployment]:
+    """A fresh server; all that was started for it ends with it. decodes: the bare endpoint does so too."""
     with contextlib.ExitStack() as stack:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
         environment |= LIMITS_OFF | {
@@ -194,6 +205,7 @@ def deployment(kind: str, folder: Path, processes: int = 1) -> Iterator[Deployme
             (folder / "bare").mkdir()
             bare_log = stack.enter_context((folder / "bare.log").open("wb"))
             command = [sys.executable, "-m", "benchmarks.bare_endpoint", str(folder / "bare")]
+            command += [str(Settings.model_fields["api_children"].default)] if decodes else []
             bare_process = subprocess.Popen(command, stdout=bare_log, stderr=bare_log, cwd=ROOT)
             stack.callback(end, bare_process)
             bare = bare_process, _port(bare_process, folder / "bare.log")
@@ -219,7 +231,12 @@ def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
     large.write_bytes(photograph(PHOTO_BYTES))
     small.write_bytes(photograph(60_000))
     server.order("upload", photo=str(small), tokens=tokens, concurrency=8, times=64)  # warm
-    is_fine = all(outcome.is_fine for outcome in uploads(server, arguments, tokens, large))
+    if arguments.pairs is not None:
+        pairs = pairs_in(arguments.pairs)
+        server.order("upload", pairs=pairs, tokens=tokens, concurrency=8, times=16)  # warm
+        server.order("upload", pairs=pairs, tokens=tokens, concurrency=8, times=16, port=server.bare_port)
+        return all(outcome.is_fine for outcome in uploads(server, arguments, tokens, pairs))
+    is_fine = all(outcome.is_fine for outcome in uploads(server, arguments, tokens, [[str(large), str(large)]]))
     if not arguments.no_polls:
         polls(server, arguments, tokens, small)
     return flow(server, arguments, tokens, small) and is_fine
@@ -241,17 +258,26 @@ class UploadFigures:
         return (self.ratio >= LEAST_RATIO or self.bare_ratio >= LEAST_BARE_RATIO) and self.peak_mb <= MOST_PEAK_MB
 
 
-def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> list[UploadFigures]:
-    print(f"\n### {server.name}: 2 x 4 MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
+def pairs_in(folder: Path) -> list[list[str]]:
+    """The left and the right photograph of each pair in a folder."""
+    return [[str(left), str(left.with_name("right.jpg"))] for left in sorted(folder.glob("*/left.jpg"))]
+
+
+def uploads(
+    server: Deployment, arguments: argparse.Namespace, tokens: list[str], pairs: list[list[str]]
+) -> list[UploadFigures]:
+    sizes = [Path(path).stat().st_size for pair in pairs for path in pair]
+    meal_mb = 2 * sum(sizes) / len(sizes) / MEGABYTE
+    print(f"\n### {server.name}: pairs of {meal_mb:.1f} MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
     columns = (
         "at once|MB/s|yardstick MB/s|ratio|of neighbours|bare endpoint MB/s|ratio to it|p50 ms|p95 ms|p99 ms|peak MB"
         "|over rest MB|server, ms a meal|children|bare endpoint|load's CPU"
     )
     print_head(columns)
-    figures, volume = list[UploadFigures](), 2 * photo.stat().st_size * arguments.meals / MEGABYTE
+    figures, volume = list[UploadFigures](), meal_mb * arguments.meals
     per_meal_ms = 1000 / arguments.meals
     for concurrency in arguments.concurrency:
-        common = {"photo": str(photo), "concurrency": concurrency, "times": arguments.meals}
+        common = {"photo": pairs[0][0], "pairs": pairs, "concurrency": concurrency, "times": arguments.meals}
         ours, plain, latencies, cpu, load_cpu = [], [], [], [], []
         bare, bare_cpu, child_cpu = [], [], []
         server.clear_peak()
@@ -262,11 +288,12 @@ def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str]
             _empty(server.folder / "yardstick")
             if server.bare is not None:
                 process, port = server.bare
-                before = processor_seconds([process.pid])
+                bare_pids = [process.pid, *children_of(process.pid)]
+                before = processor_seconds(bare_pids)
                 outcome = server.order("upload", tokens=tokens, **common, port=port)
                 fail_on(outcome)
                 bare.append(volume / outcome.seconds)
-                bare_cpu.append((processor_seconds([process.pid]) - before) * per_meal_ms)
+                bare_cpu.append((processor_seconds(bare_pids) - before) * per_meal_ms)
                 _empty(server.folder / "bare")
             before, before_child = server.cpu_seconds(), server.child_seconds()
             outcome = server.order("upload", tokens=tokens, **common)

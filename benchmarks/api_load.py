@@ -27,6 +27,7 @@ from obstore.store import S3Store
 BOUNDARY = b"0123456789abcdef"
 STAMP_BYTES = 36  # a JPEG comment of ours, other in every photograph that is sent
 PATIENCE_SECONDS = 120.0
+BUSY, AGAIN_SECONDS = 503, 0.5
 
 
 @dataclass
@@ -88,8 +89,11 @@ def stamped(photo: bytes, stamp: str) -> tuple[bytes, bytes]:
     return photo[:2] + b"\xff\xfe" + (2 + STAMP_BYTES).to_bytes(2, "big") + stamp.encode(), photo[2:]
 
 
-def meal_parts(client_id: str, photo: bytes, *, is_stamped: bool = True) -> list[bytes]:
-    """The body of POST /v1/meals in pieces. is_stamped: the photograph is a JPEG, and each gets other bytes."""
+def meal_parts(client_id: str, photo: bytes, right: bytes | None = None, *, is_stamped: bool = True) -> list[bytes]:
+    """The body of POST /v1/meals in pieces. right: another one than `photo`, which else is both.
+
+    is_stamped: the photographs are JPEGs, and each gets other bytes.
+    """
     metadata = {"id": client_id, "captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
     parts = [
         b'--%s\r\nContent-Disposition: form-data; name="metadata"\r\nContent-Type: application/json\r\n\r\n%s\r\n'
@@ -99,7 +103,8 @@ def meal_parts(client_id: str, photo: bytes, *, is_stamped: bool = True) -> list
         head = (
             b'--%s\r\nContent-Disposition: form-data; name="%s"; filename="p.jpg"\r\nContent-Type: image/jpeg\r\n\r\n'
         )
-        file = stamped(photo, f"{client_id[:-1]}{number}") if is_stamped else (photo,)
+        view = right if number and right is not None else photo
+        file = stamped(view, f"{client_id[:-1]}{number}") if is_stamped else (view,)
         parts += [head % (BOUNDARY, slot), *file, b"\r\n"]
     return [*parts, b"--%s--\r\n" % BOUNDARY]
 
@@ -134,22 +139,27 @@ def run_threads(count: int, times: int, job: Callable[[int, int], None], outcome
 
 
 def upload(order: dict[str, Any], outcome: Outcome) -> None:
-    """Meals, as fast as the phones are answered."""
-    photo = Path(order["photo"]).read_bytes()
+    """Meals, as fast as the phones are answered. pairs: of photographs, in turn; else `photo` twice."""
+    pairs = order.get("pairs") or [[order["photo"], order["photo"]]]
+    photographs = [[Path(path).read_bytes() for path in pair] for pair in pairs]
     phones = [Phone(order["port"], token) for token in order["tokens"][: order["concurrency"]]]
 
-    def send(thread: int, _: int) -> None:
+    def send(thread: int, number: int) -> None:
         client_id = str(uuid.uuid4())
-        send_meal(phones[thread], client_id, photo)
+        send_meal(phones[thread], client_id, *photographs[number % len(photographs)])
         outcome.sent[client_id] = []
 
     run_threads(order["concurrency"], order["times"], send, outcome)
 
 
-def send_meal(phone: Phone, client_id: str, photo: bytes) -> None:
-    """One meal; an answer that is no 202 raises."""
+def send_meal(phone: Phone, client_id: str, photo: bytes, right: bytes | None = None) -> None:
+    """One meal, sent again where the server is too busy; another answer than 202 raises."""
     content_type = f"multipart/form-data; boundary={BOUNDARY.decode()}"
-    status, body = phone.ask("POST", "/v1/meals", *meal_parts(client_id, photo), content_type=content_type)
+    parts = meal_parts(client_id, photo, right)
+    status, body = phone.ask("POST", "/v1/meals", *parts, content_type=content_type)
+    while status == BUSY:
+        time.sleep(AGAIN_SECONDS)
+        status, body = phone.ask("POST", "/v1/meals", *parts, content_type=content_type)
     if status != 202:
         raise RuntimeError(f"{status}: {body[:200]!r}")
 

@@ -158,7 +158,7 @@ def measure_uploads(_: Path) -> Values:
         large.write_bytes(api.photograph(api.PHOTO_BYTES))
         small.write_bytes(api.photograph(60_000))
         server.order("upload", photo=str(small), tokens=tokens, concurrency=8, times=64)  # warm
-        (uploaded,) = api.uploads(server, arguments, tokens, large)
+        (uploaded,) = api.uploads(server, arguments, tokens, [[str(large), str(large)]])
         (poll_ms,) = api.polls(server, arguments, tokens, small)
     return {
         "upload_disk": uploaded.ratio,
