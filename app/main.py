@@ -1,6 +1,6 @@
 """The HTTP composition root: settings in, app out. `create_app(settings)` opens nothing; its lifespan does."""
 
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import anyio
@@ -12,6 +12,7 @@ from app.capture.files import PATH as CAPTURE
 from app.capture.files import CaptureFiles
 from app.children.api_children import ApiChildren
 from app.core.errors import NotFoundError
+from app.core.process_life import at_stop_signal
 from app.core.settings import Settings
 from app.dashboard import api_reference, guide
 from app.dashboard import routes as dashboard
@@ -107,18 +108,9 @@ problem documents with a stable `code`.
 """
 
 
-def make_limits(settings: Settings, processes: int = 1) -> tuple[CallLimits, EnrolmentLimit, SignInLimits]:
-    """The limits that processes share which are forked after this call."""
-    return (
-        CallLimits(settings, processes=processes),
-        EnrolmentLimit(settings.enrolment_attempts_per_minute),
-        SignInLimits(settings.sign_in_attempts_per_minute),
-    )
-
-
 @asynccontextmanager
-async def open_parts(settings: Settings, limits: Iterable[object]) -> AsyncIterator[ApiState]:
-    """Open the parts that the endpoints of one process share; close them at its end. limits: by make_limits."""
+async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
+    """Open the parts that the endpoints of one process share; close them at its end."""
     register_build("api")
     box = open_secret_box(settings)
     database = open_database(settings)
@@ -156,7 +148,9 @@ async def open_parts(settings: Settings, limits: Iterable[object]) -> AsyncItera
                 last_use,
                 DeploymentFigures(database, blobs, settings),
                 FilesWithPlaces((take_back_exports, take_back_releases)),
-                *limits,
+                CallLimits(settings),
+                EnrolmentLimit(settings.enrolment_attempts_per_minute),
+                SignInLimits(database, box, settings.sign_in_attempts_per_minute),
             ),
         )
     finally:
@@ -169,13 +163,13 @@ async def open_parts(settings: Settings, limits: Iterable[object]) -> AsyncItera
 @asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     """From the app's settings, as they are when it starts, to the parts that its endpoints ask for."""
-    limits = app.state.limits or make_limits(app.state.settings)
-    async with open_parts(app.state.settings, limits) as app.state.api:
-        yield
+    async with open_parts(app.state.settings) as app.state.api:
+        with at_stop_signal(app.state.api.part(MealWaiter).release):
+            yield
 
 
-def create_app(settings: Settings, limits: Iterable[object] = ()) -> FastAPI:
-    """The app of one process. limits: by make_limits, of a server with several processes."""
+def create_app(settings: Settings) -> FastAPI:
+    """The app of one process."""
     app = FastAPI(
         title="tada-server",
         version=__version__,
@@ -188,7 +182,6 @@ def create_app(settings: Settings, limits: Iterable[object] = ()) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
-    app.state.limits = limits
     install_problem_handlers(app)
     app.add_exception_handler(NotFoundError, me_privacy.on_not_found)
     app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=SandboxAnswers)

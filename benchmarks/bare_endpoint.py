@@ -20,8 +20,8 @@ import anyio.to_thread
 import uvicorn
 from fastapi import FastAPI, Request
 
+from app.core.errors import Failure
 from app.http.upload import WRITE_BYTES
-from app.vision.model import Photo
 from app.vision.photo import read_reduced_photo
 
 MAX_PIXELS = 60_000_000
@@ -33,8 +33,8 @@ def decode_photographs(path: str) -> None:
     for part in Path(path).read_bytes().split(JPEG_START)[1:]:
         photo = b"\xff\xd8" + part[: part.rindex(b"\r\n--")]
         read = read_reduced_photo(photo, max_pixels=MAX_PIXELS, least_long_side_px=1)
-        if not isinstance(read.photo, Photo):
-            raise ValueError(read)
+        if isinstance(read, Failure):
+            raise SystemExit(read.message)
 
 
 async def pieces(request: Request) -> AsyncIterator[list[bytes]]:

@@ -1,150 +1,178 @@
 """`tada serve`: uvicorn with our app and, with the embedded database, a worker process that is restarted if it ends.
 
-With several processes, they are forked once all that they share is made: the app, the listening sockets, the limits.
+Several processes are uvicorn's own workers, each with an app of its own; they share the listening sockets.
 
 Behind a reverse proxy the caller's address is in X-Forwarded-For, which any client can set: it is trusted only from the
-proxies in TADA_TRUSTED_PROXIES, by default from none.
+proxies in TADA_TRUSTED_PROXIES, by default from none. Slow heads are the proxy's to end (docs/decisions/0058).
 """
 
+import asyncio
 import contextlib
 import ctypes
 import ipaddress
 import math
+import multiprocessing
 import os
 import resource
 import signal
 import socket
+import struct
 import sys
-import threading
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 from urllib.parse import urlsplit
 
-import structlog
 import uvicorn
-from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.config import STARTUP_FAILURE
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.server import ServerState
+from uvicorn.supervisors import Multiprocess
 
-from app.cli.prefork import WORKER, Prefork
 from app.core.errors import InvalidInputError, TadaError, UnavailableError
 from app.core.garbage import collect_rarely
 from app.core.logs import configure_logging
+from app.core.process_life import die_with_parent
 from app.core.settings import Settings
-from app.http.connection_protocol import ConnectionWatch, WatchedProtocol, connection_limits
-from app.http.shared_memory import ActiveCounts
-from app.http.state import ApiState
-from app.jobs.supervisor import WorkerProcess
-from app.main import create_app, make_limits
-from app.metrics import shared_metrics
+from app.db.session import open_database
+from app.http.state import CUT
+from app.jobs.supervisor import WorkerProcess, settings_environment
+from app.main import create_app
 from app.operations.check_stores import check_stores
 from app.operations.explain_errors import explain_error, explained_errors
+from app.operations.prepare import prepare_patiently
+from app.operations.prepare_apart import prepare_apart
 from app.people.access.web_origins import origins_of_setting
-from app.uploads.waiting import MealWaiter
-
-log = structlog.get_logger()
 
 KEEP_ALIVE_SECONDS = 30
+HEAD_BYTES = 32 * 1024  # of a request's head, as far as it has come
+HEALTH_SECONDS = 60  # a process that does not answer its supervisor for so long is replaced
 M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8  # malloc.h
 FILES_PER_CONNECTION = 4  # its socket, two staged files, one spare
 BACKLOG = 2048  # connections that the system keeps until a process takes them: uvicorn's default
 
 
 def serve(
-    settings: Settings, *, with_worker: bool, processes: int = 1, around: Callable[[ASGIApp], ASGIApp] | None = None
+    settings: Settings,
+    *,
+    with_worker: bool,
+    processes: int = 1,
+    around: Callable[[ASGIApp], ASGIApp] | None = None,
 ) -> int:
     """Serve until SIGTERM or SIGINT, and return the exit status. Raises TadaError if it cannot start.
 
-    With several processes this returns in each of them. around: puts a middleware around the app of a single process.
+    around: puts a middleware around the app of a single process.
     """
     configure_logging(settings)
     check_public_url(settings.public_url)
     origins_of_setting(settings.web_origins)
-    return_freed_memory()
     raise_open_file_limit(settings.max_connections * FILES_PER_CONNECTION)
-    if processes == 1:
-        embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
-        app = create_app(settings)
-        outermost: ASGIApp = app if around is None else around(app)
-        server = _Server(server_config(settings, ExplainedStartup(outermost)), app, print_addresses)
-        return _run(settings, server, embedded_worker=embedded_worker)
-    # as many child processes as one server has
-    settings = settings.model_copy(update={"api_children": math.ceil(settings.api_children / processes)})
-    limits = make_limits(settings, processes)
-    of_addresses = ActiveCounts(settings.max_connections, processes)
-    app = create_app(settings, limits)
-    config = server_config(settings, ExplainedStartup(app), of_addresses)
-    sockets = listen(settings.host, settings.port)
-    counts = (limits[0].active, of_addresses)
-
-    def on_end(place: int, pid: int) -> None:
-        for count in counts if place != WORKER else ():
-            count.clear(place)
-        shared_metrics.forget_process(pid)
-
-    def on_stop() -> None:
-        for listening in sockets:
-            listening.close()
-
-    forked = Prefork(
-        processes,
-        with_worker=with_worker and settings.is_embedded,
-        on_ready=lambda: print_addresses(sockets),
-        on_end=on_end,
-        on_stop=on_stop,
-    ).run()
-    if isinstance(forked, int):
-        return forked
-    if forked.place == WORKER:
-        on_stop()
-        return _keep_worker(settings)
-    for count in counts:
-        count.become(forked.place)
-    return _run(settings, _Server(config, app, lambda _: forked.announce()), sockets=sockets)
-
-
-def _keep_worker(settings: Settings) -> int:
-    """Keep the embedded worker running until SIGTERM."""
-    os.environ.pop(shared_metrics.VARIABLE, None)  # it has metrics of its own
-    stopping = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: stopping.set())
-    embedded_worker = WorkerProcess(settings)
-    embedded_worker.start()
-    stopping.wait()
-    embedded_worker.stop()
+    with explained_errors():
+        check_stores(settings)
+    embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
+    if processes > 1:
+        return _serve_in_several(settings, processes, embedded_worker)
+    return_freed_memory()
+    app: ASGIApp = create_app(settings)
+    with _listening(settings) as sockets, _beside(embedded_worker):
+        startup = ExplainedStartup(app if around is None else around(app), sockets)
+        try:
+            uvicorn.Server(server_config(settings, startup)).run(sockets)
+        except SystemExit:  # uvicorn exits so if the app fails to start
+            if startup.failure is not None:
+                raise startup.failure from None
+            raise
     return 0
 
 
-def _run(
-    settings: Settings,
-    server: "_Server",
-    *,
-    sockets: list[socket.socket] | None = None,
-    embedded_worker: WorkerProcess | None = None,
-) -> int:
+def _serve_in_several(settings: Settings, processes: int, embedded_worker: WorkerProcess | None) -> int:
+    """Prepare, so that what prevents a start is told once, then let uvicorn's workers serve."""
     with explained_errors():
-        check_stores(settings)
+        database = open_database(settings)
+        prepare_patiently(database, settings, first=prepare_apart)
+        database.dispose()
+    # as many child processes as one server has
+    api_children = math.ceil(settings.api_children / processes)
+    os.environ |= settings_environment(settings.model_copy(update={"api_children": api_children}))
+    config = server_config(settings, "app.cli.serving:app_of_worker", processes)
+    with _listening(settings) as sockets, _beside(embedded_worker):
+        print_addresses(sockets)
+        supervisor = _Supervisor(config, sockets)
+        supervisor.run()
+    has_failed = any(process.exitcode == STARTUP_FAILURE for process in supervisor.processes)
+    return 1 if has_failed else 0
+
+
+def app_of_worker() -> ASGIApp:
+    """Return the app of one of several processes, which reads its settings from the environment."""
+    parent = multiprocessing.parent_process()
+    if parent is not None and parent.pid is not None:
+        die_with_parent(parent.pid)
+    settings = Settings()
+    configure_logging(settings)
+    return_freed_memory()
+    return ExplainedStartup(create_app(settings))
+
+
+class _Supervisor(Multiprocess):
+    """Uvicorn's, which stops listening itself as soon as it ends its workers: else callers would wait in vain."""
+
+    def terminate_all(self) -> None:
+        for listening in self.sockets:
+            listening.close()
+        super().terminate_all()
+
+
+class CuttableProtocol(H11Protocol):
+    """uvicorn's HTTP/1.1, whose connection the app can reset: sandboxes lose requests and answers."""
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        _loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        super().__init__(config, server_state, {**app_state, CUT: self.cut}, _loop)
+
+    def cut(self) -> None:
+        """Reset the connection, whatever still waits to be written."""
+        sock = self.transport.get_extra_info("socket")
+        with contextlib.suppress(OSError):  # the caller was faster
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.transport.abort()
+
+
+@contextlib.contextmanager
+def _listening(settings: Settings) -> Iterator[list[socket.socket]]:
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(listening) for listening in listen(settings.host, settings.port)]
+
+
+@contextlib.contextmanager
+def _beside(embedded_worker: WorkerProcess | None) -> Iterator[None]:
+    """Keep the worker until the server has ended, as requests may wait for it."""
     # uvicorn raises the signal again once it has shut down: by default it would end us before our worker is stopped
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if embedded_worker is not None:
         embedded_worker.start()
     try:
-        server.run(sockets)
-    except SystemExit:  # uvicorn exits so if the app fails to start
-        if server.failure is not None:
-            raise server.failure from None
-        raise
+        yield
     finally:
         if embedded_worker is not None:
             embedded_worker.stop()
         signal.signal(signal.SIGTERM, before)
-    return 0 if server.started else 1
 
 
 class ExplainedStartup:
-    """The app, with a failure to start kept as a TadaError instead of a traceback in the log."""
+    """The app, with a failure to start kept as a TadaError instead of a traceback in the log.
 
-    def __init__(self, app: ASGIApp) -> None:
+    sockets: whose addresses are printed once it has started.
+    """
+
+    def __init__(self, app: ASGIApp, sockets: Iterable[socket.socket] = ()) -> None:
         self._app = app
+        self._sockets = sockets
         self.failure: TadaError | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -158,8 +186,11 @@ class ExplainedStartup:
             """Hold back the failure message, which contains the traceback and precedes the exception."""
             if message["type"] == "lifespan.startup.failed":
                 failed.append(message)
-            else:
-                await send(message)
+                return
+            if message["type"] == "lifespan.startup.complete":
+                collect_rarely()
+                print_addresses(self._sockets)
+            await send(message)
 
         try:
             await self._app(scope, receive, hold)
@@ -171,37 +202,18 @@ class ExplainedStartup:
 
 
 def listen(host: str, port: int) -> list[socket.socket]:
-    """Return listening sockets of all the host's addresses, for several processes. Raises UnavailableError."""
+    """Return listening sockets of all the host's addresses. Raises UnavailableError."""
     sockets: list[socket.socket] = []
     try:
         for family, _, _, _, address in socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         ):
-            listening = socket.create_server(address, family=family, backlog=BACKLOG)
-            sockets.append(_SharedSocket(fileno=listening.detach()))
+            sockets.append(socket.create_server(address, family=family, backlog=BACKLOG))
     except OSError as error:
         for listening in sockets:
             listening.close()
         raise UnavailableError(f"TADA_HOST, TADA_PORT: {host}, port {port}: {error.strerror}.") from None
     return sockets
-
-
-class _SharedSocket(socket.socket):
-    """A listening socket from which each process takes one connection in each turn of its event loop.
-
-    asyncio would take all that wait, so that one process gets the whole of a burst, and keeps it with keep-alive.
-    """
-
-    _took_one = False
-
-    def accept(self) -> tuple[socket.socket, object]:
-        """Take a connection; after one, say once that none waits."""
-        if self._took_one:
-            self._took_one = False
-            raise BlockingIOError
-        accepted = super().accept()
-        self._took_one = True
-        return accepted
 
 
 def print_addresses(sockets: Iterable[socket.socket]) -> None:
@@ -211,27 +223,28 @@ def print_addresses(sockets: Iterable[socket.socket]) -> None:
         print(f"tada-server listens on http://{host}:{port}", file=sys.stderr, flush=True)
 
 
-def server_config(settings: Settings, app: ASGIApp, of_addresses: ActiveCounts | None = None) -> uvicorn.Config:
-    """Return uvicorn's configuration. of_addresses: connections by address, of several processes.
+def server_config(settings: Settings, app: ASGIApp | str, processes: int = 1) -> uvicorn.Config:
+    """Return uvicorn's configuration. app: of several processes the function that makes it, by its name.
 
     Raises InvalidInputError for invalid proxies.
     """
     proxies = trusted_proxies(settings.trusted_proxies)
-    watch = ConnectionWatch(connection_limits(settings, proxies), of_addresses)
     return uvicorn.Config(
         app,
-        host=settings.host,
-        port=settings.port,
+        factory=isinstance(app, str),
+        workers=processes,
         log_config=None,
         access_log=False,
         server_header=False,
         backlog=BACKLOG,
         proxy_headers=bool(proxies),  # uvicorn's default trusts all local callers
         forwarded_allow_ips=proxies,
+        limit_concurrency=settings.max_connections,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=settings.stop_seconds,
-        loop="asyncio",  # even if others are installed: WatchedProtocol depends on asyncio's
-        http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
+        timeout_worker_healthcheck=HEALTH_SECONDS,
+        http=CuttableProtocol,
+        h11_max_incomplete_event_size=HEAD_BYTES,
         ws="none",
     )
 
@@ -297,31 +310,3 @@ def check_public_url(url: str | None) -> None:
             "TADA_PUBLIC_URL must be like https://tada.example.org: http or https, a host, and no slash at the end.",
             code="settings_invalid",
         )
-
-
-class _Server(uvicorn.Server):
-    """Announces that it listens; on shutdown, ends waiting requests first."""
-
-    def __init__(
-        self, config: uvicorn.Config, app: FastAPI, announce: Callable[[Iterable[socket.socket]], None]
-    ) -> None:
-        super().__init__(config)
-        self._app = app
-        self._announce = announce
-
-    @property
-    def failure(self) -> TadaError | None:
-        """Return why the app did not start; None if it did, or for a fault of the program."""
-        start = self.config.app
-        return start.failure if isinstance(start, ExplainedStartup) else None
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        collect_rarely()
-        self._announce(listening for server in self.servers for listening in server.sockets)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        state: ApiState | None = getattr(self._app.state, "api", None)
-        if state is not None:
-            await state.part(MealWaiter).close()
-        await super().shutdown(sockets)

@@ -109,23 +109,9 @@ class PreconditionFailedError(TadaError):
 class RequestTimeoutError(TadaError):
     """The caller sent the request too slowly; nothing was stored."""
 
-    code = "request_timeout"
+    code = "body_too_slow"
     status = 408
     retryable = True
-
-
-class TargetTooLongError(TadaError):
-    """The request's URL is longer than any of ours."""
-
-    code = "target_too_long"
-    status = 414
-
-
-class HeadersTooLargeError(TadaError):
-    """The request has too many headers, or too large ones."""
-
-    code = "headers_too_large"
-    status = 431
 
 
 class PreconditionRequiredError(TadaError):

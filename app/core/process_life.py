@@ -1,9 +1,13 @@
-"""Let a process die with its parent, however the parent ends: a child calls `die_with_parent(pid)` first."""
+"""How a process ends: with its parent, however the parent ends (`die_with_parent`), or in order, by a signal."""
 
+import asyncio
 import contextlib
 import ctypes
 import os
 import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -18,3 +22,30 @@ def die_with_parent(parent_pid: int) -> None:
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent_pid:  # it died between the fork and the call above
         os._exit(0)
+
+
+@contextlib.contextmanager
+def at_stop_signal(call: Callable[[], object]) -> Iterator[None]:
+    """Call in this event loop at SIGTERM or SIGINT, before the server's own handler waits for all requests.
+
+    Does nothing outside the main thread, where no signal is handled.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    loop = asyncio.get_running_loop()
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        loop.call_soon_threadsafe(call)
+        handler = handlers[signal.Signals(number)]
+        if callable(handler):
+            handler(number, frame)
+
+    for number in handlers:
+        signal.signal(number, on_signal)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)

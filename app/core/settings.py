@@ -139,11 +139,10 @@ class Settings(BaseSettings):
     )
     max_connections: int = Field(default=1000, ge=1, description="Open connections of one process.")
     max_connections_per_address: int = Field(
-        default=500, ge=1, description="Connections, and simultaneous requests, of one address."
+        default=500, ge=1, description="Simultaneous requests of one address to one process."
     )
-    header_seconds: float = Field(default=10.0, gt=0, description="Maximum time until a request's head has arrived.")
     stall_seconds: float = Field(
-        default=60.0, gt=0, description="Maximum time for 16 KiB of a body to arrive, or of a response to be read."
+        default=60.0, gt=0, description="Maximum time for 16 KiB of a request's body to arrive."
     )
     stop_seconds: int = Field(
         default=20, ge=1, description="Time that requests in progress get when the server shuts down."

@@ -1,17 +1,18 @@
 """What holds for every request and every answer, whatever the route.
 
-Requests: calls are counted by address; no body is larger than its route needs; none is packed, and no address holds a
-NUL. Uploads count their own bytes (upload.py). PostgreSQL can neither store nor compare a NUL. A packed body
-(Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink. So is a part of one
-(Content-Range), which would be kept as if it were the whole (RFC 9110, section 14.5). HEAD is GET; the server leaves
-its body out.
+Requests: calls are counted by address; no body is larger than its route needs, or comes too slowly; none is packed,
+and no address holds a NUL. Uploads count their own bytes (upload.py). PostgreSQL can neither store nor compare a NUL. A
+packed body (Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink. So is a
+part of one (Content-Range), which would be kept as if it were the whole (RFC 9110, section 14.5). HEAD is GET; the
+server leaves its body out.
 
 Answers: nothing that a browser guesses at or keeps (amounts of food are health data, tokens are secrets), what the
 caller has left of their limit, and in a 405 all methods that the address takes.
 """
 
+import asyncio
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, nullcontext
 
 from starlette.datastructures import MutableHeaders
@@ -19,9 +20,18 @@ from starlette.requests import HTTPConnection
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.core.errors import InvalidInputError, MalformedRequestError, TadaError, TooLargeError, UnsupportedMediaError
+from app.core.errors import (
+    InvalidInputError,
+    MalformedRequestError,
+    RequestTimeoutError,
+    TadaError,
+    TooLargeError,
+    UnavailableError,
+    UnsupportedMediaError,
+)
 from app.http.problems import render_problem
 from app.http.rate_limit import CallClass, CallLimits, call_class, caller_address
+from app.http.state import ApiState
 
 PREFIXES = ("/v1/", "/fhir/")
 NOT_KEPT = "private, no-store"
@@ -29,6 +39,8 @@ UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|cal
 LIMIT_BYTES = 256 * 1024
 WITH_BODY = frozenset({"POST", "PUT", "PATCH"})  # in others these headers describe nothing (RFC 9110, section 9.3)
 NOT_ALLOWED = 405
+MIN_PROGRESS_BYTES = 16 * 1024  # in `stall_seconds`: 270 bytes/s, less than any network that carries photographs
+STOP_RETRY_SECONDS = 5
 OF_ROUTING = ("route", "endpoint", "path_params")  # what logs and limits read of a request once it is routed
 
 
@@ -55,38 +67,21 @@ class Edge:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        state = scope.setdefault("state", {})
-        is_waiting = any(name == b"expect" for name, _ in scope["headers"])
-        routed = {**scope, "method": "GET"} if scope["method"] == "HEAD" else scope  # routing writes into its own
-
-        async def noted_receive() -> Message:
-            nonlocal is_waiting
-            is_waiting = False  # uvicorn tells the caller to go on
-            return await receive()
-
-        async def completed_send(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                scope.update({name: routed[name] for name in OF_ROUTING if name in routed})
-                headers = MutableHeaders(scope=message)
-                headers.update(state.get("rate_limit_headers", {}))
-                if scope["path"].startswith(PREFIXES):
-                    headers.setdefault("X-Content-Type-Options", "nosniff")
-                    headers.setdefault("Cache-Control", NOT_KEPT)
-                if is_waiting:  # will the body come or not? Nobody knows: the next request needs a new connection
-                    headers["Connection"] = "close"
-                if message["status"] == NOT_ALLOWED and (methods := self._allowed_methods(scope["path"])):
-                    headers["Allow"] = ", ".join(methods)
-            await send(message)
-
+        exchange = _Exchange(scope, receive, send, self._allowed_methods)
         call = call_class(scope)
         try:
             with _counted(scope, call) if call is not None else nullcontext():
-                await self._app(routed, await _checked_body(scope, noted_receive), completed_send)
+                body = await _checked_body(scope, exchange.receive)
+                await self._app(exchange.routed, body, exchange.send)
         except TadaError as error:
             answer = render_problem(error)
             if error.code == "body_packed":
                 answer.headers["Accept-Encoding"] = "identity"  # RFC 9110, section 15.5.16
-            await answer(scope, receive, completed_send)
+            await answer(scope, receive, exchange.send)
+        except asyncio.CancelledError:  # the server ends, and has waited for `stop_seconds`
+            if exchange.is_answered:
+                raise
+            await render_problem(_server_stops())(scope, receive, exchange.send)
 
     def _allowed_methods(self, path: str) -> list[str]:
         """Those that an address takes; none where there is no such address."""
@@ -94,8 +89,89 @@ class Edge:
         return sorted(taken | ({"HEAD"} if "GET" in taken else set()))
 
 
+class _Exchange:
+    """One request and its answer.
+
+    routed: the scope for the app, into which routing writes; of HEAD it is GET's
+    is_answered: an answer has begun
+    """
+
+    def __init__(self, scope: Scope, receive: Receive, send: Send, allowed_methods: Callable[[str], list[str]]) -> None:
+        self._scope, self._receive, self._send = scope, receive, send
+        self._allowed_methods = allowed_methods
+        self._state = scope.setdefault("state", {})
+        self.routed = {**scope, "method": "GET"} if scope["method"] == "HEAD" else scope
+        self.is_answered = False
+        # the caller asks whether the body is wanted, and nobody has received any of it
+        self._is_expecting = any(name == b"expect" for name, _ in scope["headers"])
+        self._stall_seconds = _state_of(scope).settings.stall_seconds
+        self._patience_seconds = self._stall_seconds  # time that the app does not ask in does not count
+        self._progress_bytes = 0
+        self._is_whole = False
+
+    async def receive(self) -> Message:
+        """Receive, as long as the body makes progress. Raises RequestTimeoutError."""
+        self._is_expecting = False  # uvicorn tells the caller to go on
+        if self._is_whole:  # what comes now is the end of the connection
+            return await self._receive()
+        loop = asyncio.get_running_loop()
+        started = loop.time()
+        try:
+            async with asyncio.timeout(self._patience_seconds):
+                message = await self._receive()
+        except TimeoutError:
+            raise _body_too_slow(self._stall_seconds) from None
+        self._patience_seconds -= loop.time() - started
+        self._progress_bytes += len(message.get("body", b""))
+        if self._progress_bytes >= MIN_PROGRESS_BYTES:
+            self._patience_seconds, self._progress_bytes = self._stall_seconds, 0
+        self._is_whole = not message.get("more_body", False)
+        return message
+
+    async def send(self, message: Message) -> None:
+        """Send, with the headers that all answers have."""
+        if message["type"] == "http.response.start":
+            self.is_answered = True
+            self._complete_headers(message)
+        await self._send(message)
+
+    def _complete_headers(self, message: Message) -> None:
+        scope, routed = self._scope, self.routed
+        scope.update({name: routed[name] for name in OF_ROUTING if name in routed})
+        headers = MutableHeaders(scope=message)
+        headers.update(self._state.get("rate_limit_headers", {}))
+        if scope["path"].startswith(PREFIXES):
+            headers.setdefault("X-Content-Type-Options", "nosniff")
+            headers.setdefault("Cache-Control", NOT_KEPT)
+        if self._is_expecting or message["status"] == RequestTimeoutError.status:
+            # will the body come or not? Nobody knows: the next request needs a new connection
+            headers["Connection"] = "close"
+        if message["status"] == NOT_ALLOWED and (methods := self._allowed_methods(scope["path"])):
+            headers["Allow"] = ", ".join(methods)
+
+
+def _body_too_slow(stall_seconds: float) -> RequestTimeoutError:
+    return RequestTimeoutError(
+        f"In {stall_seconds:g} s fewer than {MIN_PROGRESS_BYTES} bytes of the body have come. Nothing was kept: send "
+        "it again."
+    )
+
+
+def _server_stops() -> UnavailableError:
+    return UnavailableError(
+        "The server is being stopped before the request has come to its end. Nothing was kept: send it again.",
+        code="server_stops",
+        retry_after_seconds=STOP_RETRY_SECONDS,
+    )
+
+
+def _state_of(scope: Scope) -> ApiState:
+    state: ApiState = scope["app"].state.api
+    return state
+
+
 def _counted(scope: Scope, call: CallClass) -> AbstractContextManager[None]:
-    limits: CallLimits = scope["app"].state.api.part(CallLimits)
+    limits = _state_of(scope).part(CallLimits)
     return limits.under_way(caller_address(HTTPConnection(scope)), call)
 
 

@@ -1,4 +1,4 @@
-"""How many calls an address and a caller may make: uploads, exports and all others counted apart, in all processes.
+"""How many calls an address and a caller may make of one process: uploads, exports and all others counted apart.
 
 An address is counted before anything is looked up, a caller (a phone, a person of the staff) once their token is known
 (people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one
@@ -9,7 +9,9 @@ read.
 import ipaddress
 import math
 import re
+import threading
 import time
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,9 +21,8 @@ from urllib.parse import parse_qs
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
-from app.core.errors import RateLimitedError, UnavailableError
+from app.core.errors import RateLimitedError
 from app.core.settings import Settings
-from app.http.shared_memory import ActiveCounts, KeyTable
 
 CallClass = Literal["upload", "export", "call"]
 CallerKind = Literal["address", "device", "staff"]
@@ -38,6 +39,7 @@ EXPORT_TYPES = (  # in Accept
 )
 UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
 AT_ONCE_RETRY_SECONDS = 2
+MAX_KEYS = 100_000  # of one limit, so that a flood of addresses cannot fill the memory: 20 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +59,17 @@ class Quota:
 
 
 class RateLimit:
-    """A token bucket per key (address, name), refilled steadily, shared with the processes that are forked later.
+    """A token bucket per key (address, caller), refilled steadily.
 
-    One lock keeps a burst from passing at once. A refused call is not counted: who comes back after the time in the
-    refusal is let in. clock: the same in all processes, in seconds.
+    A refused call is not counted: whoever comes back after the time in the refusal is let in.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.per_minute = per_minute
         self._per_second = per_minute / 60
         self._clock = clock
-        self._buckets = KeyTable()
+        self._lock = threading.Lock()
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # calls left, and when
 
     def take(self, key: str) -> Quota | None:
         """Count one call and return what is left; None where the limit is 0, which is none.
@@ -76,31 +78,28 @@ class RateLimit:
         """
         if not self.per_minute:
             return None
-        with self._buckets.lock:
+        with self._lock:
             now = self._clock()
-            level, since = self._buckets.get(key) or (float(self.per_minute), now)
+            level, since = self._buckets.pop(key, (float(self.per_minute), now))
             level = min(float(self.per_minute), level + (now - since) * self._per_second)
             is_let_in = level >= 1
             if is_let_in:
                 level -= 1
-            self._buckets.put(key, level, now)
+            self._buckets[key] = level, now
+            if len(self._buckets) > MAX_KEYS:
+                self._buckets.popitem(last=False)
         if not is_let_in:
-            wait = max(1, math.ceil((1 - level) / self._per_second))
-            raise RateLimitedError(
-                f"Too many calls: come back in {wait} s.",
-                retry_after_seconds=wait,
-                limit_per_minute=self.per_minute,
-            )
-        return Quota(self.per_minute, int(level), math.ceil((self.per_minute - level) / self._per_second))
+            raise too_many_calls(math.ceil((1 - level) / self._per_second), self.per_minute)
+        full_in_seconds = math.ceil((self.per_minute - level) / self._per_second)
+        return Quota(self.per_minute, int(level), full_in_seconds)
 
 
 class CallLimits:
-    """The limits of a server's processes together. A limit of 0 a minute is none."""
+    """The limits of one process. A limit of 0 a minute is none."""
 
-    def __init__(self, settings: Settings, clock: Callable[[], float] = time.monotonic, processes: int = 1) -> None:
+    def __init__(self, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
         self._at_once = settings.max_connections_per_address
-        # a request may go on for a while after its connection has broken
-        self.active = ActiveCounts(2 * settings.max_connections, processes)
+        self._under_way: Counter[str] = Counter()  # changed in the event loop's thread alone
         of_address = RateLimit(settings.address_calls_per_minute, clock)
         of_staff = RateLimit(settings.staff_calls_per_minute, clock)
         self._limits: Mapping[CallerKind, Mapping[CallClass, RateLimit]] = {
@@ -127,26 +126,30 @@ class CallLimits:
 
     @contextmanager
     def under_way(self, address: str, call: CallClass) -> Iterator[None]:
-        """A call of an address, from its start to its end. Raises RateLimitedError, UnavailableError."""
+        """A call of an address, from its start to its end. Raises RateLimitedError."""
         self.count("address", address, call)
-        try:
-            slot = self.active.add(address, self._at_once)
-        except IndexError:
-            raise UnavailableError(
-                "The server has too many requests under way.",
-                code="server_busy",
-                retry_after_seconds=AT_ONCE_RETRY_SECONDS,
-            ) from None
-        if slot is None:
+        if self._under_way[address] >= self._at_once:
             raise RateLimitedError(
                 f"Your address has {self._at_once} requests under way, the limit.",
                 retry_after_seconds=AT_ONCE_RETRY_SECONDS,
                 limit_at_once=self._at_once,
             )
+        self._under_way[address] += 1
         try:
             yield
         finally:
-            self.active.remove(slot)
+            self._under_way[address] -= 1
+            if not self._under_way[address]:
+                del self._under_way[address]
+
+
+def too_many_calls(wait_seconds: int, per_minute: int) -> RateLimitedError:
+    """Return the refusal of a key that has used up its calls."""
+    return RateLimitedError(
+        f"Too many calls: come back in {wait_seconds} s.",
+        retry_after_seconds=wait_seconds,
+        limit_per_minute=per_minute,
+    )
 
 
 def call_class(scope: Scope) -> CallClass | None:

@@ -9,6 +9,8 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.storage.blob_store import BlobStore
 
+CUT = "cut_connection"  # in a request's state, by app/cli/serving.py: a function that resets the connection
+
 Part = TypeVar("Part")
 
 

@@ -45,7 +45,8 @@ class WorkerProcess:
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self._command = [*command, "--parent", str(os.getpid())]
-        inherited = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
+        others = ("TADA_", "PROMETHEUS_")  # the latter would let it count together with the server's processes
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith(others)}
         self._environment = inherited | settings_environment(settings) | dict(environment or {})
         self._stopping = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None

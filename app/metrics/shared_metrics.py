@@ -16,7 +16,7 @@ VARIABLE = "PROMETHEUS_MULTIPROC_DIR"
 
 
 def share_metrics() -> None:
-    """Let this program and the processes that it forks count together, in a folder that is removed when it ends.
+    """Let this program and the processes that it starts count together, in a folder that is removed when it ends.
 
     Raises RuntimeError if prometheus_client was imported before: it looks at the environment only then.
     """
@@ -24,13 +24,7 @@ def share_metrics() -> None:
         raise RuntimeError("prometheus_client is imported already and counts for one process only.")
     folder = tempfile.mkdtemp(prefix="tada-metrics-")
     os.environ[VARIABLE] = folder
-    owner = os.getpid()
-
-    def remove() -> None:
-        if os.getpid() == owner:  # and not a forked process
-            shutil.rmtree(folder, ignore_errors=True)
-
-    atexit.register(remove)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
 
 def shared_folder() -> Path | None:
@@ -38,22 +32,26 @@ def shared_folder() -> Path | None:
     return Path(os.environ[VARIABLE]) if VARIABLE in os.environ else None
 
 
-def forget_process(pid: int) -> None:
-    """Forget what a process that has ended had under way; its counters stay."""
-    folder = shared_folder()
-    for file in folder.glob(f"gauge_live*_{pid}.db") if folder is not None else ():
-        file.unlink()
-
-
 def process_ids() -> Iterator[str]:
-    """Yield the ids of the server's processes: those that have counted and live, and their parent."""
+    """Yield the ids of the server's processes: those that have counted and live, and their parent.
+
+    What a process that has ended had under way is forgotten; its counters stay.
+    """
     parent = os.getppid()
     folder = shared_folder()
-    counted = {file.stem.rpartition("_")[2] for file in folder.glob("counter_*.db")} if folder is not None else set()
-    for pid in sorted(counted | {str(parent)}):
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if pid == str(parent) or fields[1] == str(parent):  # the second: its parent's id; not a stranger's reused one
-            yield pid
+    files = list(folder.glob("*.db")) if folder is not None else []
+    counted = {file.stem.rpartition("_")[2] for file in files}
+    living = {pid for pid in counted | {str(parent)} if _is_of(pid, str(parent))}
+    for file in files:
+        if file.name.startswith("gauge_live") and file.stem.rpartition("_")[2] not in living:
+            file.unlink(missing_ok=True)
+    yield from sorted(living)
+
+
+def _is_of(pid: str, parent: str) -> bool:
+    """Whether a process is the parent or a living child of it, and not a stranger with a reused id."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return False
+    return parent in (pid, fields[1])

@@ -8,6 +8,7 @@ from app.diary.day_sums import write_study_sums, write_sums
 from app.jobs.chores import Chore
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
+from app.people.access.sign_in_limits import forget_attempts
 from app.privacy import orphan_rounds
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
@@ -46,6 +47,10 @@ def worker_chores(
             return 0
         return erase_old_pictures(database, now) + erase_sandboxes(eraser, now)
 
+    def tidy() -> None:
+        deleter.tidy()
+        forget_attempts(database)
+
     files = FileThread(database, blobs, settings, box)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
@@ -58,7 +63,7 @@ def worker_chores(
         Chore("watch_clock", 60.0, clock.tick),
         Chore("erase_old_pictures", HOUR, apply_retention),
         Chore("delete_orphans", 30.0, orphans.run_slice),
-        Chore("tidy", HOUR, deleter.tidy),
+        Chore("tidy", HOUR, tidy),
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
         Chore("remove_old_deliveries", HOUR, deliver.remove_old),

@@ -181,6 +181,26 @@ class AccessToken(Base):
     )
 
 
+class SignInAttempt(Base):
+    """A try to sign in, for limits that all processes count together (people/access/sign_in_limits.py).
+
+    name_digest, address_digest: HMACs, which only this server can compute.
+    """
+
+    __tablename__ = "sign_in_attempt"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    name_digest: Mapped[str] = mapped_column(sa.String(64))
+    address_digest: Mapped[str] = mapped_column(sa.String(64))
+    attempted_at: Mapped[datetime]
+    is_success: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
+
+    __table_args__ = (
+        sa.Index("ix_sign_in_attempt_name", "name_digest", "attempted_at"),
+        sa.Index("ix_sign_in_attempt_address", "address_digest", "attempted_at"),
+    )
+
+
 class PushSubscription(Base):
     """Where and when a phone is reminded. endpoint: of the browser's push service, an address that the phone gave.
 

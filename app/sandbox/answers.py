@@ -7,7 +7,7 @@ listed in `ignored` like any other.
 import re
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import anyio
 import anyio.to_thread
@@ -18,8 +18,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.core.errors import TadaError
 from app.db.session import Database
-from app.http.connection_protocol import CONNECTION
-from app.http.state import ApiState
+from app.http.state import CUT, ApiState
 from app.people.access.caller import DeviceCaller, authenticate
 from app.people.access.secret_box import SecretBox
 from app.people.models import Study
@@ -91,10 +90,9 @@ async def inject_into_meal(
 
 def cut_connection(scope: Scope) -> None:
     """Reset the request's connection; without our server's protocol (tests in process) nothing happens."""
-    connection: Mapping[str, Callable[[str], None]] = scope.get("extensions", {}).get(CONNECTION, {})
-    cut = connection.get("cut")
+    cut: Callable[[], None] | None = scope.get("state", {}).get(CUT)
     if cut is not None:
-        cut("sandbox")
+        cut()
 
 
 async def _of_header(scope: Scope, text: str) -> Injection | None:

@@ -46,13 +46,17 @@ class MealWaiter:
             if not waiters:
                 self._waiting.pop(meal_id, None)
 
-    async def close(self) -> None:
+    def release(self) -> None:
         """Wake all requests and let none wait any more: at shutdown each gets the current state."""
         self._is_closed = True
-        for waiters in list(self._waiting.values()):
+        for waiters in self._waiting.values():
             for future in waiters:
                 if not future.done():
                     future.set_result(None)
+
+    async def close(self) -> None:
+        """Release all requests, and end the poller."""
+        self.release()
         if self._poller is not None:
             self._poller.cancel()
             with contextlib.suppress(asyncio.CancelledError):

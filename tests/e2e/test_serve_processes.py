@@ -1,4 +1,4 @@
-"""`tada serve --processes 2`: limits hold over both, a killed process is replaced, and all end in order."""
+"""`tada serve --processes 2`: a killed process is replaced, metrics are sums, and all end in order."""
 
 import contextlib
 import os
@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import socket
-import time
 
 import httpx2
 import pytest
@@ -19,7 +18,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not pathlib.Path("/proc/self/task").exists(), reason="needs Linux' /proc"),
 ]
-AT_ONCE = 12  # connections of an address
+AT_ONCE = 12  # requests, of which each process has some
 BODY = b'{"code": "none", "device_name": "phone"}'
 HEAD = b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: %d\r\n\r\n" % len(
     BODY
@@ -32,15 +31,18 @@ class TwoProcesses(Server):
     def __init__(self, folder, template, worker="--no-worker", **variables):
         self.scratch = folder / "scratch"
         self.scratch.mkdir()
-        patience = {"TADA_HEADER_SECONDS": str(PATIENCE_SECONDS), "TADA_STALL_SECONDS": str(PATIENCE_SECONDS)}
-        variables |= patience | {"TADA_LOG_LEVEL": "INFO", "TMPDIR": str(self.scratch)}
+        variables |= {
+            "TADA_STALL_SECONDS": str(PATIENCE_SECONDS),
+            "TADA_LOG_LEVEL": "INFO",
+            "TMPDIR": str(self.scratch),
+        }
         super().__init__(folder, worker, "--processes", "2", **variables)
         self.data_dir.mkdir()
         shutil.copyfile(template, self.data_dir / "tada.sqlite3")
 
     def pids(self):
-        children = pathlib.Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text()
-        return {int(pid) for pid in children.split()}
+        children = pathlib.Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return {int(pid) for pid in children if b"spawn_main" in pathlib.Path(f"/proc/{pid}/cmdline").read_bytes()}
 
     def wait_for_two(self, besides=()):
         """The ids of both once they serve. besides: of processes that are dead."""
@@ -121,28 +123,12 @@ def server(tmp_path_factory, sqlite_template):
     running = TwoProcesses(
         tmp_path_factory.mktemp("processes"),
         sqlite_template,
-        TADA_ENROLMENT_ATTEMPTS_PER_MINUTE="10",
-        TADA_MAX_CONNECTIONS_PER_ADDRESS=str(AT_ONCE),
     )
     running.start()
     running.wait_until_ready()
     running.wait_for_two()
     yield running
     running.stop()
-
-
-def test_limit_of_ten_a_minute_lets_ten_of_thirty_calls_pass_whichever_process_answers(server):
-    began = time.monotonic()
-    statuses = [
-        httpx2.post(
-            f"{server.address}/v1/enrolments",
-            json={"code": "none", "device_name": "phone"},
-            timeout=PATIENCE_SECONDS,
-        ).status_code
-        for _ in range(30)
-    ]
-    refilled = int((time.monotonic() - began) / 6)  # on a machine so slow that the bucket fills meanwhile
-    assert 10 <= len(statuses) - statuses.count(429) <= 10 + refilled
 
 
 def test_metrics_are_sums_whichever_process_answers(server):
@@ -162,11 +148,8 @@ def test_metrics_are_sums_whichever_process_answers(server):
     assert [counted() - before for _ in range(10)] == [20.0] * 10
 
 
-def test_killed_process_is_replaced_the_others_requests_go_on_and_its_own_no_longer_count(server):
+def test_killed_process_is_replaced_and_the_others_requests_go_on(server):
     owned = server.half_requests()
-    with server.connect() as one_too_many:
-        one_too_many.sendall(HEAD)
-        assert status_of(one_too_many) == 429
     (killed, lost), (other, kept) = owned.items()
     os.kill(killed, signal.SIGKILL)
     server.wait_for_two(besides=[killed])
@@ -174,23 +157,23 @@ def test_killed_process_is_replaced_the_others_requests_go_on_and_its_own_no_lon
     again = [server.connect() for _ in lost]
     for connection in [*kept, *again]:
         connection.sendall(BODY[10:] if connection in kept else HEAD + BODY)
-    assert {status_of(connection) for connection in [*kept, *again]} <= {401, 404, 422, 429}
+    assert {status_of(connection) for connection in [*kept, *again]} <= {404, 429}
     for connection in lost:
         with contextlib.suppress(ConnectionResetError):
             assert status_of(connection) is None
     for connection in [*lost, *kept, *again]:
         connection.close()
-    assert server.log.count("server_process_ended") == 1
+    assert server.log.count(f"[{killed}] died") == 1
 
 
 def test_sigterm_ends_all_once_their_requests_are_answered(tmp_path, sqlite_template):
-    server = TwoProcesses(tmp_path, sqlite_template, "--worker", TADA_MAX_CONNECTIONS_PER_ADDRESS=str(AT_ONCE))
+    server = TwoProcesses(tmp_path, sqlite_template, "--worker")
     server.start()
     server.wait_until_ready()
     server.wait_for_two()
     wait_for_log(server, "worker_started")
+    assert server.log.count("worker_started") == 1
     children = server.pids()
-    assert len(children) == 3
     under_way = [connection for owned in server.half_requests().values() for connection in owned]
     server.process.send_signal(signal.SIGTERM)
 

@@ -10,13 +10,13 @@ from fastapi.testclient import TestClient
 from pwdlib.hashers.argon2 import Argon2Hasher
 
 from app.core.errors import UnavailableError
-from app.http.rate_limit import RateLimit
 from app.main import create_app
 from app.metrics.instruments import REGISTRY
+from app.people.access import sign_in_limits
 from app.people.access.caller import SESSION_IDLE
 from app.people.access.last_use import LastUse
 from app.people.access.passwords import MAX_CONCURRENT, MAX_WAITING, Passwords, _hasher, _random_hash
-from app.people.models import AccessToken, Staff
+from app.people.models import AccessToken, SignInAttempt, Staff
 from app.people.privacy_models import AuditEvent
 from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
@@ -205,8 +205,8 @@ def test_tries_are_limited_by_address_and_counted_and_lock_no_name_out_elsewhere
 
 @pytest.fixture
 def crowd(settings, monkeypatch):
-    """One person who has a password, and a way to call from any address. The clock of the limits stands still."""
-    monkeypatch.setattr(RateLimit.__init__, "__defaults__", (lambda: 0.0,))
+    """One person who has a password, and a way to call from any address. A minute of the limits lasts a day."""
+    monkeypatch.setattr(sign_in_limits, "WINDOW", timedelta(days=1))
     app = create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))
     with TestClient(app) as client:
         api = client.app.state.api
@@ -229,6 +229,19 @@ def test_crowd_is_slowed_by_name_but_not_where_the_person_signed_in_before(crowd
     assert statuses.count(429) >= 2
     assert sign_in(crowd("203.0.113.9"), "olga").status_code == 429  # a new place waits
     assert sign_in(herself, "olga").status_code == 201
+
+
+def test_processes_count_together_and_old_attempts_are_forgotten(crowd, settings, monkeypatch):
+    assert [sign_in(crowd("192.0.2.1"), "olga", OTHER).status_code for _ in range(3)] == [401] * 3
+    with TestClient(create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))) as another:
+        elsewhere = TestClient(another.app, client=("192.0.2.1", 1))
+        assert sign_in(elsewhere, "olga").status_code == 429
+    assert sign_in(crowd("192.0.2.9"), "olga").status_code == 201
+    monkeypatch.setattr(sign_in_limits, "FAILURES_KEPT", timedelta())
+    database = crowd("192.0.2.9").app.state.api.database
+    sign_in_limits.forget_attempts(database)
+    with database.read() as session:
+        assert [row.is_success for row in session.query(SignInAttempt)] == [True]
 
 
 def test_wrong_current_passwords_are_limited(crowd):

@@ -1,8 +1,6 @@
 """Forwarded addresses: believed from the named proxies and from nobody else, by uvicorn's own middleware."""
 
 import asyncio
-import contextlib
-import socket
 
 import pytest
 from fastapi import FastAPI, Request
@@ -11,7 +9,6 @@ from app.cli.serving import check_public_url, listen, server_config, trusted_pro
 from app.core.errors import InvalidInputError, RateLimitedError, UnavailableError
 from app.core.settings import Settings
 from app.http.rate_limit import RateLimit, caller_address
-from tests.support.waiting import PATIENCE_SECONDS
 
 CALLER, PROXY = "198.51.100.7", "10.0.0.5"
 
@@ -118,23 +115,6 @@ def test_public_url_that_no_phone_could_use_stops_the_start(wrong):
         check_public_url(wrong)
     for fine in (None, "https://tada.example.org", "http://10.0.0.2:8000", "https://x.org/tada"):
         check_public_url(fine)
-
-
-def test_process_takes_one_connection_in_a_turn_so_that_others_get_some_of_a_burst():
-    (listening,) = listen("127.0.0.1", 0)
-    listening.setblocking(False)
-    with listening, contextlib.ExitStack() as burst:
-        for _ in range(3):
-            burst.enter_context(socket.create_connection(listening.getsockname(), timeout=PATIENCE_SECONDS))
-        turns = []
-        for _ in range(7):
-            try:
-                burst.enter_context(listening.accept()[0])
-            except BlockingIOError:
-                turns.append("over")
-            else:
-                turns.append("taken")
-        assert turns == ["taken", "over"] * 3 + ["over"]
 
 
 def test_address_that_is_in_use_is_refused_and_nothing_stays_open():

@@ -1,13 +1,9 @@
-"""Answers that end early: what a stream holds open is given back, and a broken one is no whole one."""
-
-import socket
+"""Answers that end early: what a stream holds open is given back."""
 
 import anyio
 import pytest
 
 from app.http.closing_stream import ClosingStream
-from tests.support.waiting import PATIENCE_SECONDS
-from tests.unit.http.watched_server import port_of, watched_server
 
 
 class Source:
@@ -63,25 +59,3 @@ def test_source_is_closed_once_when_it_was_read_to_its_end_the_caller_hung_up_or
     with pytest.raises(OSError, match="the disk"):
         answer(source, stays, takes)
     assert source.closed == 1
-
-
-async def app(scope, receive, send):
-    await send({"type": "http.response.start", "status": 200, "headers": []})
-    await send({"type": "http.response.body", "body": b"row 1\n", "more_body": True})
-    if scope["path"] == "/broken":
-        raise RuntimeError("the database went away")
-    await send({"type": "http.response.body", "body": b"row 2\n"})
-
-
-def read_all(port, request):
-    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as sock:
-        sock.sendall(request)
-        return b"".join(iter(lambda: sock.recv(65536), b""))
-
-
-def test_answer_to_http_1_0_that_breaks_off_is_no_whole_one():
-    with watched_server(app) as server:
-        port = port_of(server)
-        assert read_all(port, b"GET /whole HTTP/1.0\r\n\r\n").endswith(b"row 1\nrow 2\n")
-        with pytest.raises(ConnectionResetError):
-            read_all(port, b"GET /broken HTTP/1.0\r\n\r\n")
