@@ -168,7 +168,9 @@ class Deployment:
 
 
 @contextlib.contextmanager
-def deployment(kind: str, folder: Path, processes: int = 1, *, decodes: bool = False) -> Iterator[Deployment]:
+def deployment(
+    kind: str, folder: Path, processes: int = 1, *, decodes: bool = False, **variables: str
+) -> Iterator[Deployment]:
     """A fresh server; all that was started for it ends with it. decodes: the bare endpoint does so too."""
     with contextlib.ExitStack() as stack:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
@@ -178,6 +180,7 @@ def deployment(kind: str, folder: Path, processes: int = 1, *, decodes: bool = F
             "TADA_SECRET_KEY": "k" * 40,
             "TADA_ENROLMENT_ATTEMPTS_PER_MINUTE": "100000",
             "TADA_PORT": "0",
+            **variables,
         }
         (folder / "yardstick").mkdir()
         yardstick: dict[str, Any] = {"do": "disk", "folder": str(folder / "yardstick")}

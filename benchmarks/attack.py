@@ -1,6 +1,6 @@
 """How long ordinary pictures of one study take while callers of another send or ask for hostile photographs.
 
-    python -m benchmarks.attack [--attack served|uploaded] [--rounds 5] [--seconds 12]
+    python -m benchmarks.attack [--attack served|uploaded|slow_heads|slow_bodies|flood] [--rounds 5] [--seconds 12]
 
 A fresh `tada serve` on SQLite with files and its default number of decoding children. `served`: four callers ask for
 the costliest photograph there is, a progressive JPEG of 59 megapixels whose last scan is repeated as often as upload
@@ -9,52 +9,147 @@ one with 18,000 properties, and a WebP of 8 MB in whose EXIF 1,000 GPS entries s
 study each ask for ordinary pictures (12 megapixels, baseline), with a pause between two as of people who page through
 a gallery. Quiet and attacked rounds alternate; p95 is the median of the rounds' p95.
 
+The others run behind Caddy with docker/Caddyfile, from another address than the ordinary callers: `slow_heads` and
+`slow_bodies` hold 1,200 connections on which a byte comes each second, and open one anew for each that ends; `flood`
+asks with a wrong token from eight connections, as fast as it is answered.
+
 Target: the attacked p95 is at most twice the quiet one, and every ordinary picture is served.
 """
 
 import argparse
+import contextlib
+import dataclasses
 import functools
 import io
 import itertools
 import os
+import socket
 import struct
+import subprocess
+import sysconfig
 import tempfile
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
 
 from PIL import Image
 
 from app.photos.jpeg import MAX_SCAN_PIXELS
-from benchmarks.api import Deployment, deployment, enrol
+from benchmarks.api import ROOT, Deployment, deployment, enrol
 from benchmarks.api_load import BOUNDARY, Phone, meal_parts, percentiles
+from benchmarks.processes import end
 
 SIDE_PX = 7680
 WANTED_SCANS = 98
 ATTACKERS, OTHERS = 4, 2
 CONTENT_TYPE = f"multipart/form-data; boundary={BOUNDARY.decode()}"
+ATTACKS = ("served", "uploaded", "slow_heads", "slow_bodies", "flood")
 Attack = Callable[[threading.Event, list[int]], None]  # until the event; notes the statuses of the answers
 PAUSE_SECONDS = 0.3
 WIDTH_PX = 640
 MOST_RATIO = 2.0
+ATTACKERS_ADDRESS = "127.0.0.2"  # a trusted proxy on 127.0.0.1 tells the two apart
+SLOW_CONNECTIONS, FLOODING_CONNECTIONS = 1200, 8
+SLOW_REQUESTS = {
+    "slow_heads": b"GET /healthz HTTP/1.1\r\nHost: x\r\nX-Slow: ",
+    "slow_bodies": b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Length: 100000\r\n\r\n",
+}
+FLOOD_REQUEST = b"GET /v1/me HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer wrong\r\n\r\n"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--attack", choices=("served", "uploaded"), default="served")
+    parser.add_argument("--attack", choices=ATTACKS, default="served")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=12.0, help="Of each quiet and each attacked round.")
     arguments = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors before")
     with (
         tempfile.TemporaryDirectory(prefix="tada-attack-") as name,
-        deployment("sqlite", Path(name)) as server,
+        deployment("sqlite", Path(name), TADA_TRUSTED_PROXIES="127.0.0.1") as server,
+        proxied(server, Path(name)) as behind_proxy,
     ):
-        attacks = serving_attacks(server) if arguments.attack == "served" else [uploading_attack(server)]
-        return 0 if measure(server, attacks, arguments.rounds, arguments.seconds) else 1
+        target = server if arguments.attack in ("served", "uploaded") else behind_proxy
+        if arguments.attack == "served":
+            attacks = serving_attacks(server)
+        elif arguments.attack == "uploaded":
+            attacks = [uploading_attack(server)]
+        else:
+            attacks = connection_attacks(target, arguments.attack)
+        return 0 if measure(target, attacks, arguments.rounds, arguments.seconds) else 1
+
+
+@contextlib.contextmanager
+def proxied(server: Deployment, folder: Path) -> Iterator[Deployment]:
+    """The server behind Caddy with our own configuration."""
+    ports = []
+    for _ in range(2):
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            ports.append(probe.getsockname()[1])
+    port, health_port = ports
+    environment = os.environ | {
+        "TADA_SITE": f"http://:{port}",
+        "TADA_UPSTREAMS": f"to 127.0.0.1:{server.port}",
+        "TADA_PROXY_HEALTH_PORT": str(health_port),
+        "XDG_DATA_HOME": str(folder / "caddy"),
+        "XDG_CONFIG_HOME": str(folder / "caddy"),
+    }
+    command = [Path(sysconfig.get_path("scripts")) / "caddy", "run", "--config", ROOT / "docker" / "Caddyfile"]
+    with (folder / "caddy.log").open("wb") as log:
+        process = subprocess.Popen([*command, "--adapter", "caddyfile"], env=environment, stdout=log, stderr=log)
+        try:
+            while socket.socket().connect_ex(("127.0.0.1", port)):
+                time.sleep(0.1)
+            yield dataclasses.replace(server, port=port)
+        finally:
+            end(process)
+
+
+def connection_attacks(server: Deployment, kind: str) -> list[Attack]:
+    """Connections that waste the server's time."""
+    if kind == "flood":
+        return [functools.partial(flood, server)] * FLOODING_CONNECTIONS
+    return [functools.partial(hold_connections, server, SLOW_REQUESTS[kind])]
+
+
+def connect(server: Deployment) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", server.port), 60.0, (ATTACKERS_ADDRESS, 0))
+
+
+def hold_connections(server: Deployment, request: bytes, ending: threading.Event, answers: list[int]) -> None:
+    """Send a byte a second on each connection; a new one takes the place of each that is ended."""
+    held: list[socket.socket] = []
+    while not ending.is_set():
+        while len(held) < SLOW_CONNECTIONS:
+            held.append(connect(server))
+            held[-1].sendall(request)
+            held[-1].setblocking(False)
+        for connection in list(held):
+            try:
+                connection.send(b"x")
+                connection.recv(1000)  # an answer or the end: nothing else could come
+            except BlockingIOError:
+                continue
+            except OSError:
+                pass
+            answers.append(408)
+            connection.close()
+            held.remove(connection)
+        ending.wait(1.0)
+    for connection in held:
+        connection.close()
+
+
+def flood(server: Deployment, ending: threading.Event, answers: list[int]) -> None:
+    """Ask as fast as it is answered."""
+    with connect(server) as connection:
+        while not ending.is_set():
+            connection.sendall(FLOOD_REQUEST)
+            answer = connection.recv(65536)
+            answers.append(int(answer.split()[1]))
 
 
 def serving_attacks(server: Deployment) -> list[Attack]:
