@@ -1,29 +1,33 @@
 """Child processes of the HTTP server, for requests that decode uploaded bytes: checks, calibrations, pictures.
 
-A pool like the worker's (child_pool.py) behind a fair queue (fair_line.py): while all children are busy, a request
-waits a little; studies take turns, and a caller has one child at a time. The queue is short: a request that finds it
-full is told to come back later.
+A pool like the worker's (child_pool.py): while all children are busy, a request waits a little. A caller has one child
+at a time, and photographs that take long to decode never have all children, so that ordinary ones do not wait for
+them. Few requests may wait, of one study and of one caller fewer still; one too many is told to come back later.
 """
 
 import contextlib
 import threading
+import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import structlog
 
 from app.children.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
-from app.children.fair_line import FairLine, LineFullError
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
+from app.photos.inspect import COSTLY_PIXELS
 
 log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
 WAITING_A_CHILD = 10  # with two children sixteen uploads of one study may wait, and threads are left for others
 WAIT_SECONDS = 6.0
+INSPECT_SECONDS = 5.0  # of processor time; reading the structure of 30 MB takes a tenth
 MAX_UNDECODABLE = 100_000  # remembered photographs: some 10 MB
 PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer
 RETRY_AFTER_SECONDS = 3
@@ -32,7 +36,7 @@ WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second o
 
 @dataclass(frozen=True, slots=True)
 class Whose:
-    """For whom a child works: studies take turns, and each caller has at most one child."""
+    """For whom a child works."""
 
     study_id: uuid.UUID | None
     caller_id: uuid.UUID | None
@@ -45,13 +49,41 @@ class PhotographError(TadaError):
     status = 422
 
 
+@dataclass(frozen=True, slots=True)
+class InspectedPhotos:
+    """sizes: width and height, px, upright, of the photographs that are whole."""
+
+    sizes: Sequence[tuple[int, int]]
+    is_costly: bool
+
+
+class _SemaphorePerKey:
+    """A semaphore for each key that somebody holds or waits for."""
+
+    def __init__(self, value: int) -> None:
+        self._value = value
+        self._lock = threading.Lock()
+        self._semaphores: WeakValueDictionary[Hashable, threading.Semaphore] = WeakValueDictionary()
+
+    def of(self, key: Hashable) -> threading.Semaphore:
+        """Return the key's."""
+        with self._lock:
+            return self._semaphores.setdefault(key, threading.Semaphore(self._value))
+
+
 class ApiChildren:
     """At most settings.api_children children; one object per process of the server."""
 
     def __init__(self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS) -> None:
         self._pool = ChildPool(settings, tasks, children=settings.api_children)
-        most_waiting = settings.api_children * WAITING_A_CHILD
-        self._line = FairLine(settings.api_children, most_waiting=most_waiting, wait_seconds=wait_seconds)
+        self._wait_seconds = wait_seconds
+        room = settings.api_children * (1 + WAITING_A_CHILD)
+        self._room = threading.Semaphore(room)
+        self._room_of_study = _SemaphorePerKey(room - room // 4)
+        self._room_of_caller = _SemaphorePerKey(room - room // 2)
+        self._child_of_caller = _SemaphorePerKey(1)
+        self._costly = threading.Semaphore(max(1, settings.api_children - 1))
+        self._children = threading.Semaphore(settings.api_children)
         self._undecodable: set[str | None] = set()
         self._warming = threading.Timer(WARM_UP_AFTER_SECONDS, self._warm_up)
         self._warming.daemon = True
@@ -73,7 +105,7 @@ class ApiChildren:
         """Perform a task of child_tasks.py. seconds: limit of processor time, after which the child is killed.
 
         photograph_sha256: of the decoded photograph; one that broke a child before is refused at once. is_costly:
-        decoding takes long (decoding_cost.py), so one child stays free for others.
+        decoding takes long, so one child stays free for others.
 
         Raises UnavailableError (`server_busy`: also if the machine, not the photograph, was too slow, or if a system
         call of the child failed, for example on a full disk or for a file that was removed as abandoned),
@@ -100,6 +132,14 @@ class ApiChildren:
             self._undecodable.add(photograph_sha256)
         raise _not_decoded()
 
+    def inspect(self, paths: Sequence[Path], whose: Whose) -> InspectedPhotos:
+        """Inspect photographs that are decoded together. One that is damaged counts as costly. Raises as `run`."""
+        request = {"photos": [str(path) for path in paths]}
+        result = self.run("inspect", request, seconds=INSPECT_SECONDS, whose=whose)
+        sizes = [(width, height) for width, height in result["sizes"]]
+        is_damaged = len(sizes) < len(paths)
+        return InspectedPhotos(sizes, is_damaged or result["decoding_pixels"] > COSTLY_PIXELS)
+
     def close(self) -> None:
         """Kill all children."""
         self._warming.cancel()
@@ -107,21 +147,39 @@ class ApiChildren:
 
     @contextlib.contextmanager
     def _admitted(self, whose: Whose, *, is_costly: bool) -> Iterator[None]:
-        with contextlib.ExitStack() as place:
-            try:
-                place.enter_context(self._line.place(whose.study_id, whose.caller_id, is_costly=is_costly))
-            except LineFullError:
-                raise _busy() from None
+        """Hold a child's place. Raises UnavailableError."""
+        room = [
+            self._room_of_caller.of(whose.caller_id),
+            self._room_of_study.of(whose.study_id),
+            self._room,
+        ]
+        turns = [
+            self._child_of_caller.of(whose.caller_id),
+            *([self._costly] if is_costly else []),
+            self._children,
+        ]
+        deadline = time.monotonic() + self._wait_seconds
+        with contextlib.ExitStack() as held:
+            for semaphore in room:
+                _hold(held, semaphore, 0.0)
+            for semaphore in turns:
+                _hold(held, semaphore, deadline - time.monotonic())
             yield
 
     def _warm_up(self) -> None:
         try:
-            with self._line.place(None, None):
-                self._pool.warm_up()
-        except (ChildPoolClosedError, LineFullError):  # the server is shutting down, or children are already running
+            self._pool.warm_up()
+        except ChildPoolClosedError:  # the server is shutting down
             pass
         except ChildStartError:
             log.warning("api_child_not_started", exc_info=True)
+
+
+def _hold(held: contextlib.ExitStack, semaphore: threading.Semaphore, seconds: float) -> None:
+    """Wait so long for the semaphore, and release it with the others. Raises UnavailableError."""
+    if not semaphore.acquire(timeout=max(seconds, 0.0)):
+        raise _busy()
+    held.callback(semaphore.release)
 
 
 def _loggable_message(ended: ChildResult) -> str:

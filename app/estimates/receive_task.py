@@ -7,15 +7,14 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
 from app.children.child import Arguments, StageListener
-from app.children.decoding_cost import COSTLY_PIXELS, decoding_pixels
 from app.core.errors import Failure
 from app.estimates.estimate_json import failure_to_json
 from app.meals.run_answer import Json
 from app.photos.depth import MAX_MAP_PIXELS, inspect_depth
-from app.photos.inspect import JPEG, PNG, WEBP, PhotoFacts, inspect_photo
+from app.photos.inspect import COSTLY_PIXELS, JPEG, PNG, WEBP, PhotoFacts, inspect_photo
 from app.photos.location import read_location, remove_location
 from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, VOICE_NOTE
 from app.photos.voice_note import inspect_voice_note, remove_note_metadata
@@ -51,7 +50,8 @@ def inspect_task(arguments: Arguments, _: StageListener) -> Json:
     """Return the upright sizes of the photographs that are whole, and what decoding them costs."""
     inspected = [inspect_photo(path) for path in _InspectRequest.model_validate(arguments).photos]
     whole = [facts for facts in inspected if isinstance(facts, PhotoFacts)]
-    return {"sizes": [[*_upright(facts)] for facts in whole], "decoding_pixels": sum(map(decoding_pixels, whole))}
+    sizes: list[JsonValue] = [list(_upright(facts)) for facts in whole]
+    return {"sizes": sizes, "decoding_pixels": sum(facts.decoding_pixels for facts in whole)}
 
 
 def receive_task(arguments: Arguments, _: StageListener) -> Json:
@@ -77,8 +77,7 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
         return facts
     if facts.pixels_to_decode > request.max_pixels:
         return _too_many_pixels(facts, request.max_pixels)
-    cost = decoding_pixels(facts)
-    if cost > COSTLY_PIXELS and not request.is_costly:
+    if facts.decoding_pixels > COSTLY_PIXELS and not request.is_costly:
         return {"is_costly": True}
     original = request.file.read_bytes()
     picture = _picture(original, request.max_pixels)
@@ -101,7 +100,7 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
     position: Json = {}
     if location is not None:
         position["location"] = [location.latitude_deg, location.longitude_deg]
-    more_facts = {"decoding_pixels": cost, "is_reencoded": is_reencoded}
+    more_facts = {"decoding_pixels": facts.decoding_pixels, "is_reencoded": is_reencoded}
     return position | _facts(request.file, media_type, _upright(facts), **more_facts)
 
 

@@ -13,7 +13,6 @@ from typing import cast
 from pydantic import BaseModel, TypeAdapter
 
 from app.children.api_children import ApiChildren, Whose
-from app.children.decoding_cost import inspect_in_child
 from app.core.errors import ConflictError, Failure, InvalidInputError, NotFoundError
 from app.core.settings import Settings
 from app.db.session import Database
@@ -111,7 +110,7 @@ def calibrate_device(
         )
     parse_marker(board)
     whose = Whose(caller.study_id, caller.device_id)
-    inspected = inspect_in_child(children, [file.path for file in files], whose)
+    inspected = children.inspect([file.path for file in files], whose)
     result = children.run(
         "calibrate",
         {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},

@@ -20,7 +20,6 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, PhotographError, Whose
-from app.children.decoding_cost import COSTLY_PIXELS
 from app.core.errors import GoneError, NotFoundError, TadaError
 from app.core.settings import Settings
 from app.db.session import Database
@@ -31,6 +30,7 @@ from app.meals.record_models import Run, RunArtefact
 from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
+from app.photos.inspect import COSTLY_PIXELS
 from app.photos.slots import AFTER_SLOTS, FILE_SLOTS, image_name
 from app.records import queries as records
 from app.records.read_meal import find_meal

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from app.children.api_children import ApiChildren, Whose
-from app.children.decoding_cost import inspect_in_child
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.db.session import Database
@@ -64,7 +63,7 @@ def check_pair(
     """Check a pair. Raises InvalidInputError (`marker_missing`), UnavailableError (`server_busy`), PhotographError."""
     started = time.perf_counter()
     whose = Whose(caller.study_id, caller.device_id)
-    inspected = inspect_in_child(children, [file.path for file in files.values()], whose)
+    inspected = children.inspect([file.path for file in files.values()], whose)
     with database.read() as session:
         study = session.get_one(Study, caller.study_id)
         marker = request.marker or study.marker

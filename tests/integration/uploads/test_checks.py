@@ -3,6 +3,7 @@
 import io
 import json
 import pathlib
+import threading
 import uuid
 from concurrent.futures import ThreadPoolExecutor
 
@@ -13,7 +14,6 @@ import pytest
 from PIL import Image
 
 from app.children.api_children import ApiChildren, Whose
-from app.children.fair_line import FairLine
 from app.messages.catalogue import sentence
 from app.vision.board.marker import find_marker
 from app.vision.marker_spec import parse_marker
@@ -116,7 +116,7 @@ def test_checks_at_once_are_answered_and_one_beyond_the_waiting_room_is_turned_a
         answers = list(threads.map(lambda _: check(phone), range(8)))
     assert 200 in {answer.status_code for answer in answers} <= {200, 503}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(state.part(ApiChildren), "_line", FairLine(1, most_waiting=0, wait_seconds=30))
+        patch.setattr(state.part(ApiChildren), "_room", threading.Semaphore(0))
         answers.append(check(phone))
     assert answers[-1].status_code == 503
     for answer in answers:

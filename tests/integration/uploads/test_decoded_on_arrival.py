@@ -5,8 +5,9 @@ import io
 import pytest
 from PIL import Image
 
+from app.children.api_children import ApiChildren
 from app.children.child_pool import ChildPool, ChildResult
-from app.children.fair_line import FairLine, LineFullError
+from app.core.errors import UnavailableError
 from tests.integration.conftest import meal_metadata
 from tests.integration.uploads.answers import refusal
 from tests.support.photographs import pair, photograph, with_hole
@@ -26,11 +27,11 @@ def test_jpeg_with_a_hole_is_refused_after_the_meal_too_and_the_whole_one_is_tak
 
 def test_photograph_that_no_child_has_decoded_is_not_acknowledged_and_is_taken_later(phone, monkeypatch):
     def no_place(*_, **__):
-        raise LineFullError
+        raise UnavailableError("no child", code="server_busy", retry_after_seconds=3)
 
     body, photos = meal_metadata(), pair()
     with monkeypatch.context() as patch:
-        patch.setattr(FairLine, "place", no_place)
+        patch.setattr(ApiChildren, "_admitted", no_place)
         answer = phone.post(photos, metadata=body)
         assert (*refusal(answer), answer.json()["retryable"]) == (503, "server_busy", True)
         assert int(answer.headers["Retry-After"]) > 0

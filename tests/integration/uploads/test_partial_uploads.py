@@ -10,7 +10,8 @@ import anyio
 import pytest
 import sqlalchemy as sa
 
-from app.children.fair_line import FairLine, LineFullError
+from app.children.api_children import ApiChildren
+from app.core.errors import UnavailableError
 from app.http.rate_limit import UPLOAD_PATHS
 from app.people.privacy_models import AuditEvent
 from app.uploads import partial_uploads
@@ -146,9 +147,9 @@ def test_last_byte_is_asked_for_again_until_the_photograph_is_kept(phone, meal, 
         raise OSError(28, "No space left on device")
 
     def no_child(*_arguments, **_options):
-        raise LineFullError
+        raise UnavailableError("no child", code="server_busy", retry_after_seconds=3)
 
-    for at, owner, name, failing in ((0, state.blobs, "put_files", full), (-1, FairLine, "place", no_child)):
+    for at, owner, name, failing in ((0, state.blobs, "put_files", full), (-1, ApiChildren, "_admitted", no_child)):
         monkeypatch.setattr(owner, name, failing)
         assert upload.patch(at % len(content), content[at:]).status_code == 503
         assert upload.head().headers["upload-offset"] == str(len(content) - 1)
