@@ -1,31 +1,29 @@
 """One HTTP POST to a webhook's receiver, at a checked address and within a total time.
 
 The connection goes to the checked address, while `Host`, SNI and certificate verification use the name. Redirects and
-proxies of the environment are ignored; of the response, only status and headers count. Many POSTs to few hosts can
-share connections.
+proxies of the environment are ignored; of the response, only status and headers count. Many POSTs can share
+connections.
 """
 
 import asyncio
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from dataclasses import dataclass, replace
+from collections import defaultdict
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import TypeVar, cast
 
-import h11
+import anyio
+import anyio.to_thread
 import httpx2
 
 from app.webhooks.safe_address import AddressError, Resolver, Target, parse_target, resolve_safely
 
-TOTAL_SECONDS = 10.0  # for connecting, handshake, sending and the response's head together
+TOTAL_SECONDS = 10.0  # for look-up, connecting, handshake, sending and the response's head together
 STEP_SHARE = 0.9  # of the total time, for one step
 MAX_HEADERS = 100  # a response with more is refused
-# To more hosts each POST has a connection of its own: whoever names hosts cannot hold many connections open.
-KEPT_HOSTS = 20
-MAX_CONNECTIONS = 100  # to one host
+MAX_CONNECTIONS, MAX_KEPT_CONNECTIONS = 100, 20  # the first: more than POSTs are sent at once
 MAX_LOOKUPS = 64  # at once; at least as many as POSTs are sent at once, so that a slow look-up delays no other
 MAX_BODY_BYTES = 16 * 1024  # of a response whose connection is kept; after a longer one it is closed
 BODY_SECONDS = 1.0  # for the body of such a response; after a slower one the connection is closed
@@ -45,16 +43,6 @@ class Answer:
     def is_success(self) -> bool:
         """Return whether the receiver accepted the delivery."""
         return self.status is not None and 200 <= self.status < 300
-
-
-@dataclass(frozen=True, slots=True)
-class _Post:
-    """A body with its headers for a target, whose addresses were checked."""
-
-    target: Target
-    addresses: tuple[str, ...]
-    headers: Mapping[str, str]
-    body: bytes
 
 
 AsyncSend = Callable[[str, Mapping[str, str], bytes], Awaitable[Answer]]
@@ -80,12 +68,12 @@ class WebhookPost:
 
     def send(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
         """POST the body. Failures of the receiver or the network are returned, not raised."""
-        try:
-            target = parse_target(url, allow_loopback=self._allow_loopback)
-            addresses = resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
-            return asyncio.run(self._send_alone(_Post(target, addresses, headers, body)))
-        except (AddressError, TimeoutError, httpx2.TransportError) as error:
-            return self._failure(error)
+
+        async def send_alone() -> Answer:
+            async with self.kept_connections() as send:
+                return await send(url, {**headers, "Connection": "close"}, body)
+
+        return asyncio.run(send_alone())
 
     @asynccontextmanager
     async def kept_connections(self) -> AsyncIterator[AsyncSend]:
@@ -93,83 +81,39 @@ class WebhookPost:
 
         A host's addresses are resolved and checked once; after a failure the next POST tries again.
         """
-        async with AsyncExitStack() as stack:
-            threads = ThreadPoolExecutor(MAX_LOOKUPS, thread_name_prefix="look-up")
-            stack.callback(threads.shutdown, wait=False, cancel_futures=True)
-            lookups: dict[str, asyncio.Task[tuple[str, ...]]] = {}  # by host; successful or under way
-            transports: dict[str, httpx2.AsyncBaseTransport] = {}  # by host
+        limits = httpx2.Limits(max_connections=MAX_CONNECTIONS, max_keepalive_connections=MAX_KEPT_CONNECTIONS)
+        transport = self._transport or httpx2.AsyncHTTPTransport(verify=self._tls, trust_env=False, limits=limits)
+        async with transport:
+            yield partial(self._send, transport, _Lookups(self._resolve_safely))
 
-            async def look_up(host: str, target: Target) -> tuple[str, ...]:
-                def drop_failure(lookup: asyncio.Task[tuple[str, ...]]) -> None:
-                    if lookup.cancelled() or lookup.exception() is not None:
-                        del lookups[host]
-
-                if host not in lookups:
-                    lookups[host] = asyncio.create_task(self._resolve_in(threads, target))
-                    lookups[host].add_done_callback(drop_failure)
-                return await asyncio.shield(lookups[host])
-
-            async def send(url: str, headers: Mapping[str, str], body: bytes) -> Answer:
-                try:
-                    target = parse_target(url, allow_loopback=self._allow_loopback)
-                    host = f"{target.scheme}://{target.host}:{target.port}"
-                    async with asyncio.timeout(self._total_seconds):
-                        post = _Post(target, await look_up(host, target), headers, body)
-                        response = None
-                        if host not in transports and len(transports) < KEPT_HOSTS:
-                            transports[host] = self._open_transport()
-                            await stack.enter_async_context(transports[host])
-                        if host in transports:
-                            response = await self._send_kept(transports[host], post)
-                        if response is None:
-                            return await self._send_alone(post)
-                except (AddressError, TimeoutError, httpx2.TransportError) as error:
-                    return self._failure(error)
-                await _end_body(response)
-                return _answer(response)
-
-            yield send
-
-    async def _resolve_in(self, threads: ThreadPoolExecutor, target: Target) -> tuple[str, ...]:
-        resolve = partial(resolve_safely, target, allow_loopback=self._allow_loopback, resolve=self._resolve)
-        return await asyncio.get_running_loop().run_in_executor(threads, resolve)
-
-    async def _send_kept(self, transport: httpx2.AsyncBaseTransport, post: _Post) -> httpx2.Response | None:
-        """Return the response, or None if the peer ended a kept connection before it answered: it had been idle.
-
-        httpx2 does not say whether a part of the response's head had arrived.
-        """
-        is_new = False
-
-        async def note_connection(event: str, _: object) -> None:
-            nonlocal is_new
-            is_new = is_new or event == "connection.connect_tcp.complete"
-
+    async def _send(
+        self,
+        transport: httpx2.AsyncBaseTransport,
+        lookups: "_Lookups",
+        url: str,
+        headers: Mapping[str, str],
+        body: bytes,
+    ) -> Answer:
         try:
-            return await self._send_by(transport, post, {"trace": note_connection})
-        except (httpx2.ReadError, httpx2.WriteError, httpx2.RemoteProtocolError) as error:
-            if is_new or _cause(error, h11.RemoteProtocolError) is not None:
-                raise
-            return None
+            target = parse_target(url, allow_loopback=self._allow_loopback)
+            async with asyncio.timeout(self._total_seconds):
+                addresses = await lookups.addresses_of(target)
+                if lookups.are_of_another_name(target, addresses):
+                    async with self.kept_connections() as send_alone:
+                        return await send_alone(url, headers, body)
+                requests = [self._request(target, address, headers, body) for address in addresses]
+                try:
+                    response = await _send_to_first(transport, requests)
+                except (httpx2.ReadError, httpx2.WriteError, httpx2.RemoteProtocolError):
+                    # a kept connection may end before it has answered: it had been idle
+                    response = await _send_to_first(transport, requests)
+        except (AddressError, TimeoutError, httpx2.TransportError) as error:
+            return self._failure(error)
+        await _end_body(response)
+        return _answer(response)
 
-    async def _send_alone(self, post: _Post) -> Answer:
-        closing = replace(post, headers={**post.headers, "Connection": "close"})
-        async with asyncio.timeout(self._total_seconds), self._open_transport() as transport:
-            response = await self._send_by(transport, closing)
-            await response.aclose()  # without reading the body
-            return _answer(response)
-
-    async def _send_by(
-        self, transport: httpx2.AsyncBaseTransport, post: _Post, extensions: Mapping[str, object] = MappingProxyType({})
-    ) -> httpx2.Response:
-        """Send to the first address that accepts a connection. extensions: of the request, for httpx2."""
-        for number, address in enumerate(post.addresses, 1):
-            try:
-                return await transport.handle_async_request(self._request(post, address, extensions))
-            except httpx2.ConnectError as error:
-                if number == len(post.addresses) or _cause(error, ssl.SSLError) is not None:
-                    raise
-        raise AddressError("The name in the URL does not resolve.")
+    def _resolve_safely(self, target: Target) -> tuple[str, ...]:
+        return resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
 
     def _failure(self, error: AddressError | TimeoutError | httpx2.TransportError) -> Answer:
         if isinstance(error, AddressError):
@@ -180,25 +124,54 @@ class WebhookPost:
             return Answer(None, "The answer was not HTTP.")
         return Answer(None, _why_not_connected(error))
 
-    def _open_transport(self) -> httpx2.AsyncBaseTransport:
-        return self._transport or httpx2.AsyncHTTPTransport(
-            verify=self._tls, trust_env=False, retries=0, limits=httpx2.Limits(max_connections=MAX_CONNECTIONS)
-        )
-
-    def _request(self, post: _Post, address: str, extensions: Mapping[str, object]) -> httpx2.Request:
-        target, host = post.target, f"[{address}]" if ":" in address else address
+    def _request(self, target: Target, address: str, headers: Mapping[str, str], body: bytes) -> httpx2.Request:
+        host = f"[{address}]" if ":" in address else address
+        # per step, so that the library itself ends a stalled step and closes the connection
+        timeouts = dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds)
         return httpx2.Request(
             "POST",
             f"{target.scheme}://{host}:{target.port}{target.path}",
-            headers={"Host": target.host_header, "Content-Length": str(len(post.body)), **post.headers},
-            content=post.body,
-            extensions={
-                "sni_hostname": target.host,
-                # per step, so that the library itself ends a stalled step and closes the connection
-                "timeout": dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds),
-                **extensions,
-            },
+            headers={"Host": target.host_header, "Content-Length": str(len(body)), **headers},
+            content=body,
+            extensions={"sni_hostname": target.host, "timeout": timeouts},
         )
+
+
+class _Lookups:
+    """The checked addresses of hosts, each looked up once, and whose connections are kept to which address."""
+
+    def __init__(self, resolve_safely: Callable[[Target], tuple[str, ...]]) -> None:
+        self._resolve_safely = resolve_safely
+        self._threads = anyio.CapacityLimiter(MAX_LOOKUPS)
+        self._locks: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._addresses: dict[str, tuple[str, ...]] = {}  # by host
+        self._hosts: dict[tuple[str, int], str] = {}  # by address and port
+
+    async def addresses_of(self, target: Target) -> tuple[str, ...]:
+        """Return the target's addresses. Raises AddressError."""
+        async with self._locks[target.host]:
+            if target.host not in self._addresses:
+                self._addresses[target.host] = await anyio.to_thread.run_sync(
+                    self._resolve_safely, target, abandon_on_cancel=True, limiter=self._threads
+                )
+        return self._addresses[target.host]
+
+    def are_of_another_name(self, target: Target, addresses: tuple[str, ...]) -> bool:
+        """Whether a connection to one of them may have the certificate of another name."""
+        hosts = [self._hosts.setdefault((each, target.port), target.host) for each in addresses]
+        return set(hosts) != {target.host}
+
+
+async def _send_to_first(transport: httpx2.AsyncBaseTransport, requests: Sequence[httpx2.Request]) -> httpx2.Response:
+    """Send to the first address that accepts a connection."""
+    *others, last = requests
+    for request in others:
+        try:
+            return await transport.handle_async_request(request)
+        except httpx2.ConnectError as error:
+            if _cause(error, ssl.SSLError) is not None:
+                raise
+    return await transport.handle_async_request(last)
 
 
 async def _end_body(response: httpx2.Response) -> None:
