@@ -21,6 +21,7 @@ import uvicorn
 from fastapi import FastAPI, Request
 
 from app.core.errors import Failure
+from app.core.process_life import die_with_parent
 from app.http.upload import WRITE_BYTES
 from app.vision.photo import read_reduced_photo
 
@@ -78,7 +79,7 @@ class Server(uvicorn.Server):
 def main() -> None:
     folder, *count = sys.argv[1:]
     spawning = multiprocessing.get_context("spawn")
-    children = ProcessPoolExecutor(int(count[0]), mp_context=spawning) if count else None
+    children = ProcessPoolExecutor(int(count[0]), spawning, die_with_parent, (os.getpid(),)) if count else None
     app = app_for(Path(folder), children)
     Server(uvicorn.Config(app, port=0, log_level="warning", loop="asyncio")).run()
 
