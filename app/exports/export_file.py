@@ -62,7 +62,8 @@ def make_export(
         try:
             tasks = FileTasks(database, folder, settings.min_free_bytes)
             request = request_of(database, caller, spec, path)
-            tasks.run("export", request, most_seconds=MOST_SECONDS)
+            with places.processes:
+                tasks.run("export", request, most_seconds=MOST_SECONDS)
             return _open_file(path, leave)
         finally:
             path.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from app.core.errors import UnavailableError
 
 OPEN_A_PERSON = 2  # one more than needed: an interrupted download may seem open for some minutes
 OPEN_AT_ONCE = 8
+PROCESSES = 2  # that write files at once, of some 500 MB each; further exports wait for one
 RETRY_AFTER_SECONDS = 60
 
 
@@ -18,6 +19,7 @@ class ExportPlaces:
     def __init__(self) -> None:
         self._open: Counter[uuid.UUID] = Counter()
         self._lock = threading.Lock()
+        self.processes = threading.Semaphore(PROCESSES)
 
     def take(self, person_id: uuid.UUID) -> Callable[[], None]:
         """Take a place; return the function that gives it back. Raises UnavailableError (`server_busy`)."""
