@@ -3,7 +3,7 @@
 Several processes are uvicorn's own workers, each with an app of its own; they share the listening sockets.
 
 Behind a reverse proxy the caller's address is in X-Forwarded-For, which any client can set: it is trusted only from the
-proxies in TADA_TRUSTED_PROXIES, by default from none. Slow heads are the proxy's to end (docs/decisions/0059).
+proxies in TADA_TRUSTED_PROXIES, by default from none. Slow heads are the proxy's to end (docs/decisions/0060).
 """
 
 import asyncio
