@@ -16,10 +16,10 @@ from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.worker_process import run_jobs
 from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.queue import JobQueue
-from app.jobs.worker_process import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
@@ -55,7 +55,7 @@ def run_worker(settings: Settings) -> int:
 
     metrics = _serve_metrics(settings)
 
-    def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:
+    def make_estimate(database: Database, pool: ChildPool) -> EstimateMeal:
         return EstimateMeal(database, blobs, pool, settings, partial(open_index, settings.food_index))
 
     def make_chores(database: Database) -> list[Chore]:
@@ -67,7 +67,7 @@ def run_worker(settings: Settings) -> int:
     try:
         return run_jobs(
             settings,
-            make_use_cases,
+            make_estimate,
             tasks=TASKS,
             make_chores=make_chores,
             make_backlog=make_backlog,

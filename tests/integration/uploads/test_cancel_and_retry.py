@@ -65,7 +65,7 @@ def cancel(phone, meal):
 
 
 def test_phone_cancels_its_meal_which_fails_with_its_photographs_kept(phone, enrol, state, meal):
-    """The worker's transaction asks for the job, as app/jobs/job_runner.py does: no later estimate is written."""
+    """The worker's transaction asks for the job, as app/estimates/job_runner.py does: no later estimate is written."""
     assert cancel(enrol("P002"), meal).status_code == 404
     answer = cancel(phone, meal)
     assert answer.status_code == 200

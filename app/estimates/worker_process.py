@@ -1,4 +1,4 @@
-"""A worker as a process: `run_jobs(settings, make_use_cases, tasks=...)` works until a signal comes.
+"""A worker as a process: `run_jobs(settings, make_estimate, tasks=...)` works until a signal comes.
 
 On SIGTERM and SIGINT it claims no more, gives running jobs a few seconds to end, then kills the children and hands the
 rest back, all within ten seconds. If others have taken its lease (it was stopped, or the machine slept), it exits at
@@ -18,10 +18,10 @@ from app.children.child_pool import ChildPool, ChildPoolClosedError, ChildStartE
 from app.children.cores import worker_concurrency
 from app.core.settings import Settings
 from app.db.session import Database, open_database
+from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.job_worker import JobWorker
 from app.jobs.chores import Chore, ChoreThread
 from app.jobs.claims import Backlog, no_backlog
-from app.jobs.job_runner import EstimateUseCases, ResultT
-from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
 from app.jobs.times import WorkerTimes
 
@@ -30,12 +30,10 @@ log = structlog.get_logger()
 CHORES_SECONDS = 5.0  # for what chores do at the end
 END_SECONDS = 10.0  # the process exits so long after a signal, even if something hangs
 
-MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases[ResultT]]
-
 
 def run_jobs(
     settings: Settings,
-    make_use_cases: MakeUseCases[ResultT],
+    make_estimate: Callable[[Database, ChildPool], EstimateMeal],
     *,
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
@@ -56,10 +54,10 @@ def run_jobs(
         database = open_database(settings)
         concurrency = worker_concurrency(settings)
         pool = ChildPool(settings, tasks, children=concurrency)
-        use_cases = make_use_cases(database, pool)
+        estimate = make_estimate(database, pool)
         worker = JobWorker(
             database,
-            use_cases,
+            estimate,
             concurrency=concurrency,
             times=times,
             protocol=protocol,

@@ -7,14 +7,14 @@ import threading
 import uuid
 from collections import Counter
 from collections.abc import Callable
-from typing import Generic
 
 import structlog
 
 from app.db.session import Database
+from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.job_runner import JobRunner
 from app.jobs import queries as jobs
 from app.jobs.claims import Backlog, Claims, no_backlog
-from app.jobs.job_runner import EstimateUseCases, JobRunner, ResultT
 from app.jobs.leases import open_lease
 from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue
 from app.jobs.sweep import sweep
@@ -28,13 +28,13 @@ LOOKS_PER_SWEEP = 5
 LEFT_SECONDS = 2.0  # for threads to notice that their child was killed
 
 
-class JobWorker(Generic[ResultT]):
+class JobWorker:
     """Runs one worker: start, then drain and stop. `lost` is set once others have taken its lease."""
 
     def __init__(
         self,
         database: Database,
-        use_cases: EstimateUseCases[ResultT],
+        estimate: EstimateMeal,
         *,
         concurrency: int,
         times: WorkerTimes | None = None,
@@ -44,7 +44,7 @@ class JobWorker(Generic[ResultT]):
         self._database = database
         self._times = times or WorkerTimes()
         self._lease = open_lease(database, self._times)
-        self._runner = JobRunner(database, self._lease, use_cases, self._times)
+        self._runner = JobRunner(database, self._lease, estimate, self._times)
         self.claims = Claims(
             database,
             self._lease,
@@ -52,10 +52,10 @@ class JobWorker(Generic[ResultT]):
             concurrency=concurrency,
             protocol=JOB_PROTOCOL_VERSION if protocol is None else protocol,
             backlog=backlog,
-            abandon=use_cases.abandon,
+            abandon=estimate.abandon,
         )
         self._queue = JobQueue(protocol=protocol)
-        self._use_cases = use_cases
+        self._estimate = estimate
         self._ending = threading.Event()
         self._claimed_but_idle: Counter[uuid.UUID] = Counter()
         self._threads: list[threading.Thread] = []
@@ -130,7 +130,7 @@ class JobWorker(Generic[ResultT]):
                 self._find_lost()
                 self._abandon_unwanted()
                 if looks % LOOKS_PER_SWEEP == 0:
-                    sweep(self._database, self._queue, self._use_cases.settle)
+                    sweep(self._database, self._queue, self._estimate.settle)
             except Exception as error:  # the worker's edge: it looks again later
                 log.warning("takeover_failed", exc_info=error)
             looks += 1
@@ -158,7 +158,7 @@ class JobWorker(Generic[ResultT]):
         with self._database.read() as session:
             unwanted = jobs.unwanted_jobs(session, running)
         for job_id in unwanted:
-            self._use_cases.abandon(job_id)
+            self._estimate.abandon(job_id)
 
     def _find_lost(self) -> None:
         """Release claimed jobs that are not running: the claim's answer was lost, or the run broke off."""

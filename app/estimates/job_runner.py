@@ -1,4 +1,4 @@
-"""Run one job: compute the estimate, then save it in one transaction with the job's end. Use cases are injected.
+"""Run one job: compute the estimate, then save it in one transaction with the job's end.
 
 An estimate may be computed twice, if a worker dies; it is saved once: during that transaction the worker's lease is
 held, and the job is locked, unfinished and still claimed by this worker. The key of the computed result is kept in the
@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Generic, Protocol, TypeVar
 
 import sqlalchemy.exc
 import structlog
@@ -26,57 +25,16 @@ from app.children.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, 
 from app.core.errors import Failure
 from app.core.logs import bind_log_context, log_context
 from app.db.session import Database
+from app.estimates.estimate_meal import EstimateMeal, SealedAnswer
 from app.jobs import queries as jobs
 from app.jobs.leases import Lease
 from app.jobs.times import WorkerTimes
-from app.meals.models import Meal
 from app.metrics import instruments
 
 log = structlog.get_logger()
 
 TRIES = 3  # of a step that fails by a bug, within one claim of the job
 TRIES_ALONE = 2  # further tries of an estimate that was killed or took too long
-
-ResultT = TypeVar("ResultT")
-
-
-class EstimateUseCases(Protocol[ResultT]):
-    """The steps of a job: compute and seal; load the sealed result, perhaps in another worker; save it.
-
-    compute and save may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is retried
-    forever, any other exception a few times.
-    """
-
-    def compute(self, job_id: uuid.UUID, *, is_alone: bool) -> str:
-        """Run the pipeline, seal its answer in the blob store and return the key of the answer.
-
-        May run more than once for a job, even on two workers at the same time. Writes no row except the progress.
-        is_alone: run while this worker estimates nothing else. Raises BrokenOff if that may help.
-        """
-        ...
-
-    def await_room(self, job_id: uuid.UUID) -> object:
-        """Show to the phone that the job waits to be computed again. Must not raise."""
-        ...
-
-    def load(self, result_key: str) -> ResultT:
-        """Fetch the sealed result, outside of any transaction, since the store may be slow."""
-        ...
-
-    def save(self, session: Session, job_id: uuid.UUID, result: ResultT) -> None:
-        """Write run, items, records and the meal's status in this transaction, which commits at most once.
-
-        result: from `load`.
-        """
-        ...
-
-    def abandon(self, job_id: uuid.UUID) -> object:
-        """The job's result is no longer needed: end a `compute` of it, in any way."""
-        ...
-
-    def settle(self, session: Session, meal: Meal) -> object:
-        """Update the meal's records after a job that was not for its own pair ended without a result."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +45,13 @@ class Computed:
     failure: Failure | None = None
 
 
-class JobRunner(Generic[ResultT]):
+class JobRunner:
     """One per worker process."""
 
-    def __init__(
-        self, database: Database, lease: Lease, use_cases: EstimateUseCases[ResultT], times: WorkerTimes
-    ) -> None:
+    def __init__(self, database: Database, lease: Lease, estimate: EstimateMeal, times: WorkerTimes) -> None:
         self._database = database
         self._lease = lease
-        self._use_cases = use_cases
+        self._estimate = estimate
         self._times = times
         self._leaving = threading.Event()
         self._running: Counter[uuid.UUID] = Counter()
@@ -183,7 +139,7 @@ class JobRunner(Generic[ResultT]):
                     if result_key is not None:
                         return Computed(result_key)
                     with self._put_off_by_a_fault("compute", job_id):
-                        result_key = self._use_cases.compute(job_id, is_alone=broken_off > 0)
+                        result_key = self._estimate.compute(job_id, is_alone=broken_off > 0)
                 with self._database.write() as session:
                     self._lease.guard(session)
                     jobs.keep_result(session, job_id, self._lease.executor_id, result_key)
@@ -194,7 +150,7 @@ class JobRunner(Generic[ResultT]):
                 self._raise_if_leaving()  # this worker killed it, because it stops
                 if is_background or broken_off >= TRIES_ALONE:  # tried alone, it would make meals wait
                     return Computed(None, _after_tries(error.failure, 1 + broken_off))
-                self._use_cases.await_room(job_id)
+                self._estimate.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)
                 broken_off += 1
                 continue
@@ -212,7 +168,7 @@ class JobRunner(Generic[ResultT]):
 
         Returns False if the end was committed before or another worker has the job.
         """
-        result: ResultT | None = None
+        result: SealedAnswer | None = None
         failed, waits = 0, 0
         while True:
             self._raise_if_leaving()
@@ -220,7 +176,7 @@ class JobRunner(Generic[ResultT]):
                 if computed.result_key is not None and result is None:
                     # before the transaction, which would block others while it waits for the store
                     with self._put_off_by_a_fault("load", job_id):
-                        result = self._use_cases.load(computed.result_key)
+                        result = self._estimate.load(computed.result_key)
                 with self._database.write() as session:
                     return self._finish(session, job_id, result, computed.failure)
             except Exception as error:
@@ -233,7 +189,9 @@ class JobRunner(Generic[ResultT]):
             self._wait(waits)
             waits += 1
 
-    def _finish(self, session: Session, job_id: uuid.UUID, result: ResultT | None, failure: Failure | None) -> bool:
+    def _finish(
+        self, session: Session, job_id: uuid.UUID, result: SealedAnswer | None, failure: Failure | None
+    ) -> bool:
         self._lease.guard(session)
         live = jobs.lock_live_job(session, job_id)
         if live is None or live[0].executor_id != self._lease.executor_id:
@@ -242,7 +200,7 @@ class JobRunner(Generic[ResultT]):
         if result is not None:
             try:
                 with session.begin_nested():
-                    self._use_cases.save(session, job_id, result)
+                    self._estimate.save(session, job_id, result)
             except JobFailure as error:
                 failure = error.failure
         now = datetime.now(UTC)
@@ -252,7 +210,7 @@ class JobRunner(Generic[ResultT]):
         bind_log_context(outcome=failure.code)
         jobs.fail_job(job, meal, failure, now)
         if job.purpose != "meal":
-            self._use_cases.settle(session, meal)
+            self._estimate.settle(session, meal)
         return True
 
     @contextmanager
