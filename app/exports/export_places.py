@@ -9,7 +9,7 @@ from app.core.errors import UnavailableError
 
 OPEN_A_PERSON = 2  # one more than needed: an interrupted download may seem open for some minutes
 OPEN_AT_ONCE = 8
-PROCESSES = 2  # that write files at once, of some 500 MB each; further exports wait for one
+PROCESSES = 1  # that write files at once, of some 500 MB each; further exports wait
 RETRY_AFTER_SECONDS = 60
 
 
