@@ -30,6 +30,13 @@ ORDERS: Mapping[Rows, str] = {
     "photographs": "captured_at, place_in_order, place_of_slot",
     "participants": "study, participant",
 }
+# Views whose rows are kept, on disk where memory ends, before a table joins them, as its rows are
+# before they are ordered: in one query all that is joined and ordered would stand in memory.
+SUMS: Mapping[Rows, tuple[str, ...]] = {
+    "meals": ("sums_of_meals", "words_of_meals"),
+    "days": ("meals_of_days", "records_of_days"),
+    "photographs": ("sums_of_meals", "words_of_meals"),
+}
 HEADLINE_NAMES = frozenset(component.column.name for component in HEADLINE_COMPONENTS)
 KEYS_OF_EATEN: Mapping[Rows, str] = {  # columns that a row shares with its records
     "meals": "meal_key",
@@ -71,8 +78,15 @@ class TableSelect:
 
 def select_table(connection: duckdb.DuckDBPyConnection, spec: ExportSpec, scope: Scope) -> TableSelect:
     """The table that a spec names, as far as the scope reaches."""
+    sums = SUMS.get(spec.rows, ())
+    for name in sums:
+        connection.execute(f"CREATE TABLE IF NOT EXISTS kept_{name} AS SELECT * FROM {name}")
+        connection.execute(f"CREATE OR REPLACE VIEW {name} AS SELECT * FROM kept_{name}")
     view, order = VIEWS[spec.rows], ORDERS[spec.rows]
     sql = f"SELECT * FROM {view} WHERE {scope.condition}{_conditions(spec)}"
+    if sums:
+        connection.execute(f"CREATE OR REPLACE TABLE kept_rows AS {sql}")
+        sql = "SELECT * FROM kept_rows"
     if spec.layout == "wide" and spec.components == "headline":
         return TableSelect(columns_of(spec, ()), sql, order)
     of_foods = _components_in_use(connection, scope) if spec.components == "all" else ()
