@@ -16,11 +16,11 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import sqlalchemy as sa
+from app.diary.day_sums import write_all_sums
 from pyarrow import csv
 
 from app.db.base import Base  # fmt: skip
 from app.db.session import Database
-from app.diary.day_sums import write_all_sums
 from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
 from app.meals.day_models import DiaryDay  # fmt: skip
 from app.meals.models import Meal  # fmt: skip

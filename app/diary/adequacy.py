@@ -15,7 +15,8 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError
 from app.db.session import Database
-from app.diary.closed_amounts import ClosedAmounts, StudyWindow, amounts_by_column, amounts_by_record
+from app.diary.closed_amounts import ClosedAmounts, closed_amounts, contents_of_days
+from app.diary.day_definition import DaysOf, participants_of
 from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
@@ -130,7 +131,7 @@ def judge_study(
     component = find_component(component_name)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        participants = _read_amounts(session, StudyWindow(study.id, first_day, last_day), component.number)
+        participants = _read_amounts(session, DaysOf(participants_of(study.id), first_day, last_day), component.number)
     groups: dict[LifeStage, _Group] = {}
     persons_without_stage = 0
     for participant in participants:
@@ -147,11 +148,12 @@ def judge_study(
     return Adequacy(component.number, component.tagname, component.name, component.unit, results, persons_without_stage)
 
 
-def _read_amounts(session: Session, window: StudyWindow, number: str) -> list[ClosedAmounts]:
+def _read_amounts(session: Session, chosen: DaysOf, number: str) -> list[ClosedAmounts]:
     subtracted = SUBTRACTED.get(number)
     if subtracted is None and number in COLUMNS:
-        return amounts_by_column(session, window, COLUMNS[number], least_coverage=MIN_COVERAGE)
-    return amounts_by_record(session, window, number, subtracted, least_coverage=MIN_COVERAGE)
+        return closed_amounts(session, chosen, column=COLUMNS[number], least_coverage=MIN_COVERAGE)
+    contents = contents_of_days(session, chosen, number, subtracted)
+    return closed_amounts(session, chosen, contents=contents, least_coverage=MIN_COVERAGE)
 
 
 def _assign_stage(

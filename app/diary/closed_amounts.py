@@ -1,134 +1,86 @@
-"""SQL of the amounts of a component that participants ate on their closed days, for usual intakes.
+"""The amounts of a component that participants ate on their closed days, for usual intakes."""
 
-Amounts come from the days' sums if the component is one of their columns; otherwise from records and the contents of
-their foods, which takes longer in a large study. Both follow one rule, `whole_day_amount`.
-"""
-
-import uuid
-from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import date
-from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
-from app.db.stored_ids import stored_id
-from app.diary.day_definition import coverage_of, same_day, whole_day_amount, within
-from app.diary.day_sum_queries import select_study_days, sums_of_days
+from app.diary.day_definition import (
+    Amount,
+    DayKey,
+    DaysOf,
+    count_days,
+    group_by_day,
+    sum_and_coverage,
+    whole_amount,
+)
 from app.foods.models import Component, FoodNutrient
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
 from app.people.profiles import Profile
 
-UNKNOWN = "?"  # an amount, in a text
+NOT_EATEN = Amount(None, None)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ClosedAmounts:
     """A participant's closed days, at least one. amounts: of the days on which it is known, in order."""
 
     profile: Profile | None
-    last_day: date
-    days: int
-    amounts: list[float]
+    last_day: date = date.min
+    days: int = 0
+    amounts: list[float] = field(default_factory=list)
 
 
-class StudyWindow(NamedTuple):
-    """Local days of a study, both ends included; None: no limit."""
-
-    study_id: uuid.UUID
-    first_day: date | None = None
-    last_day: date | None = None
-
-
-def amounts_by_column(
-    session: Session, window: StudyWindow, column: str, *, least_coverage: float
+def closed_amounts(
+    session: Session,
+    chosen: DaysOf,
+    *,
+    least_coverage: float,
+    column: str | None = None,
+    contents: Mapping[DayKey, Amount] | None = None,
 ) -> list[ClosedAmounts]:
-    """Return the amounts of one of HEADLINE_COLUMNS, of all participants with a closed day, by participant id."""
-    day = sums_of_days(session, select_study_days(*window))
-    amount = whole_day_amount(day, day.c[column], day.c[f"{column}_coverage"], least_coverage)
-    return _amounts(session, window, day, day, amount)
+    """Return the amounts of all participants with a closed day, by participant id.
+
+    column: one of HEADLINE_COLUMNS; or contents: the amounts of any component by day
+    """
+    query = sa.select(Participant.id, Participant.profile).where(Participant.id.in_(chosen.participants))
+    people = {row[0]: ClosedAmounts(row[1]) for row in session.execute(query.order_by(Participant.id))}
+    for day in count_days(session, chosen):
+        if not day.is_closed:
+            continue
+        if contents is None:
+            amount = day.whole_amount(str(column), least_coverage)
+        else:
+            content = contents.get((day.local_date, day.participant_id), NOT_EATEN)
+            amount = whole_amount(day, content, least_coverage)
+        person = people[day.participant_id]
+        person.days += 1
+        person.last_day = day.local_date
+        if amount is not None:
+            person.amounts.append(amount)
+    return [person for person in people.values() if person.days]
 
 
-def amounts_by_record(
-    session: Session, window: StudyWindow, number: str, subtracted: str | None, *, least_coverage: float
-) -> list[ClosedAmounts]:
-    """Return the amounts of any component of the food table, of all participants with a closed day, by participant id.
+def contents_of_days(session: Session, chosen: DaysOf, number: str, subtracted: str | None) -> dict[DayKey, Amount]:
+    """Sum a component of the food table over each day's records.
 
     subtracted: number of a component to subtract (fibre from carbohydrate); the difference is unknown where it is.
     """
-    day = sums_of_days(session, select_study_days(*window))
-    content = _content_by_day(window, number, subtracted)
-    amount = whole_day_amount(day, content.c.amount, content.c.coverage, least_coverage)
-    return _amounts(session, window, day, day.outerjoin(content, same_day(content.c, day.c)), amount)
-
-
-def _amounts(
-    session: Session,
-    window: StudyWindow,
-    day: sa.Subquery,
-    source: sa.FromClause,
-    amount: sa.ColumnElement[float | None],
-) -> list[ClosedAmounts]:
-    """Read the amounts of closed days.
-
-    Each local day is one text of participants' ids and amounts: one row per day and participant would take several
-    times as long.
-    """
-    pair = stored_id(day.c.participant_id) + " " + sa.func.coalesce(sa.cast(amount, sa.Text), UNKNOWN)
-    query = (
-        sa.select(day.c.local_date, sa.func.aggregate_strings(pair, " "))
-        .select_from(source)
-        .where(day.c.status == "closed")
-        .group_by(day.c.local_date)
-        .order_by(day.c.local_date)
-    )
-    amounts: dict[str, list[str]] = defaultdict(list)
-    last_days: dict[str, date] = {}
-    for local_date, text in session.execute(query):
-        fields = text.split()
-        participants = fields[::2]
-        for participant, day_amount in zip(participants, fields[1::2], strict=True):
-            amounts[participant].append(day_amount)
-        last_days.update(dict.fromkeys(participants, local_date))
-    profiles = session.execute(
-        sa.select(stored_id(Participant.id), Participant.profile)
-        .where(Participant.study_id == window.study_id)
-        .order_by(Participant.id)
-    )
-    return [
-        ClosedAmounts(
-            profile,
-            last_days[participant],
-            len(amounts[participant]),
-            [float(amount) for amount in amounts[participant] if amount != UNKNOWN],
-        )
-        for participant, profile in profiles
-        if participant in amounts
-    ]
-
-
-def _content_by_day(window: StudyWindow, number: str, subtracted: str | None) -> sa.Subquery:
-    """Sum a component over each day's records, with its coverage; days without records have no row."""
     record, content = EffectiveRecord, _contents(number)
     per_100_g: AnyColumn = content.c.per_100_g
-    query = sa.select(record.participant_id, record.local_date).outerjoin(content, content.c.food_id == record.food_id)
+    source = sa.outerjoin(record, content, content.c.food_id == record.food_id)
     if subtracted is not None:
         other = _contents(subtracted)
         per_100_g = per_100_g - other.c.per_100_g
-        query = query.outerjoin(other, other.c.food_id == record.food_id)
-    return (
-        query.add_columns(
-            sa.func.sum(record.consumed_g * per_100_g / 100.0).label("amount"),
-            coverage_of(per_100_g, record.consumed_g).label("coverage"),
-        )
-        .where(record.study_id == window.study_id, *within(record.local_date, window.first_day, window.last_day))
-        .where(record.status != "rejected")
-        .group_by(record.participant_id, record.local_date)
-        .subquery("content")
-    )
+        source = source.outerjoin(other, other.c.food_id == record.food_id)
+    amount = record.consumed_g * per_100_g / 100.0
+    query = sa.select(record.local_date, record.participant_id, *sum_and_coverage(amount)).select_from(source)
+    rows = session.execute(group_by_day(query, chosen, record).where(record.status != "rejected"))
+    return {(row[0], row[1]): Amount(row[2], row[3]) for row in rows}
 
 
 def _contents(number: str) -> sa.Subquery:

@@ -1,117 +1,254 @@
-"""SQL that defines a participant-day: its counts and sums from meals, records and diary entries.
+"""What a participant's day comes to: its meals, its records that hold, its diary entry.
 
-The database sums the records that count (not rejected) of meals that are not deleted. Unknown values are NULL, never 0.
-DaySum stores the results; sums are read by day_sum_queries.py, which uses this module for days that have changed since.
+The database counts and sums by day, CountedDay has the rules. Files have both from exports/views/views.sql: sums are of
+whole billionths, so that they are the same in whatever order and by whatever database they are added.
 """
 
-from datetime import date, timedelta
-from typing import Any
+import statistics
+import uuid
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.ext.compiler import compiles
-from sqlalchemy.orm import InstrumentedAttribute
-from sqlalchemy.sql.base import ReadOnlyColumnCollection
+from sqlalchemy.orm import InstrumentedAttribute, Session
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from app.db.statements import AnyColumn, AnyQuery
-from app.diary.models import DayMark, DaySum
-from app.meals.day_models import DayEvent, DiaryDay
-from app.meals.models import MEAL_STATUSES, Meal
+from app.db.stored_ids import stored_id
+from app.meals.day_models import DayEvent, DayStatus, DiaryDay
+from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.models import Participant
 
 SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
 FULL = 1.0 - 1e-9  # full coverage, up to rounding
-LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
-COLUMNS = tuple(column.name for column in DaySum.__table__.columns)
+PLACES = {name: place for place, name in enumerate(HEADLINE_COLUMNS)}
+DayKey = tuple[date, uuid.UUID]  # local day, participant
 DayColumn = sa.ColumnElement[date] | InstrumentedAttribute[date]
-Amount = sa.ColumnElement[float | None] | InstrumentedAttribute[float | None]
-DayKeys = (  # has columns participant_id and local_date
-    type[Meal | DiaryDay | EffectiveRecord | DaySum | DayMark | DayEvent]
-    | ReadOnlyColumnCollection[str, sa.ColumnElement[Any]]  # as SQLAlchemy types the columns of a subquery
-)
+DayTable = type[Meal | DiaryDay | EffectiveRecord | DayEvent]
+Grams = sa.ColumnElement[float | None] | InstrumentedAttribute[float | None]
 
 
-class seconds_between(FunctionElement[float]):  # noqa: N801  # named as the SQL function that it stands for
-    """Seconds from the first instant to the second."""
+class billionths(FunctionElement[int]):  # noqa: N801  # named as the macro of views/macros.sql
+    """A number in whole billionths."""
 
-    type = sa.Float()
+    type = sa.BigInteger()
     inherit_cache = True
 
 
-@compiles(seconds_between, "postgresql")
-def _seconds_postgresql(element: seconds_between, compiler: SQLCompiler, **options: object) -> str:
+@compiles(billionths, "postgresql")
+def _billionths_postgresql(element: billionths, compiler: SQLCompiler, **options: object) -> str:
+    number = compiler.process(element.clauses, **options)
+    return f"CAST(TRUNC({number} * 1e9 + 0.5 * SIGN({number})) AS BIGINT)"
+
+
+@compiles(billionths, "sqlite")
+def _billionths_sqlite(element: billionths, compiler: SQLCompiler, **options: object) -> str:
+    number = compiler.process(element.clauses, **options)
+    return f"CAST({number} * 1e9 + 0.5 * SIGN({number}) AS INTEGER)"  # which truncates
+
+
+class microseconds_between(FunctionElement[int]):  # noqa: N801  # named as the SQL function that it stands for
+    """Microseconds from the first instant to the second."""
+
+    type = sa.BigInteger()
+    inherit_cache = True
+
+
+@compiles(microseconds_between, "postgresql")
+def _microseconds_postgresql(element: microseconds_between, compiler: SQLCompiler, **options: object) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    seconds = (f"ROUND(EXTRACT(EPOCH FROM {instant}), 3)" for instant in (second, first))  # in milliseconds, as SQLite
-    return f"CAST({' - '.join(seconds)} AS DOUBLE PRECISION)"
+    return f"CAST(EXTRACT(EPOCH FROM {second} - {first}) * 1000000 AS BIGINT)"
 
 
-@compiles(seconds_between, "sqlite")
-def _seconds_sqlite(element: seconds_between, compiler: SQLCompiler, **options: object) -> str:
+@compiles(microseconds_between, "sqlite")
+def _microseconds_sqlite(element: microseconds_between, compiler: SQLCompiler, **options: object) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # SQLite's times are in milliseconds
+    seconds = f"strftime('%s', {second}) - strftime('%s', {first})"
+    return f"(({seconds}) * 1000000 + substr({second}, 21) - substr({first}, 21))"  # stored with six decimals
 
 
-def counted_days(page: sa.CTE) -> AnyQuery:
-    """Count the days of a page (participant_id, local_date) that have a meal or a diary entry; columns: COLUMNS."""
-    meals, delays, eaten = _meals_of(page), _delays_of(page), _records_of(page)
-    values: dict[str, AnyColumn] = {
-        "study_id": Participant.study_id.expression,
-        "status": sa.func.coalesce(DiaryDay.status, "open"),
-        "said_nothing": sa.func.coalesce(DiaryDay.ate_nothing, sa.false()),
-        "median_upload_delay_seconds": delays.c.median_seconds,
-    }
-    values |= {column.name: sa.func.coalesce(column, 0) for column in meals.c}
-    values |= {column.name: column for column in eaten.c}
-    values |= {name: sa.func.coalesce(eaten.c[name], 0) for name in ITEM_COUNTS}
-    for name in HEADLINE_COLUMNS:
-        coverage = f"{name}_coverage"
-        values[coverage] = sa.case((values["unmeasured_meals"] == 0, eaten.c[coverage]))
-    values |= {column.name: column for column in page.c}
-    return (
-        sa.select(*(values[name].label(name) for name in COLUMNS))
-        .select_from(page)
-        .join(Participant, Participant.id == page.c.participant_id)
-        .outerjoin(DiaryDay, same_day(DiaryDay, page.c))
-        .outerjoin(meals, same_day(meals.c, page.c))
-        .outerjoin(delays, same_day(delays.c, page.c))
-        .outerjoin(eaten, same_day(eaten.c, page.c))
-        .where(sa.or_(DiaryDay.participant_id.is_not(None), meals.c.meals > 0))
-    )
+class DaysOf(NamedTuple):
+    """Local days of participants, both ends included; None: no limit."""
+
+    participants: Collection[uuid.UUID] | sa.Select[uuid.UUID]
+    first_day: date | None = None
+    last_day: date | None = None
+
+    def rows(self, table: DayTable) -> list[sa.ColumnElement[bool]]:
+        """The conditions of a table's rows."""
+        days = within(table.local_date, self.first_day, self.last_day)
+        return [table.participant_id.in_(self.participants), *days]
 
 
-def coverage_of(amount: Amount, consumed_g: Amount) -> sa.ColumnElement[float | None]:
-    """Return the share of the eaten grams for which an amount is known; NULL if any item's grams are unknown.
+class Amount(NamedTuple):
+    """A day's sum of a component over the items for which it is known, and their share of the eaten grams.
 
-    Negative grams (more left than served, within the error) have weight 0. If the total weight is 0, the coverage is 1
-    if the amount is known for all records, else 0.
+    value: None if it is known for no item.
+    coverage: 0 to 1; None if the grams of an item or of a whole meal are unknown.
     """
-    weight_g = sa.case((consumed_g > 0.0, consumed_g), else_=0.0)
-    known_g = sa.func.sum(sa.case((amount.is_not(None), weight_g), else_=0.0))
-    unknown = sa.func.sum(sa.case((consumed_g.is_(None), 1), else_=0))
-    share_without_weight = sa.case((sa.func.count(amount) == sa.func.count(), 1.0), else_=0.0)
-    share_of_weight = known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)
-    return sa.case((unknown == 0, sa.func.coalesce(share_of_weight, share_without_weight)))
+
+    value: float | None
+    coverage: float | None
 
 
-def is_unmeasured_meal() -> sa.ColumnElement[bool]:
-    """Whether a meal has no known food (failed or not measured yet) and is not confirmed to be without food."""
-    has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
-    return sa.and_(Meal.id.is_not(None), Meal.status != "confirmed", ~has_food)
+class EatenItems(NamedTuple):
+    """A day's records that hold. amounts: value and coverage of each of HEADLINE_COLUMNS, in turn."""
+
+    items: int
+    unmeasured_items: int
+    provisional_items: int
+    consumed_g: float | None
+    amounts: Sequence[float | None]
 
 
-def is_leftover_unseen() -> sa.ColumnElement[bool]:
-    """Whether a record's eaten grams are all that was served because no leftovers were recorded.
+NO_ENTRY: tuple[DayStatus, bool] = ("open", False)
+NO_MEALS = (0, 0)
+NO_ITEMS = EatenItems(0, 0, 0, None, (None,) * (2 * len(HEADLINE_COLUMNS)))
+NOTHING = (0.0,) * len(HEADLINE_COLUMNS)
+UNKNOWN = (None,) * len(HEADLINE_COLUMNS)
 
-    False for declared meals, whose leftovers no photograph shows. Use it in a query of records joined to Meal.
+
+@dataclass(frozen=True, slots=True)
+class CountedDay:
+    """A participant's day that has a meal or a diary entry.
+
+    status: closed if all that was eaten is recorded; open without a diary entry
+    said_nothing: the entry says that nothing was eaten; it counts while the day has no meal
+    unmeasured_meals: without a known food and not confirmed to be without one
     """
-    return sa.and_(
-        Meal.origin == "photographed",
-        EffectiveRecord.origin.in_(SEEN),
-        EffectiveRecord.consumed_g.is_not(None),
-        EffectiveRecord.left_g.is_(None),
-    )
+
+    participant_id: uuid.UUID
+    local_date: date
+    status: DayStatus
+    said_nothing: bool
+    meals: int
+    unmeasured_meals: int
+    eaten: EatenItems
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether all that was eaten is recorded."""
+        return self.status == "closed"
+
+    @property
+    def items(self) -> int:
+        """The number of records that hold."""
+        return self.eaten.items
+
+    @property
+    def unmeasured_items(self) -> int:
+        """The number of records whose eaten grams are unknown."""
+        return self.eaten.unmeasured_items
+
+    @property
+    def provisional_items(self) -> int:
+        """The number of records that an after-meal pair may still change."""
+        return self.eaten.provisional_items
+
+    @property
+    def ate_nothing(self) -> bool:
+        """Whether the day was closed with "nothing eaten" and has no meal."""
+        return self.is_closed and self.said_nothing and self.meals == 0
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the day is closed and nothing was eaten: by the entry, or each meal is confirmed to have no food."""
+        is_empty = self.meals > 0 and self.items == 0 and self.unmeasured_meals == 0
+        return self.ate_nothing or (self.is_closed and is_empty)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the day is closed and all eaten grams are known and final (no after-meal pair is pending)."""
+        if self.is_nothing:
+            return True
+        is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
+        return self.is_closed and is_measured and self.provisional_items == 0
+
+    def amount(self, column: str) -> Amount:
+        """Return the amount of one of HEADLINE_COLUMNS; 0 if nothing was eaten."""
+        if self.is_nothing:
+            return Amount(0.0, 1.0)
+        place = 2 * PLACES[column]
+        value, coverage = self.eaten.amounts[place : place + 2]
+        return Amount(value, coverage if self.unmeasured_meals == 0 else None)
+
+    def whole_amount(self, column: str, least_coverage: float = FULL) -> float | None:
+        """The amount, if the day is complete and at least so much of it is known."""
+        return whole_amount(self, self.amount(column), least_coverage)
+
+    def whole_amounts(self) -> Sequence[float | None]:
+        """`whole_amount` of each of HEADLINE_COLUMNS."""
+        if self.is_nothing:
+            return NOTHING
+        if not self.is_complete:
+            return UNKNOWN
+        values, coverages = self.eaten.amounts[::2], self.eaten.amounts[1::2]
+        return [
+            value if coverage is not None and coverage >= FULL else None
+            for value, coverage in zip(values, coverages, strict=True)
+        ]
+
+
+def whole_amount(day: CountedDay, amount: Amount, least_coverage: float) -> float | None:
+    """A complete day's amount of a component, 0 if nothing was eaten; None if too little of it is known."""
+    if day.is_nothing:
+        return 0.0
+    is_known = amount.coverage is not None and amount.coverage >= least_coverage
+    return amount.value if is_known and day.is_complete else None
+
+
+def median_seconds(delays: str) -> float | None:
+    """The median of microseconds in a text, in seconds; None if there are none."""
+    return statistics.median(int(delay) / 1e6 for delay in delays.split()) if delays else None
+
+
+def participants_of(study_id: uuid.UUID) -> sa.Select[uuid.UUID]:
+    """Select the ids of a study's participants."""
+    return sa.select(Participant.id).where(Participant.study_id == study_id)
+
+
+def count_days(session: Session, days: DaysOf) -> list[CountedDay]:
+    """Return the days that have a meal or a diary entry, in the order of (local day, participant)."""
+    entries = {(row[0], row[1]): row[2:] for row in session.execute(_entries(days))}
+    meals = {(row[0], row[1]): row[2:] for row in session.execute(_meals(days))}
+    eaten: dict[tuple[date, str], EatenItems] = {}
+    for local_date, participant, items, unmeasured, provisional, consumed_g, *amounts in session.execute(_items(days)):
+        eaten[local_date, participant] = EatenItems(items, unmeasured, provisional, consumed_g, amounts)
+    keys = sorted(entries.keys() | meals.keys())
+    id_of = {stored: uuid.UUID(stored) for _, stored in keys}
+    counted = []
+    for key in keys:
+        local_date, participant = key
+        status, said_nothing = entries.get(key, NO_ENTRY)
+        of_meals, unmeasured = meals.get(key, NO_MEALS)
+        day = CountedDay(
+            participant_id=id_of[participant],
+            local_date=local_date,
+            status=status,
+            said_nothing=said_nothing,
+            meals=of_meals,
+            unmeasured_meals=unmeasured,
+            eaten=eaten.get(key, NO_ITEMS),
+        )
+        counted.append(day)
+    return counted
+
+
+def unseen_leftovers(session: Session, days: DaysOf) -> Mapping[DayKey, int]:
+    """Count the items that are counted as eaten up because no photograph shows their leftovers.
+
+    Declared meals have none, since no photograph shows what is left of them.
+    """
+    record = EffectiveRecord
+    is_unseen = sa.and_(record.origin.in_(SEEN), record.consumed_g.is_not(None), record.left_g.is_(None))
+    query = sa.select(record.local_date, record.participant_id, sa.func.count()).join(Meal, Meal.id == record.meal_id)
+    query = query.where(Meal.origin == "photographed", record.status != "rejected", is_unseen)
+    return {(row[0], row[1]): row[2] for row in session.execute(group_by_day(query, days, record))}
 
 
 def has_place() -> sa.ColumnElement[bool]:
@@ -130,110 +267,80 @@ def within(local_date: DayColumn, first_day: date | None, last_day: date | None)
     return conditions
 
 
-def is_day_of_nothing(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed and nothing was eaten; the same as DayRow.is_nothing."""
-    is_empty = sa.and_(day.c.meals > 0, day.c["items"] == 0, day.c.unmeasured_meals == 0)
-    return sa.and_(day.c.status == "closed", sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
-
-
-def is_measured_whole(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed and has items, all of known and final grams; with nothing eaten: DayRow.is_complete."""
-    is_known = sa.and_(day.c.unmeasured_items == 0, day.c.unmeasured_meals == 0, day.c.provisional_items == 0)
-    return sa.and_(day.c.status == "closed", day.c["items"] > 0, is_known)
-
-
-def whole_day_amount(
-    day: sa.Subquery, amount: AnyColumn, coverage: AnyColumn, least_coverage: float = FULL
-) -> sa.ColumnElement[float | None]:
-    """Return a whole day's amount of a component: 0 if nothing was eaten; NULL if the day is not whole.
-
-    A day is whole if it is closed, measured and final, and at least `least_coverage` of the component is known.
-    """
-    is_known = sa.and_(is_measured_whole(day), coverage >= least_coverage)
-    return sa.case((is_day_of_nothing(day), 0.0), (is_known, amount))
-
-
-def same_day(table: DayKeys, page: DayKeys) -> sa.ColumnElement[bool]:
-    """Whether both rows are of the same participant and local day."""
-    return sa.and_(table.participant_id == page.participant_id, table.local_date == page.local_date)
-
-
 def count_where(condition: sa.ColumnElement[bool] | InstrumentedAttribute[bool]) -> sa.ColumnElement[int]:
     """Count the rows that meet a condition."""
-    return sa.func.sum(sa.case((condition, 1), else_=0))
+    return sa.func.count(sa.case((condition, 1)))
 
 
-def total(counts: sa.ColumnElement[int]) -> sa.ColumnElement[int]:
-    """Sum counts as an integer: PostgreSQL's sum of big integers is a decimal number."""
-    return sa.cast(sa.func.sum(counts), sa.BigInteger)
+def delays_text() -> sa.ColumnElement[str]:
+    """Meals' microseconds from eating to arrival as one text: a row a meal would take several times as long."""
+    delay = microseconds_between(Meal.captured_at, Meal.received_at)
+    return sa.func.aggregate_strings(sa.cast(delay, sa.Text), " ")
 
 
-ITEM_COUNTS = ("items", "unmeasured_items", "provisional_items", "unseen_leftovers_items")
+def _entries(days: DaysOf) -> AnyQuery:
+    entry = DiaryDay
+    columns = (entry.local_date, stored_id(entry.participant_id), entry.status, entry.ate_nothing)
+    return sa.select(*columns).where(*days.rows(entry))
 
 
-# The page comes first in each of these, joined by LEFT JOIN: otherwise SQLite, which does not know how few rows it has,
-# reads all meals and records.
-def _meals_of(page: sa.CTE) -> sa.Subquery:
-    arrived_after_closing = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
-    is_late = seconds_between(Meal.captured_at, Meal.received_at) > LATE.total_seconds()
-    return (
-        sa.select(
-            *page.c,
-            sa.func.count(Meal.id).label("meals"),
-            *(count_where(Meal.status == status).label(f"{status}_meals") for status in MEAL_STATUSES),
-            count_where(arrived_after_closing).label("meals_after_closing"),
-            count_where(is_unmeasured_meal()).label("unmeasured_meals"),
-            count_where(is_late).label("late_meals"),
-            count_where(has_place()).label("located_meals"),
-        )
-        .select_from(page)
-        .outerjoin(Meal, same_day(Meal, page.c))
-        .outerjoin(DiaryDay, same_day(DiaryDay, page.c))
-        .group_by(*page.c)
-        .subquery()
-    )
+def _meals(days: DaysOf) -> AnyQuery:
+    columns = (Meal.local_date, stored_id(Meal.participant_id), sa.func.count(), count_where(_is_unmeasured_meal()))
+    return group_by_day(sa.select(*columns), days, Meal)
 
 
-def _delays_of(page: sa.CTE) -> sa.Subquery:
-    """Return the median delay from eating to arrival: the mean of the middle one or two, as SQLite has no median."""
-    delay = seconds_between(Meal.captured_at, Meal.received_at)
-    ranked = (
-        sa.select(
-            *page.c,
-            delay.label("seconds"),
-            sa.func.row_number().over(partition_by=[*page.c], order_by=(delay, Meal.id)).label("rank"),
-            sa.func.count().over(partition_by=[*page.c]).label("delays"),
-        )
-        .select_from(page)
-        .outerjoin(Meal, same_day(Meal, page.c))
-        .subquery()
-    )
-    keys = (ranked.c.participant_id, ranked.c.local_date)
-    return (
-        sa.select(*keys, sa.func.avg(ranked.c.seconds).label("median_seconds"))
-        .where((2 * ranked.c.rank).between(ranked.c.delays, ranked.c.delays + 2))
-        .group_by(*keys)
-        .subquery()
-    )
+def _is_unmeasured_meal() -> sa.ColumnElement[bool]:
+    """Whether a meal has no known food (failed or not measured yet) and is not confirmed to be without food."""
+    has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
+    return sa.and_(Meal.status != "confirmed", ~has_food)
 
 
-def _records_of(page: sa.CTE) -> sa.Subquery:
+def _items(days: DaysOf) -> AnyQuery:
     record = EffectiveRecord
-    amounts = {name: getattr(record, name) for name in HEADLINE_COLUMNS}
-    return (
-        sa.select(
-            *page.c,
-            sa.func.count(record.item_id).label("items"),
-            sa.func.count(sa.case((record.consumed_g.is_(None), record.item_id))).label("unmeasured_items"),
-            count_where(record.provisional).label("provisional_items"),
-            count_where(is_leftover_unseen()).label("unseen_leftovers_items"),
-            sa.func.sum(record.consumed_g).label("consumed_g"),
-            *(sa.func.sum(amount).label(name) for name, amount in amounts.items()),
-            *(coverage_of(amount, record.consumed_g).label(f"{name}_coverage") for name, amount in amounts.items()),
-        )
-        .select_from(page)
-        .outerjoin(record, sa.and_(same_day(record, page.c), record.status != "rejected"))
-        .outerjoin(Meal, Meal.id == record.meal_id)
-        .group_by(*page.c)
-        .subquery()
+    amounts: list[AnyColumn] = []
+    for name in HEADLINE_COLUMNS:
+        amounts += sum_and_coverage(getattr(record, name))
+    query = sa.select(
+        record.local_date,
+        stored_id(record.participant_id),
+        sa.func.count(),
+        sa.func.count() - sa.func.count(record.consumed_g),
+        count_where(record.provisional),
+        _sum_of(record.consumed_g),
+        *amounts,
     )
+    return group_by_day(query, days, record).where(record.status != "rejected")
+
+
+def group_by_day(query: sa.Select[*tuple[Any, ...]], days: DaysOf, table: DayTable) -> AnyQuery:
+    """Choose these days' rows of a table, and group them by day."""
+    return query.where(*days.rows(table)).group_by(table.participant_id, table.local_date)
+
+
+def _sum_of(amount: Grams) -> AnyColumn:
+    return _from_billionths(sa.func.sum(billionths(amount)))
+
+
+def _from_billionths(number: AnyColumn) -> AnyColumn:
+    return sa.cast(number, sa.Double) / sa.literal_column("1e9")
+
+
+def sum_and_coverage(amount: Grams) -> tuple[AnyColumn, AnyColumn]:
+    """A sum, and the share of the eaten grams for which the amount is known; NULL if any item's grams are unknown.
+
+    Negative grams (more left than served, within the error) have weight 0. If the total weight is 0, the coverage is 1
+    if the amount is known for all records, else 0.
+    """
+    consumed_g = EffectiveRecord.consumed_g
+    zero: sa.ColumnElement[int] = sa.literal_column("0")  # literals, since the same sums are then taken once
+    weight = sa.case((consumed_g > zero, billionths(consumed_g)), else_=zero)
+    whole = sa.func.sum(weight)
+    unknown = sa.func.sum(sa.case((amount.is_(None), weight)))  # NULL if there is none
+    share = _from_billionths(whole - sa.func.coalesce(unknown, zero)) / _from_billionths(whole)
+    coverage = sa.case(
+        (sa.func.count() > sa.func.count(consumed_g), sa.null()),
+        (whole > zero, share),
+        (unknown.is_(None), sa.literal_column("1.0")),
+        else_=sa.literal_column("0.0"),
+    )
+    return _sum_of(amount), coverage

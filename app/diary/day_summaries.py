@@ -1,10 +1,7 @@
 """Lists of days and of mean intakes for researchers; the means leave out open days and count them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
-
-from sqlalchemy.orm import Session
 
 from app.db.session import Database
 from app.diary import intake_queries as intakes
@@ -17,8 +14,6 @@ from app.http.row_filter import RowFilter
 from app.nutrition.plausible_energy import Plausibility
 from app.people.access.caller import Caller, visible_rows
 from app.people.studies import enter_study
-
-STREAM_PAGE = 1000  # rows per query while streaming
 
 
 @dataclass(frozen=True)
@@ -38,17 +33,6 @@ def list_day_summaries(
     with database.read() as session:
         rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
     return page_of(name, rows, limit, lambda row: (row.local_date, row.participant_id))
-
-
-def all_day_summaries(session: Session, caller: Caller, chosen: RowFilter) -> Iterator[DayRow]:
-    """Stream all days, a page per query, in the caller's transaction: they are of one moment, in bounded memory."""
-    visible, after = visible_rows(caller, chosen), None
-    while True:
-        rows = days.page_of_days(session, visible, after=after, limit=STREAM_PAGE)
-        yield from rows
-        if len(rows) < STREAM_PAGE:
-            return
-        after = (rows[-1].local_date, rows[-1].participant_id)
 
 
 def list_intakes(

@@ -1,17 +1,16 @@
-"""Distributions of amounts: statistics and a histogram of values that come in sorted runs, one per day."""
+"""Distributions of amounts: statistics and a histogram."""
 
 import math
-from collections.abc import Iterable
+import statistics
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from app.db.sorted_values import Runs, SortedValues
-
 USUAL_BINS = 20
 OUTLIER_SHARE = 0.01  # share of values at either end that may lie outside the bins, so outliers do not flatten the rest
 LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
-NO_VALUES = SortedValues.of(())
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
 
 
@@ -51,27 +50,28 @@ class Distribution:
 
 
 def distribution(
-    component: str, values: Iterable[SortedValues], person_means: SortedValues = NO_VALUES, *, binned: bool = True
+    component: str, values: Iterable[float], person_means: Sequence[float] = (), *, binned: bool = True
 ) -> Distribution:
     """Compute statistics and count the values in about twenty bins of a round width, outliers separately.
 
     person_means: each person's mean over their days.
     """
-    runs = Runs.of(values)
-    days = len(runs)
+    ordered = sorted(values)
+    days = len(ordered)
     if not days:
         return Distribution(component, 0)
-    edges = _edges(runs, days) if binned else ()
-    places = [runs.below(edge) for edge in edges[:-1]] + [runs.up_to(edges[-1])] if binned else [0, days]
+    edges = _edges(ordered) if binned else ()
+    places = [bisect_left(ordered, edge) for edge in edges[:-1]]
+    places += [bisect_right(ordered, edges[-1])] if binned else [0, days]
     return Distribution(
         component=component,
         days=days,
-        mean=runs.mean,
-        sd=_sample_sd(runs),
+        mean=statistics.fmean(ordered),
+        sd=_sample_sd(ordered),
         sd_between_persons=_sample_sd(person_means),
-        median=runs.median,
-        minimum=runs.least,
-        maximum=runs.greatest,
+        median=statistics.median(ordered),
+        minimum=ordered[0],
+        maximum=ordered[-1],
         edges=edges,
         counts=tuple(end - start for start, end in pairwise(places)),
         days_below_bins=places[0],
@@ -79,14 +79,18 @@ def distribution(
     )
 
 
-def _sample_sd(values: Runs | SortedValues) -> float | None:
-    return math.sqrt(values.squares / (len(values) - 1)) if len(values) > 1 else None
+def _sample_sd(values: Sequence[float]) -> float | None:
+    """The standard deviation of a sample; `statistics.stdev` is exact, and fifty times slower."""
+    if len(values) < 2:
+        return None
+    mean = statistics.fmean(values)
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
 
 
-def _edges(runs: Runs, days: int) -> tuple[float, ...]:
+def _edges(ordered: Sequence[float]) -> tuple[float, ...]:
     """Return round edges from zero, or below it if there are negative values, to above nearly all values."""
-    outliers = int(OUTLIER_SHARE * days)
-    low, high = min(runs.at(outliers), 0.0), max(runs.at(days - 1 - outliers), 0.0)
+    outliers = int(OUTLIER_SHARE * len(ordered))
+    low, high = min(ordered[outliers], 0.0), max(ordered[-1 - outliers], 0.0)
     width = max((high - low) / USUAL_BINS, LEAST_WIDTH)
     power = 10.0 ** math.floor(math.log10(width))
     step = next(factor * power for factor in STEPS if factor * power >= width * (1.0 - 1e-9))

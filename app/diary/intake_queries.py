@@ -1,17 +1,17 @@
-"""SQL of intakes: means over participants' closed days."""
+"""Mean intakes of participants over their closed days."""
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from statistics import fmean
 from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.statements import AnyColumn
-from app.diary.day_definition import is_day_of_nothing, total, whole_day_amount, within
-from app.diary.day_sum_queries import Conditions, DayTable, sums_of_days
+from app.diary.day_definition import Amount, DaysOf, within
+from app.diary.queries import DayRow, read_days
 from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
@@ -77,53 +77,43 @@ def page_of_intakes(
     if not participant_ids:
         return []
 
-    def selection(table: DayTable) -> Conditions:
-        return [table.participant_id.in_(participant_ids), *within(table.local_date, first_day, last_day)]
+    days_of: dict[uuid.UUID, list[DayRow]] = {participant_id: [] for participant_id in participant_ids}
+    for day in read_days(session, DaysOf(participant_ids, first_day, last_day)):
+        days_of[day.participant_id].append(day)
+    return [_intake(days) for days in days_of.values()]
 
-    day = sums_of_days(session, selection)
-    is_closed, is_nothing = day.c.status == "closed", is_day_of_nothing(day)
-    closed_days = sa.func.count(sa.case((is_closed, 1)))
-    whole_kcal = whole_day_amount(day, day.c.energy_kcal, day.c.energy_kcal_coverage)
-    columns: dict[str, AnyColumn] = {
-        "first_day": sa.func.min(day.c.local_date),
-        "last_day": sa.func.max(day.c.local_date),
-        "days": sa.func.count(),
-        "closed_days": closed_days,
-        "whole_days": sa.func.count(whole_kcal),
-        "whole_energy_kcal": sa.func.avg(whole_kcal),
-    }
-    for name in ("unmeasured_meals", "unmeasured_items", "provisional_items", "unseen_leftovers_items"):
-        columns[name] = total(sa.case((is_closed, day.c[name]), else_=0))
-    unseen = columns.pop("unseen_leftovers_items")
-    columns["leftovers_unknown_items"] = unseen if study.expects_after_pair else sa.literal(0)
-    means: list[AnyColumn] = []
-    for name in HEADLINE_COLUMNS:
-        amount = sa.case((is_nothing, 0.0), (is_closed, day.c[name]))
-        coverage = sa.case((is_nothing, 1.0), (is_closed, day.c[f"{name}_coverage"]))
-        means += [
-            sa.func.avg(amount).label(name),
-            sa.func.count(amount).label(f"{name}_days"),
-            sa.case((sa.func.count(coverage) == closed_days, sa.func.avg(coverage))).label(f"{name}_coverage"),
-        ]
-    query = sa.select(day.c.participant_id, *(column.label(name) for name, column in columns.items()), *means).group_by(
-        day.c.participant_id
+
+def _intake(days: Sequence[DayRow]) -> IntakeRow:
+    """The means over a participant's days, which are in order."""
+    closed = [day for day in days if day.is_closed]
+    whole_kcal = [day.whole_amount("energy_kcal") for day in closed]
+    known_kcal = [amount for amount in whole_kcal if amount is not None]
+    return IntakeRow(
+        participant=days[0].participant_code,
+        profile=days[0].profile,
+        first_day=days[0].local_date,
+        last_day=days[-1].local_date,
+        days=len(days),
+        closed_days=len(closed),
+        unmeasured_meals=sum(day.unmeasured_meals for day in closed),
+        unmeasured_items=sum(day.unmeasured_items for day in closed),
+        provisional_items=sum(day.provisional_items for day in closed),
+        leftovers_unknown_items=sum(day.leftovers_unknown_items for day in closed),
+        whole_days=len(known_kcal),
+        whole_energy_kcal=fmean(known_kcal) if known_kcal else None,
+        components={name: _mean([day.amount(name) for day in closed]) for name in HEADLINE_COLUMNS},
     )
-    rows = {row["participant_id"]: row for row in session.execute(query).mappings()}
-    participants = sa.select(Participant.id, Participant.code, Participant.profile).where(
-        Participant.id.in_(participant_ids)
+
+
+def _mean(amounts: Sequence[Amount]) -> MeanAmount:
+    values = [amount.value for amount in amounts if amount.value is not None]
+    coverages = [amount.coverage for amount in amounts if amount.coverage is not None]
+    is_covered = len(coverages) == len(amounts) > 0
+    return MeanAmount(
+        mean=fmean(values) if values else None,
+        days=len(values),
+        coverage=fmean(coverages) if is_covered else None,
     )
-    return [
-        IntakeRow(
-            participant=code,
-            profile=profile,
-            **{name: rows[participant_id][name] for name in columns},
-            components={
-                name: MeanAmount(*(rows[participant_id][f"{name}{end}"] for end in ("", "_days", "_coverage")))
-                for name in HEADLINE_COLUMNS
-            },
-        )
-        for participant_id, code, profile in session.execute(participants.order_by(Participant.code))
-    ]
 
 
 def _page_of_participants(

@@ -1,24 +1,27 @@
-"""SQL of a study's overview: participants, days, waiting meals and places, over a window of local days.
-
-Days are read from their stored sums (diary/study_day_sum_queries.py), which is fast for a million records and always
-current.
-"""
+"""SQL of a study's overview: participants, days, waiting meals and places, over a window of local days."""
 
 import uuid
-from datetime import UTC, date, datetime, time
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Literal, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.sorted_values import SortedValues
-from app.diary.day_definition import has_place, is_day_of_nothing, is_measured_whole, whole_day_amount, within
-from app.diary.day_sum_queries import select_study_days, sums_of_days
+from app.db.statements import AnyColumn
+from app.diary.day_definition import (
+    CountedDay,
+    DaysOf,
+    count_days,
+    count_where,
+    delays_text,
+    has_place,
+    microseconds_between,
+    participants_of,
+    within,
+)
 from app.diary.queries import edge_days
-from app.diary.study_day_sum_queries import CountedDay, days_of_study
 from app.meals.day_models import DiaryDay
-from app.meals.models import Meal, MealStatus
-from app.meals.record_models import HEADLINE_COLUMNS
+from app.meals.models import MEAL_STATUSES, Meal, MealStatus
 from app.people import privacy_queries as privacy
 from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
@@ -29,6 +32,7 @@ WAITING: tuple[MealStatus, ...] = ("receiving", "queued", "processing", "needs_r
 NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status
 AFTER_PENDING = ("receiving", "queued", "processing")
+LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -44,17 +48,6 @@ class PeopleCounts(NamedTuple):
     erased: int
 
 
-class Span(NamedTuple):
-    """The days expected of a number of participants: from their start, or first meal or closed day, until they left.
-
-    first_day: at the earliest the window's first day.
-    """
-
-    first_day: date
-    withdrawn_at: datetime | None
-    participants: int
-
-
 class Place(NamedTuple):
     """Where a meal was eaten: WGS84, degrees, rounded as the study stores it. meal_id: the id that the phone made."""
 
@@ -67,33 +60,39 @@ class Place(NamedTuple):
 
 
 class Person(NamedTuple):
-    """A participant and the first day expected of them: their start, else their first meal or closed day.
+    """A participant and the days expected of them.
 
-    first_day: None if there is none yet; at the earliest the window's first day, unless the start is set.
+    first_day: their start, else their first meal or closed day; None if there is none yet; at the earliest the window's
+    first day, unless the start is set.
     """
 
+    id: uuid.UUID
     code: str
+    starts_on: date | None
     first_day: date | None
     withdrawn_at: datetime | None
 
 
-class PersonDay(NamedTuple):
-    """A participant's day with a meal or a diary entry."""
+class MealsOfDay(NamedTuple):
+    """All participants' meals of a local day. late: arrived more than LATE after they were eaten.
 
-    code: str
-    local_date: date
-    meals: int
-    is_closed: bool
+    delays: microseconds from eating to arrival, in a text
+    """
+
+    statuses: dict[MealStatus, int]
+    late: int
+    located: int
+    delays: str
 
 
 def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | None:
     """Return the last local day, `until` at the latest, that has a meal or a diary entry."""
-    return max(edge_days(session, sa.func.max, select_study_days(study_id, None, until)), default=None)
+    return max(edge_days(session, sa.func.max, lambda table: _is_of_study(table, study_id, None, until)), default=None)
 
 
 def first_day_of(session: Session, study_id: uuid.UUID) -> date | None:
     """Return the first local day that has a meal or a diary entry."""
-    return min(edge_days(session, sa.func.min, select_study_days(study_id, None, None)), default=None)
+    return min(edge_days(session, sa.func.min, lambda table: _is_of_study(table, study_id, None, None)), default=None)
 
 
 class Window:
@@ -102,7 +101,7 @@ class Window:
     def __init__(self, session: Session, study_id: uuid.UUID, first_day: date, last_day: date) -> None:
         self._session, self._study_id = session, study_id
         self._first_day, self._last_day = first_day, last_day
-        self._selection = select_study_days(study_id, first_day, last_day)
+        self._meals = _is_of_study(Meal, study_id, first_day, last_day)
 
     def people(self) -> PeopleCounts:
         """Count the participants."""
@@ -120,52 +119,30 @@ class Window:
 
     def persons(self) -> list[Person]:
         """Return the study's participants by code."""
+        participant = Participant
+        first_day = _first_expected_day(self._first_day)
         query = (
-            sa.select(Participant.code, _first_expected_day(self._first_day), Participant.withdrawn_at)
-            .where(Participant.study_id == self._study_id)
-            .order_by(Participant.code)
+            sa.select(participant.id, participant.code, participant.starts_on, first_day, participant.withdrawn_at)
+            .where(participant.study_id == self._study_id)
+            .order_by(participant.code)
         )
         return [Person(*row) for row in self._session.execute(query)]
 
-    def person_days(self) -> list[PersonDay]:
-        """Return the participant-days that have a meal or a diary entry."""
-        day = sums_of_days(self._session, self._selection).c
-        query = sa.select(Participant.code, day.local_date, day.meals, day.status == "closed").join(
-            Participant, Participant.id == day.participant_id
-        )
-        return [
-            PersonDay(code, local_date, int(meals), bool(is_closed))
-            for code, local_date, meals, is_closed in self._session.execute(query)
-        ]
-
-    def means_of_persons(self) -> dict[str, SortedValues]:
-        """Return each headline column's means over participants' whole days on which all of it is known."""
-        day = sums_of_days(self._session, self._selection)
-        means = [
-            sa.func.avg(whole_day_amount(day, day.c[name], day.c[f"{name}_coverage"])) for name in HEADLINE_COLUMNS
-        ]
-        is_whole = sa.or_(is_day_of_nothing(day), is_measured_whole(day))
-        rows = self._session.execute(sa.select(*means).where(is_whole).group_by(day.c.participant_id)).all()
-        return {
-            name: SortedValues.of(row[place] for row in rows if row[place] is not None)
-            for place, name in enumerate(HEADLINE_COLUMNS)
-        }
-
     def days(self) -> list[CountedDay]:
-        """Return the study's days that have data, in order."""
-        return days_of_study(self._session, self._study_id, self._first_day, self._last_day)
+        """Return the participants' days that have data, in order."""
+        chosen = DaysOf(participants_of(self._study_id), self._first_day, self._last_day)
+        return count_days(self._session, chosen)
 
-    def spans(self) -> list[Span]:
-        """Group the participants who have begun by the days expected of them."""
-        people = (
-            sa.select(_first_expected_day(self._first_day).label("first_day"), Participant.withdrawn_at)
-            .where(Participant.study_id == self._study_id)
-            .subquery()
-        )
-        columns = (people.c.first_day, people.c.withdrawn_at)
-        groups = self._session.execute(sa.select(*columns, sa.func.count()).group_by(*columns))
-        # those who have not begun are dropped here: as a condition, databases would look up each first day twice
-        return [Span(max(row[0], self._first_day), row[1], row[2]) for row in groups if row[0] is not None]
+    def meals(self) -> dict[date, MealsOfDay]:
+        """Count the meals of each local day."""
+        statuses = [count_where(Meal.status == status) for status in MEAL_STATUSES]
+        is_late = microseconds_between(Meal.captured_at, Meal.received_at) > LATE / timedelta(microseconds=1)
+        columns: list[AnyColumn] = [count_where(is_late), count_where(has_place()), delays_text(), *statuses]
+        query = sa.select(Meal.local_date, *columns).where(*self._meals).group_by(Meal.local_date)
+        return {
+            local_date: MealsOfDay(dict(zip(MEAL_STATUSES, counts, strict=True)), late, located, delays)
+            for local_date, late, located, delays, *counts in self._session.execute(query)
+        }
 
     def places(self, limit: int) -> list[Place]:
         """Return the newest places, by (captured_at, id)."""
@@ -175,7 +152,7 @@ class Window:
         query = (
             sa.select(Meal.client_id, Participant.code, Meal.captured_at, Meal.local_date, latitude, longitude)
             .join(Participant, Participant.id == Meal.participant_id)
-            .where(*self._selection(Meal), has_place())
+            .where(*self._meals, has_place())
             .where(Meal.captured_at >= begins - EASTERNMOST, Meal.captured_at < ends + LATEST_END)
             .order_by(Meal.captured_at.desc(), Meal.id.desc())
             .limit(limit)
@@ -215,6 +192,12 @@ def count_failures(session: Session, study_id: uuid.UUID) -> dict[str, int]:
         .order_by(sa.func.count().desc(), Meal.failure_code)
     )
     return {str(row[0]): row[1] for row in session.execute(query)}
+
+
+def _is_of_study(
+    table: type[Meal | DiaryDay], study_id: uuid.UUID, first_day: date | None, last_day: date | None
+) -> list[sa.ColumnElement[bool]]:
+    return [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
 
 
 def _first_expected_day(first_day: date) -> sa.ColumnElement[date | None]:

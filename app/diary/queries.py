@@ -1,77 +1,62 @@
-"""SQL of days: one row per participant-day, with the diary entry and the sums of meals and records.
-
-Pages are in the order of (local_date, participant id). Days whose sums are outdated are counted again.
-"""
+"""Days of participants as lists have them, in the order of (local day, participant id)."""
 
 import uuid
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.db.statements import AnyQuery
-from app.diary.day_definition import COLUMNS, counted_days, same_day, within
-from app.diary.day_sum_queries import DaySelection, is_marked
-from app.diary.models import DaySum
+from app.diary.day_definition import (
+    CountedDay,
+    DayKey,
+    DaysOf,
+    count_days,
+    count_where,
+    delays_text,
+    group_by_day,
+    median_seconds,
+    unseen_leftovers,
+    within,
+)
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayEvent, DayStatus, DiaryDay
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.meal_time import number_of
 from app.meals.models import Meal
 from app.meals.queries import first_days
-from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from app.people.profiles import Profile
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of
 
-DayKey = tuple[date, uuid.UUID]  # local day, participant
-
-
-class Amount(NamedTuple):
-    """A day's sum of a component over the items for which it is known, and their share of the eaten grams.
-
-    value: None if it is known for no item. coverage: 0 to 1; None if the grams of an item or of a whole meal are
-    unknown.
-    """
-
-    value: float | None
-    coverage: float | None
+Conditions = Sequence[sa.ColumnElement[bool]]
+DaySelection = Callable[[type[Meal | DiaryDay]], Conditions]
 
 
 @dataclass(frozen=True, slots=True)
-class DayRow:
+class DayRow(CountedDay):
     """A participant's day.
 
-    study_day: 1 on the participant's first day; None if no first day is known. said_nothing: the diary entry says that
-    nothing was eaten; it counts while the day has no meal. version: 0 without an entry. meals_after_closing: meals that
-    arrived after the day was closed. unmeasured_meals: without a known food and not confirmed to be without one.
-    unmeasured_items: eaten grams unknown. leftovers_unknown_items: counted as eaten up because no leftovers were
-    recorded, in a study that expects an after-meal pair.
+    study_day: 1 on the participant's first day; None if no first day is known
+    version, changed_at: of the diary entry; 0 and None without one
+    meals_after_closing: meals that arrived after the day was closed
+    median_upload_delay_seconds: from eating to arrival, of the day's meals
+    leftovers_unknown_items: counted as eaten up because no leftovers were recorded, in a study that expects an
+        after-meal pair
     """
 
-    participant_id: uuid.UUID
     participant_code: str
     study_code: str
     profile: Profile | None
-    local_date: date
     study_day: int | None
-    status: DayStatus
-    said_nothing: bool
     version: int
     changed_at: datetime | None
     is_by_reviewer: bool
-    meals: int
     meals_after_closing: int
-    unmeasured_meals: int
     median_upload_delay_seconds: float | None
-    items: int
-    unmeasured_items: int
-    provisional_items: int
     leftovers_unknown_items: int
-    consumed_g: float | None
-    amounts: Mapping[str, Amount]
 
     @property
     def decided_by(self) -> Literal["participant", "reviewer"] | None:
@@ -81,38 +66,89 @@ class DayRow:
         return "reviewer" if self.is_by_reviewer else "participant"
 
     @property
-    def ate_nothing(self) -> bool:
-        """Whether the day was closed with "nothing eaten" and has no meal."""
-        return self.status == "closed" and self.said_nothing and self.meals == 0
-
-    @property
-    def is_nothing(self) -> bool:
-        """Whether the day is closed and nothing was eaten: by the entry, or each meal is confirmed to have no food."""
-        is_empty = self.meals > 0 and self.items == 0 and self.unmeasured_meals == 0
-        return self.ate_nothing or (self.status == "closed" and is_empty)
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether the day is closed and all eaten grams are known and final (no after-meal pair is pending)."""
-        is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
-        return self.is_nothing or (self.status == "closed" and is_measured and self.provisional_items == 0)
-
-    def amount(self, column: str) -> Amount:
-        """Return the amount of one of HEADLINE_COLUMNS; 0 if nothing was eaten."""
-        return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
-
-
-ROW_COLUMNS = tuple(
-    field.name for field in fields(DayRow) if field.name not in ("study_day", "leftovers_unknown_items", "amounts")
-)
+    def consumed_g(self) -> float | None:
+        """The eaten grams of the items for which they are known; 0 if nothing was eaten."""
+        return 0.0 if self.is_nothing else self.eaten.consumed_g
 
 
 def page_of_days(
     session: Session, chosen: RowFilter, *, after: DayKey | None = None, limit: int | None = None
 ) -> list[DayRow]:
     """Return participant-days that have a meal or a diary entry, in the order of (day, participant id)."""
-    keys = _page_keys(session, chosen, after, limit)
-    return _rows_of(session, keys.cte("page")) if keys is not None else []
+    query = _page_keys(session, chosen, after, limit)
+    if query is None:
+        return []
+    keys = {(local_date, participant_id) for participant_id, local_date in session.execute(query)}
+    if not keys:
+        return []
+    people = {participant_id for _, participant_id in keys}
+    days = [local_date for local_date, _ in keys]
+    rows = read_days(session, DaysOf(people, min(days), max(days)))
+    return [row for row in rows if (row.local_date, row.participant_id) in keys]
+
+
+def read_days(session: Session, days: DaysOf) -> list[DayRow]:
+    """Return the days that have a meal or a diary entry, in the order of (day, participant id)."""
+    counted = count_days(session, days)
+    people_query = sa.select(Participant, Study).join(Study, Study.id == Participant.study_id)
+    people_query = people_query.where(Participant.id.in_(days.participants))
+    people = {participant.id: (participant, study) for participant, study in session.execute(people_query)}
+    expects_leftovers = any(study.expects_after_pair for _, study in people.values())
+    leftovers = unseen_leftovers(session, days) if expects_leftovers else {}
+    reviewed = _reviewed_days(session, days)
+    entries = _entries(session, days)
+    arrivals = _arrivals(session, days)
+    first_day_of = first_days(session, people.keys())
+    rows = []
+    for day in counted:
+        key = (day.local_date, day.participant_id)
+        participant, study = people[day.participant_id]
+        version, changed_at = entries.get(key, (0, None))
+        after_closing, delays = arrivals.get(key, (0, ""))
+        row = DayRow(
+            participant_id=day.participant_id,
+            local_date=day.local_date,
+            status=day.status,
+            said_nothing=day.said_nothing,
+            meals=day.meals,
+            unmeasured_meals=day.unmeasured_meals,
+            eaten=day.eaten,
+            participant_code=participant.code,
+            study_code=study.code,
+            profile=participant.profile,
+            study_day=number_of(day.local_date, first_day_of.get(day.participant_id)),
+            version=version,
+            changed_at=changed_at,
+            is_by_reviewer=key in reviewed,
+            meals_after_closing=after_closing,
+            median_upload_delay_seconds=median_seconds(delays),
+            leftovers_unknown_items=leftovers.get(key, 0) if study.expects_after_pair else 0,
+        )
+        rows.append(row)
+    return rows
+
+
+def _entries(session: Session, days: DaysOf) -> dict[DayKey, tuple[int, datetime]]:
+    """Return the diary entries' version and time."""
+    entry = DiaryDay
+    query = sa.select(entry.local_date, entry.participant_id, entry.version, entry.changed_at)
+    return {(row[0], row[1]): (row[2], row[3]) for row in session.execute(query.where(*days.rows(entry)))}
+
+
+def _reviewed_days(session: Session, days: DaysOf) -> set[DayKey]:
+    """Return the days about which a reviewer has made an entry."""
+    query = sa.select(DayEvent.local_date, DayEvent.participant_id)
+    rows = session.execute(query.where(DayEvent.layer == "reviewer", *days.rows(DayEvent)))
+    return {(row[0], row[1]) for row in rows}
+
+
+def _arrivals(session: Session, days: DaysOf) -> dict[DayKey, tuple[int, str]]:
+    """Return the number of meals that arrived after the day was closed, and all meals' delays as a text."""
+    is_entry = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+    is_after_closing = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
+    query = sa.select(Meal.local_date, Meal.participant_id, count_where(is_after_closing), delays_text())
+    rows = session.execute(group_by_day(query.outerjoin(DiaryDay, is_entry), days, Meal))
+    return {(row[0], row[1]): (row[2], row[3]) for row in rows}
 
 
 def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> DayRow | None:
@@ -160,45 +196,3 @@ def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit:
             parts.append(days if is_of_all else days.where(owner.in_(ids)))
     keys = sa.union(*parts).subquery()
     return sa.select(*keys.c).order_by(keys.c.local_date, keys.c.participant_id).limit(limit)
-
-
-def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
-    """Read the days of a page of keys, in order."""
-    is_stale = sa.or_(DaySum.participant_id.is_(None), is_marked(page.c))
-    query = (
-        sa.select(
-            Participant.code.label("participant_code"),
-            Study.code.label("study_code"),
-            Participant.profile,
-            Study.expects_after_pair,
-            sa.func.coalesce(DiaryDay.version, 0).label("version"),
-            DiaryDay.changed_at,
-            sa.exists().where(same_day(DayEvent, page.c), DayEvent.layer == "reviewer").label("is_by_reviewer"),
-            is_stale.label("is_stale"),
-            *page.c,
-            *(DaySum.__table__.c[name] for name in COLUMNS if name not in page.c),
-        )
-        .select_from(page)
-        .join(Participant, Participant.id == page.c.participant_id)
-        .join(Study, Study.id == Participant.study_id)
-        .outerjoin(DiaryDay, same_day(DiaryDay, page.c))
-        .outerjoin(DaySum, same_day(DaySum, page.c))
-        .order_by(page.c.local_date, page.c.participant_id)
-    )
-    rows = [dict(row) for row in session.execute(query).mappings()]
-    if any(row["is_stale"] for row in rows):
-        stale = sa.select(*page.c).outerjoin(DaySum, same_day(DaySum, page.c)).where(is_stale).cte("stale")
-        counted = {
-            (row["participant_id"], row["local_date"]): row for row in session.execute(counted_days(stale)).mappings()
-        }
-        rows = [{**row, **counted.get((row["participant_id"], row["local_date"]), {})} for row in rows]
-    first_day_of = first_days(session, {row["participant_id"] for row in rows})
-    return [
-        DayRow(
-            study_day=number_of(row["local_date"], first_day_of.get(row["participant_id"])),
-            leftovers_unknown_items=row["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
-            amounts={column: Amount(row[column], row[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
-            **{name: row[name] for name in ROW_COLUMNS},
-        )
-        for row in rows
-    ]

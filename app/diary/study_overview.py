@@ -4,18 +4,20 @@ All figures come from one read transaction. Unknown values are None, never 0. Me
 days (closed and measured and final, or nothing eaten) and give the number of days.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+import uuid
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
+from statistics import fmean
 
 from app.core.errors import NotFoundError
 from app.db.session import Database
-from app.db.sorted_values import Runs
 from app.diary import overview_queries as overview
+from app.diary.day_definition import CountedDay, median_seconds
 from app.diary.diary import MAX_RANGE_DAYS, day_range
-from app.diary.distribution import NO_VALUES, Bin, Distribution, distribution
-from app.diary.overview_queries import CountedStatus, PeopleCounts, Place, Span
-from app.diary.study_day_sum_queries import CountedDay, DayCounts
+from app.diary.distribution import Bin, Distribution, distribution
+from app.diary.overview_queries import CountedStatus, MealsOfDay, PeopleCounts, Person, Place
 from app.meals.meal_time import latest_day
 from app.meals.models import MEAL_STATUSES, MealStatus
 from app.meals.record_models import HEADLINE_COLUMNS
@@ -28,21 +30,62 @@ DEFAULT_DAYS = 28
 MAX_PLACES = 2000
 MAX_PERSONS = 60  # whose days are listed one by one
 MAX_DAYS_OF_PERSONS = 35
-MAX_WHOLE_DAYS = 30_000  # of which each participant's means are computed: of more it takes longer than a page may
-COUNT_FIELDS = tuple(field.name for field in fields(DayCounts))
+NO_MEALS = MealsOfDay(dict.fromkeys(MEAL_STATUSES, 0), 0, 0, "")
 SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OverviewDay(DayCounts):
-    """A local day of the window. expected: participants expected on the day; silent: of them, without an entry.
+class OverviewDay:
+    """A local day of the window over all participants.
 
-    median_delay_seconds: from eating to arrival, of the day's meals.
+    expected: participants expected on the day; silent: of them, without an entry
+    told: of them, with a meal or a closed day; told_closed: with a closed day
+    closed: participants whose day is closed, also those who were not expected
+    ate_nothing: of them, those who ate nothing
+    whole: closed days that are measured and final, or on which nothing was eaten, with all energy known
+    whole_energy_kcal: their mean
+    open_days: not closed, with some energy known
+    open_energy_kcal: their mean, a lower bound
+    median_delay_seconds: from eating to arrival, of the day's meals
     """
 
+    local_date: date
     expected: int
     silent: int
+    told: int
+    told_closed: int
+    with_meal: int
+    closed: int
+    ate_nothing: int
+    whole: int
+    whole_energy_kcal: float | None
+    open_days: int
+    open_energy_kcal: float | None
+    meals: int
+    receiving_meals: int
+    queued_meals: int
+    processing_meals: int
+    estimated_meals: int
+    needs_review_meals: int
+    failed_meals: int
+    confirmed_meals: int
+    late_meals: int
+    located_meals: int
+    unmeasured_meals: int
+    items: int
+    unmeasured_items: int
+    provisional_items: int
     median_delay_seconds: float | None
+
+    @property
+    def told_open(self) -> int:
+        """The number of expected participants with a meal whose day is not closed."""
+        return self.told - self.told_closed
+
+    @property
+    def late_share(self) -> float | None:
+        """The share of late meals; None without meals."""
+        return self.late_meals / self.meals if self.meals else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,12 +173,11 @@ def study_overview(
         if days is None and first_day is None:
             first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
-        counted = window.days()
+        persons, counted, meals = window.persons(), window.days(), window.meals()
         people_counts = window.people()
         is_small = people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
-        whole_days = sum(day.counts.whole for day in counted)
-        person_means = window.means_of_persons() if whole_days <= MAX_WHOLE_DAYS else {}
-        shown = _overview_days(counted, window.spans(), first, last, today)
+        amounts, person_means = _amounts(counted)
+        shown = _overview_days(counted, meals, persons, _days_until(first, last), today)
         keeps_places = study.location_policy != "drop"  # places kept under an earlier policy are not shown either
         located_meals = sum(day.located_meals for day in shown)
         return StudyOverview(
@@ -143,21 +185,16 @@ def study_overview(
             first_day=first,
             last_day=last,
             participants=people_counts,
-            completeness=_completeness(shown, Runs.of(day.delays for day in counted)),
+            completeness=_completeness(shown, meals.values()),
             days=shown,
             statuses={status: sum(getattr(day, f"{status}_meals") for day in shown) for status in MEAL_STATUSES},
             waiting=overview.count_waiting(session, study.id),
             failures=overview.count_failures(session, study.id),
             nutrients=tuple(
-                distribution(
-                    name,
-                    (day.amounts[name] for day in counted),
-                    person_means.get(name, NO_VALUES),
-                    binned=binned in (None, name),
-                )
+                distribution(name, amounts[name], person_means[name], binned=binned in (None, name))
                 for name in HEADLINE_COLUMNS
             ),
-            person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else (),
+            person_days=tuple(_days_of_persons(counted, persons, _days_until(first, last), today)) if is_small else (),
             located_meals=located_meals if keeps_places else None,
             places=_places(window, min(located_meals, MAX_PLACES)) if keeps_places and located_meals else (),
         )
@@ -181,57 +218,122 @@ def note_overview_export(database: Database, caller: StaffCaller, study_code: st
         audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
 
 
+def _amounts(days: Sequence[CountedDay]) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Return each headline column's amounts on whole days, and each participant's means of them."""
+    amounts: dict[str, list[float]] = {name: [] for name in HEADLINE_COLUMNS}
+    means: dict[str, list[float]] = {name: [] for name in HEADLINE_COLUMNS}
+    days_of: dict[uuid.UUID, list[Sequence[float | None]]] = defaultdict(list)
+    for day in days:
+        days_of[day.participant_id].append(day.whole_amounts())
+    for person_days in days_of.values():
+        for name, column in zip(HEADLINE_COLUMNS, zip(*person_days, strict=True), strict=True):
+            known = [amount for amount in column if amount is not None]
+            amounts[name] += known
+            if known:
+                means[name].append(fmean(known))
+    return amounts, means
+
+
 def _overview_days(
     counted: Sequence[CountedDay],
-    spans: Sequence[Span],
-    first: date,
-    last: date,
+    meals: Mapping[date, MealsOfDay],
+    persons: Sequence[Person],
+    window: Sequence[date],
     today: date,
 ) -> tuple[OverviewDay, ...]:
-    """Return every day of the window, also those without data, with the number of participants expected."""
-    days = (last - first).days + 1
-    steps = [0] * (days + 1)  # change of the number expected from the day before
-    for span in spans:
-        end = _last_expected(span.withdrawn_at, last, today)
-        if span.first_day <= end:
-            steps[(span.first_day - first).days] += span.participants
-            steps[(end - first).days + 1] -= span.participants
-    counted_by_date = {day.counts.local_date: day for day in counted}
-    shown, expected = [], 0
-    for number in range(days):
-        local_date = first + timedelta(days=number)
-        expected += steps[number]
-        day = counted_by_date.get(local_date)
-        counts = day.counts if day is not None else DayCounts(local_date=local_date)
-        if local_date > today:  # from a phone whose clock is ahead: nobody is expected yet
-            counts = replace(counts, told=0, told_closed=0)
-        seconds = day.delays.median if day is not None and len(day.delays) else None
-        shown.append(
-            OverviewDay(
-                **{name: getattr(counts, name) for name in COUNT_FIELDS},
-                expected=expected,
-                silent=max(expected - counts.told, 0),
-                median_delay_seconds=seconds,
-            )
-        )
-    return tuple(shown)
+    """Return every day of the window, also those without data."""
+    person_of = {person.id: person for person in persons}
+    days_of: dict[date, list[CountedDay]] = defaultdict(list)
+    for day in counted:
+        days_of[day.local_date].append(day)
+    expected = _expected(persons, window, today)
+    return tuple(
+        _overview_day(local_date, days_of[local_date], meals.get(local_date, NO_MEALS), expected[local_date], person_of)
+        for local_date in window
+    )
 
 
-def _days_of_persons(window: overview.Window, first: date, last: date, today: date) -> Iterator[DayOfPerson]:
+def _overview_day(
+    local_date: date,
+    days: Sequence[CountedDay],
+    meals: MealsOfDay,
+    expected: int | None,
+    person_of: Mapping[uuid.UUID, Person],
+) -> OverviewDay:
+    """expected: the number of participants expected; None: in the future, from a phone whose clock is ahead."""
+    told = [
+        day
+        for day in days
+        if expected is not None and (day.meals or day.is_closed) and _could_tell(person_of[day.participant_id], day)
+    ]
+    whole_kcal = [amount for amount in (day.whole_amount("energy_kcal") for day in days) if amount is not None]
+    open_amounts = [day.amount("energy_kcal").value for day in days if not day.is_closed]
+    open_kcal = [amount for amount in open_amounts if amount is not None]
+    statuses = {f"{status}_meals": count for status, count in meals.statuses.items()}
+    return OverviewDay(
+        local_date=local_date,
+        expected=expected or 0,
+        silent=max((expected or 0) - len(told), 0),
+        told=len(told),
+        told_closed=sum(day.is_closed for day in told),
+        with_meal=sum(day.meals > 0 for day in days),
+        closed=sum(day.is_closed for day in days),
+        ate_nothing=sum(day.ate_nothing for day in days),
+        whole=len(whole_kcal),
+        whole_energy_kcal=fmean(whole_kcal) if whole_kcal else None,
+        open_days=len(open_kcal),
+        open_energy_kcal=fmean(open_kcal) if open_kcal else None,
+        meals=sum(meals.statuses.values()),
+        late_meals=meals.late,
+        located_meals=meals.located,
+        unmeasured_meals=sum(day.unmeasured_meals for day in days),
+        items=sum(day.items for day in days),
+        unmeasured_items=sum(day.unmeasured_items for day in days),
+        provisional_items=sum(day.provisional_items for day in days),
+        median_delay_seconds=median_seconds(meals.delays),
+        **statuses,
+    )
+
+
+def _could_tell(person: Person, day: CountedDay) -> bool:
+    """Whether the day is between the participant's start, if one is set, and the day on which they left."""
+    has_begun = person.starts_on is None or person.starts_on <= day.local_date
+    return has_begun and (person.withdrawn_at is None or _left_on(person.withdrawn_at) >= day.local_date)
+
+
+def _expected(persons: Sequence[Person], window: Sequence[date], today: date) -> dict[date, int | None]:
+    """Return the number of participants expected on each day; None: in the future."""
+    changes: dict[date, int] = defaultdict(int)  # from the day before
+    for person in persons:
+        end = _last_expected(person.withdrawn_at, window[-1], today)
+        if person.first_day is not None and person.first_day <= end:
+            changes[max(person.first_day, window[0])] += 1
+            if end < window[-1]:
+                changes[end + timedelta(days=1)] -= 1
+    expected: dict[date, int | None] = {}
+    number = 0
+    for local_date in window:
+        number += changes[local_date]
+        expected[local_date] = number if local_date <= today else None
+    return expected
+
+
+def _days_of_persons(
+    counted: Sequence[CountedDay], persons: Sequence[Person], window: Sequence[date], today: date
+) -> Iterator[DayOfPerson]:
     """Yield each participant's days; expected days are those that `_overview_days` counts."""
-    person_days = {(day.code, day.local_date): day for day in window.person_days()}
-    for person in window.persons():
-        end = _last_expected(person.withdrawn_at, last, today)
-        for number in range((last - first).days + 1):
-            local_date = first + timedelta(days=number)
+    day_of = {(day.participant_id, day.local_date): day for day in counted}
+    for person in persons:
+        end = _last_expected(person.withdrawn_at, window[-1], today)
+        for local_date in window:
             is_expected = person.first_day is not None and person.first_day <= local_date <= end
-            day = person_days.get((person.code, local_date))
+            day = day_of.get((person.id, local_date))
             if is_expected or day is not None:
                 is_closed, meals = (day.is_closed, day.meals) if day is not None else (False, 0)
                 yield DayOfPerson(person.code, local_date, is_expected, is_closed, meals)
 
 
-def _completeness(days: Sequence[OverviewDay], delays: Runs) -> Completeness:
+def _completeness(days: Sequence[OverviewDay], meals: Iterable[MealsOfDay]) -> Completeness:
     return Completeness(
         expected=sum(day.expected for day in days),
         told=sum(day.told for day in days),
@@ -240,8 +342,12 @@ def _completeness(days: Sequence[OverviewDay], delays: Runs) -> Completeness:
         silent=sum(day.silent for day in days),
         meals=sum(day.meals for day in days),
         late_meals=sum(day.late_meals for day in days),
-        median_delay_seconds=delays.median if len(delays) else None,
+        median_delay_seconds=median_seconds(" ".join(of_day.delays for of_day in meals)),
     )
+
+
+def _days_until(first: date, last: date) -> list[date]:
+    return [first + timedelta(days=number) for number in range((last - first).days + 1)]
 
 
 def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
@@ -253,4 +359,8 @@ def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
 
 def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
     """Return the last day of the window expected of a participant. withdrawn_at: None if they have not left."""
-    return min(last, today, withdrawn_at.astimezone(UTC).date() if withdrawn_at is not None else last)
+    return min(last, today, _left_on(withdrawn_at) if withdrawn_at is not None else last)
+
+
+def _left_on(withdrawn_at: datetime) -> date:
+    return withdrawn_at.astimezone(UTC).date()

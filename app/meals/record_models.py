@@ -360,7 +360,10 @@ class EffectiveRecord(Base):
             sqlite_where=sa.text("provisional IS 1"),
             postgresql_where=sa.text("provisional IS true"),
         ),
-        sa.Index(None, "participant_id", "local_date"),
+        sa.Index(  # all that a day sums (diary/day_definition.py)
+            "ix_effective_record_days",
+            *("participant_id", "local_date", "status", "provisional", "consumed_g", *HEADLINE_COLUMNS),
+        ),
         # lists of meals filtered by their items (exports/lists/meal_page_queries.py)
         sa.Index(
             "ix_effective_record_meals_of_food",

@@ -4,7 +4,6 @@ from datetime import UTC, datetime, timedelta
 
 from app.core.settings import Settings
 from app.db.session import Database
-from app.diary.day_sums import write_study_sums, write_sums
 from app.jobs.chores import Chore
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
@@ -69,6 +68,4 @@ def worker_chores(
         Chore("remove_old_deliveries", HOUR, deliver.remove_old),
         Chore("make_files", 1.0, files.look, at_end=files.stop),
         Chore("expire_exports", 60.0, lambda: expire_exports(database)),
-        Chore("write_day_sums", 1.0, lambda: write_sums(database)),
-        Chore("write_study_day_sums", 20.0, lambda: write_study_sums(database)),
     ]

@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.models import DayMark, StudyDayMark
 from app.exports.models import UNDER_WAY, Export
 from app.exports.release_models import Release, ReleaseChange
 from app.meals.job_models import Job
@@ -47,7 +46,6 @@ class Figures:
     oldest_deletion_at: datetime | None
     files: Mapping[str, FilesWaiting]  # export, release
     releases_stuck: int  # that could not be changed for an erasure; retried
-    marked_days: Mapping[str, int]  # participant, study: days whose stored sums are outdated
 
 
 def figures(session: Session) -> Figures:
@@ -73,10 +71,6 @@ def figures(session: Session) -> Figures:
         oldest_deletion_at=_oldest(session, sa.select(BlobDeletion.requested_at)),
         files={"export": _exports_waiting(session), "release": _releases_waiting(session)},
         releases_stuck=_count(session, Release.state == "changing", Release.failure_code.is_not(None)),
-        marked_days={
-            "participant": _count(session, DayMark.id.is_not(None)),
-            "study": _count(session, StudyDayMark.id.is_not(None)),
-        },
     )
 
 

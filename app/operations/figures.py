@@ -137,8 +137,6 @@ def _of_files(figures: Figures) -> Iterator[GaugeMetricFamily]:
     )
     description = "Releases that an erasure wants changed, and that could not be: they are not served."
     yield _gauge("tada_releases_stuck", description, figures.releases_stuck)
-    description = "Changes of days that the kept sums do not have yet, by whose day it is."
-    yield _by("tada_day_marks", description, "whose", figures.marked_days)
 
 
 def _of_backup(deployment: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:

@@ -15,8 +15,6 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.base import Base
-from app.diary import study_day_sum_queries as study_day_sums
-from app.diary.models import DayMark, DaySum
 from app.exports.made_file import MADE_FILES
 from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.event_models import MealEvent
@@ -94,7 +92,6 @@ def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool]
 
 def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
     """Delete meals and all rows that belong to them. Returns the number of rows by table."""
-    _delete_day_sums(session, meals)
     counts = _delete_owned(session, "meal", meals)
     return counts | _delete_in_order(session, (Meal, Meal.id.in_(meals)))
 
@@ -103,29 +100,7 @@ def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str,
     """Delete a participant whose meals are deleted. Returns the number of rows by table."""
     is_person = Participant.id == participant_id
     counts = _delete_owned(session, "participant", sa.select(Participant.id).where(is_person))
-    for table in (DaySum, DayMark):
-        _remove_study_days(session, table, table.participant_id == participant_id)
-    for table in (DaySum, DayMark):  # the deletions above have added marks
-        _delete_in_order(session, (table, table.participant_id == participant_id))
     return counts | _delete_in_order(session, (Participant, is_person))
-
-
-def _delete_day_sums(session: Session, meals: Ids) -> None:
-    """Delete the stored sums of the meals' days; their triggers mark the days, so that they are counted again.
-
-    Receipts do not count these rows, since a day's sums may or may not have been written.
-    """
-    _remove_study_days(session, Meal, Meal.id.in_(meals))
-    days = sa.select(Meal.participant_id, Meal.local_date).where(Meal.id.in_(meals))
-    _delete_in_order(session, (DaySum, sa.tuple_(DaySum.participant_id, DaySum.local_date).in_(days)))
-
-
-def _remove_study_days(
-    session: Session, table: type[DaySum | DayMark | Meal], condition: sa.ColumnElement[bool]
-) -> None:
-    """Delete the sums of the study days of such rows, and mark the days, which other participants have too."""
-    days = session.execute(sa.select(table.study_id, table.local_date).where(condition).distinct())
-    study_day_sums.remove_days(session, [(row[0], row[1]) for row in days])
 
 
 def delete_identifying_rows(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:

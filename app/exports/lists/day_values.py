@@ -24,7 +24,7 @@ def day_values(day: DayRow) -> dict[str, object]:
         "unmeasured_items": day.unmeasured_items,
         "provisional_items": day.provisional_items,
         "leftovers_unknown_items": day.leftovers_unknown_items,
-        "consumed_g": 0.0 if day.is_nothing else day.consumed_g,
+        "consumed_g": day.consumed_g,
         "energy_to_basal_rate": judged.ratio,
         "plausibility": judged.verdict,
     }

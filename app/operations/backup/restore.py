@@ -36,7 +36,7 @@ from app.operations.backup.target import (
 )
 from app.operations.backup.write_backup import Tables
 from app.operations.prepare import prepare
-from app.operations.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
+from app.operations.triggers import create_triggers, drop_triggers
 from app.people.access import audit
 from app.records.project_records import project_meal
 from app.storage.blob_store import BlobStore
@@ -144,7 +144,6 @@ def _filling(database: Database, tables: Tables) -> Iterator[sa.Connection]:
         for statement in statements:
             connection.execute(sa.text(statement))
         create_triggers(connection)
-        connection.exec_driver_sql(MARK_ALL_DAYS)
         if not database.is_sqlite:
             for table in tables.values():
                 _advance_sequence(connection, table)

@@ -26,14 +26,9 @@ from app.db.session import Database
 
 ROWS_AT_A_TIME = 2_000
 FILE_BYTES = 8 * 1024 * 1024  # of rows in memory; a file ends with the rows that exceed it
-# left out: the schema's revision; leases; the key and the clock that were seen; sums, which are
-# recomputed; exports, which can be requested again
-TRANSIENT_TABLES = frozenset(
-    {
-        *("alembic_version", "worker_lease", "deployment", "export"),
-        *("day_sum", "day_mark", "study_day_sum", "study_day_mark"),
-    }
-)
+# left out: the schema's revision; leases; the key and the clock that were seen; exports, which can
+# be requested again
+TRANSIENT_TABLES = frozenset(("alembic_version", "worker_lease", "deployment", "export"))
 
 
 @dataclass(frozen=True, slots=True)

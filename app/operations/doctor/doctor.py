@@ -60,7 +60,6 @@ CHECKS = (
     Check("failed meals", doctor_work.look_at_failures, DATABASE),
     Check("exports and releases", doctor_work.look_at_files, DATABASE),
     Check("releases that must change", doctor_work.look_at_stuck_releases, DATABASE),
-    Check("sums of days", doctor_work.look_at_day_sums, DATABASE),
     Check("photographs", doctor_data.look_at_photographs, DATABASE | STORE),
     Check("newest photographs", doctor_data.look_at_newest_photographs, DATABASE | STORE),
     Check("files of releases", doctor_data.look_at_release_files, DATABASE | STORE),

@@ -1,4 +1,4 @@
-"""Checks of processing: workers, queue, failures; exports, releases and sums of days; webhooks, backup, index."""
+"""Checks of processing: workers, queue, failures; exports and releases; webhooks, backup, index."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -24,7 +24,6 @@ LATELY = timedelta(days=7)
 TRIES_OF_A_FAILING_RECEIVER = 3  # half an hour of it
 BACKUP_EVERY = timedelta(days=2)
 FILES_TOO_LONG_SECONDS = 3600  # as the alert TadaFilesLate
-MANY_MARKS = 10_000  # as the alert TadaDaysMarked
 
 
 def look_at_workers(deployment: Deployment) -> Verdict:
@@ -111,16 +110,6 @@ def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
         f"{' ...' if count > len(first) else ''}.",
         '`tada releases check` names lost files. Put them back from a backup (docs/exports.md, "A lost file").',
     )
-
-
-def look_at_day_sums(deployment: Deployment) -> Verdict:
-    """Check that the stored sums are nearly up to date."""
-    count = sum(deployment.figures.marked_days.values())
-    message = f"{count} changes are not in the stored sums yet"
-    if count < MANY_MARKS:
-        return ok(message)
-    advice = "Results are correct but slow until a worker has updated them, which takes a while after an upgrade."
-    return note(f"{message}.", advice)
 
 
 def look_at_webhook_secrets(deployment: Deployment) -> Verdict | None:

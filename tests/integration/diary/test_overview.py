@@ -9,7 +9,6 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.diary.day_sums import write_all_sums
 from app.diary.overview_api import ROWS
 from app.diary.study_overview import study_overview
 from app.meals.models import Meal
@@ -51,20 +50,8 @@ def eaten(enrol, state):
     return one
 
 
-@pytest.fixture(params=["counted", "kept"])
-def told_from(request, state):
-    """Days as they are counted at the question, or from their kept sums; to be called when all is written."""
-
-    def settle():
-        if request.param == "kept":
-            write_all_sums(state.database)
-
-    return settle
-
-
 @pytest.mark.usefixtures("eaten")
-def test_window_lists_each_day_with_silent_participants(client, admin, told_from):
-    told_from()
+def test_window_lists_each_day_with_silent_participants(client, admin):
     found = overview(client, admin)
     assert (found["first_day"], found["last_day"], len(found["days"])) == ("2026-10-09", "2026-11-05", 28)
     days = {day["local_date"]: day for day in found["days"]}
@@ -96,8 +83,7 @@ def test_window_lists_each_day_with_silent_participants(client, admin, told_from
 
 
 @pytest.mark.usefixtures("eaten")
-def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study(client, admin, told_from, monkeypatch):
-    told_from()
+def test_days_of_participants_and_bins_of_nutrients_add_up_to_those_of_the_study(client, admin, monkeypatch):
     found = overview(client, admin)
     for day in found["days"]:
         rows = [row for row in found["person_days"] if row["local_date"] == day["local_date"]]

@@ -14,12 +14,11 @@ from app.core.settings import Settings
 from app.db.migrate import downgrade
 from app.db.schema_state import current_revision, revisions
 from app.db.session import Database, PoolLimits
-from app.diary.models import DayMark
 from app.exports.release_models import Release, ReleaseFile
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.operations.backup.write_backup import note_backup
-from app.operations.doctor import doctor_data, doctor_work
+from app.operations.doctor import doctor_data
 from app.operations.doctor.doctor import examine
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.secret_box import SecretBox, open_secret_box
@@ -274,15 +273,6 @@ def test_file_of_a_release_that_is_missing_is_named_before_anything_must_change_
     assert deployment.findings()["files of releases"].message == "all 1 are in the store"
     deployment.blobs.delete(key)
     assert key in deployment.bad()["files of releases"]
-
-
-def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
-    assert deployment.findings()["sums of days"].message == "0 changes are not in the stored sums yet"
-    with deployment.database.write() as session:
-        meal = new_meal(session)
-        session.add(DayMark(participant_id=meal.participant_id, local_date=meal.local_date, study_id=meal.study_id))
-    monkeypatch.setattr(doctor_work, "MANY_MARKS", 1)
-    assert deployment.findings()["sums of days"].level == "note"
 
 
 @pytest.mark.both_stores

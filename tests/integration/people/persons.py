@@ -9,7 +9,6 @@ import numpy as np
 import sqlalchemy as sa
 
 from app.db.base import Base
-from app.diary import day_sum_queries as day_sums
 from app.exports.export_spec import ExportSpec, spec_as_json
 from app.exports.models import Export
 from app.exports.release_models import Release
@@ -65,9 +64,7 @@ class Person:
         estimates.save(state, self.metadata["id"], found_item(hint=0))
         self._fill(state)
         rebuild_records(state.database, write=True)
-        with state.database.write() as session:  # their day's sums, and a change that is not in them yet
-            marks = day_sums.newest_marks(session, 1000)
-            day_sums.write_sums(session, [mark for mark in marks if mark.participant_id == self.participant_id])
+        with state.database.write() as session:
             meal = session.get_one(Meal, self.meal_id)
             meal.status, self.local_date = "needs_review", meal.local_date
         if with_files:

@@ -10,8 +10,6 @@ from pydantic import SecretStr
 
 from app.core.settings import Settings
 from app.db.base import Base
-from app.diary.day_sums import write_all_sums
-from app.diary.models import StudyDayMark, StudyDaySum
 from app.main import create_app
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretKeyError
@@ -36,7 +34,6 @@ STAYS_WITHOUT_MEAL = {
     "access_token",
     "camera_calibration",
     "day_event",
-    "day_mark",  # its sums are to be written anew
     "device",
     "diary_day",
     "enrolment",
@@ -73,25 +70,6 @@ def assert_nothing_is_in(where, held, needles):
     for needle in needles:
         at = held.find(needle)
         assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
-
-
-def test_what_a_study_s_days_come_to_goes_with_a_person_s_meals_and_is_counted_anew(state, enrol, client):
-    Person(state, enrol, "somebody-else", seed=5)
-    person = Person(state, enrol, "somebody", seed=1)
-    write_all_sums(state.database)
-    assert study_days(state, StudyDaySum) == {person.local_date}
-    assert study_days(state, StudyDayMark) == set()
-    assert client.post("/v1/me/withdrawal", headers=person.phone.headers).status_code == 200
-    assert study_days(state, StudyDaySum) == set()
-    assert study_days(state, StudyDayMark) == {person.local_date}
-    write_all_sums(state.database)
-    with state.database.read() as session:
-        assert session.scalars(sa.select(StudyDaySum.meals)).all() == [1], "somebody else's"
-
-
-def study_days(state, table):
-    with state.database.read() as session:
-        return set(session.scalars(sa.select(table.local_date)))
 
 
 def test_every_reference_to_rows_that_are_erased_has_an_index():

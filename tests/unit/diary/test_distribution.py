@@ -7,16 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.db.sorted_values import SortedValues
 from app.diary.distribution import USUAL_BINS, distribution
 
 AMOUNTS = st.integers(min_value=-(10**7), max_value=10**8).map(lambda number: number / 1000)
 
 
 def of(values):
-    third = len(values) // 3
-    runs = (values[:third], values[third:third], values[third:])
-    return distribution("energy_kcal", map(SortedValues.of, runs))
+    return distribution("energy_kcal", values)
 
 
 @given(st.lists(AMOUNTS, min_size=2, max_size=300))
