@@ -166,10 +166,7 @@ def test_days_are_those_of_the_pages(talked_over, rows, client, admin):
     told = rows("days")
     pages = client.get("/v1/days?limit=1000", headers=admin).json()["items"]
     assert [row.keys() for row in told] == [row.keys() for row in pages]
-    for row, expected in zip(told, pages, strict=True):
-        for name, value in row.items():
-            exact = expected[name]
-            assert value == (pytest.approx(exact, rel=EXACT) if isinstance(exact, float) else exact), name
+    assert told == pages
     everything = rows("days", components="all")
     assert {row["ENERC_KCAL_kcal"] for row in everything} != {None}
     for row in everything:
