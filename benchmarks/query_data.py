@@ -16,7 +16,6 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import sqlalchemy as sa
-from app.diary.day_sums import write_all_sums
 from pyarrow import csv
 
 from app.db.base import Base  # fmt: skip
@@ -25,7 +24,6 @@ from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
 from app.meals.day_models import DiaryDay  # fmt: skip
 from app.meals.models import Meal  # fmt: skip
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item  # fmt: skip
-from app.operations.triggers import MARK_ALL_DAYS
 from app.people.models import Device, Participant, Study  # fmt: skip
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200
@@ -38,7 +36,6 @@ STATUS_SHARES = (0.85, 0.10, 0.045, 0.004, 0.001)
 ROWS_A_BATCH = 50_000
 CLOSED_SHARE, PROVISIONAL_SHARE, REVIEWED_SHARE = 0.7, 0.0005, 0.3
 NOW = datetime(2026, 12, 31)  # noqa: DTZ001  # UTC, as all instants here: Arrow's and NumPy's have no zone
-MARKS_A_TURN = 5000  # nobody else writes
 LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose indexes are made when they are full
 
 
@@ -272,10 +269,7 @@ def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:
 
 
 class Loader:
-    """Writes without the database's checks, triggers and second indexes, which are made anew at the end.
-
-    Minutes, not hours. The sums of days are written then.
-    """
+    """Writes without the database's checks and second indexes, which are made anew at the end: minutes, not hours."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -303,11 +297,6 @@ class Loader:
         for name, sql in found:
             cursor.execute(f"DROP INDEX {name}")
             self._made_later.append(sql)
-        if self._database.is_sqlite:  # PostgreSQL's replicas fire none
-            marking = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND name LIKE '%_marks_day_%'"
-            for name, sql in cursor.execute(marking).fetchall():
-                cursor.execute(f"DROP TRIGGER {name}")
-                self._made_later.append(sql)
         return self
 
     def insert(self, model: type[Base], columns: Columns) -> None:
@@ -339,11 +328,9 @@ class Loader:
                 cursor.execute("SET statement_timeout = 0")
             for sql in self._made_later:
                 cursor.execute(sql)
-            cursor.execute(MARK_ALL_DAYS)
             self._connection.commit()
             cursor.execute("ANALYZE")  # without it the sums of some thousand days read whole tables
             self._connection.commit()
-            write_all_sums(self._database, MARKS_A_TURN)
             if not self._database.is_sqlite:
                 self._connection.dbapi_connection.autocommit = True
                 cursor.execute("SET statement_timeout = 0")

@@ -114,8 +114,7 @@ class OverviewNutrientOut(BaseModel):
     mean: float | None = Field(description="Mean over the days; null: there are none.")
     sd: float | None = Field(description="Sample standard deviation of the days; null for fewer than two.")
     sd_between_persons: float | None = Field(
-        description="The same of the participants' means over these days; null for fewer than two, or more "
-        "than 30,000 whole days."
+        description="The same of the participants' means over these days; null for fewer than two."
     )
     median: float | None = Field(description="Median of the days; null: there are none.")
     minimum: float | None = Field(description="Least amount of a day; null: there are none.")
