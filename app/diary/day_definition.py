@@ -217,10 +217,10 @@ def count_days(session: Session, days: DaysOf) -> list[CountedDay]:
     entries = {(row[0], row[1]): row[2:] for row in session.execute(_entries(days))}
     meals = {(row[0], row[1]): row[2:] for row in session.execute(_meals(days))}
     eaten: dict[tuple[date, str], EatenItems] = {}
-    for local_date, participant, items, unmeasured, provisional, consumed_g, *amounts in session.execute(_items(days)):
-        eaten[local_date, participant] = EatenItems(items, unmeasured, provisional, consumed_g, amounts)
+    for row in session.execute(_items(days)):
+        eaten[row[0], row[1]] = EatenItems(row[2], row[3], row[4], row[5], row[6:])
     keys = sorted(entries.keys() | meals.keys())
-    id_of = {stored: uuid.UUID(stored) for _, stored in keys}
+    id_of = {participant: uuid.UUID(participant) for participant in {key[1] for key in keys}}
     counted = []
     for key in keys:
         local_date, participant = key
