@@ -58,7 +58,6 @@ def families(tmp_path_factory):
             now,
             {"export": FilesWaiting({"queued": 1}, now)},
             1,
-            {"participant": 1},
         ),
         Counter({"1": 1}),
         LastBackup(now, damaged=1),
