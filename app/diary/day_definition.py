@@ -1,7 +1,8 @@
 """What a participant's day comes to: its meals, its records that hold, its diary entry.
 
-The database counts and sums by day, CountedDay has the rules. Files have both from exports/views/views.sql: sums are of
-whole billionths, so that they are the same in whatever order and by whatever database they are added.
+The database counts and sums by day, CountedDay has the rules. Files have both from
+exports/views/views.sql: sums are of whole billionths, so that they are the same in whatever order
+and by whatever database they are added.
 """
 
 import statistics
@@ -86,10 +87,10 @@ class DaysOf(NamedTuple):
 
 
 class Amount(NamedTuple):
-    """A day's sum of a component over the items for which it is known, and their share of the eaten grams.
+    """A day's sum of a component over the items for which it is known, and their share.
 
     value: None if it is known for no item.
-    coverage: 0 to 1; None if the grams of an item or of a whole meal are unknown.
+    coverage: their share of the eaten grams, 0 to 1; None if the grams of an item or of a whole meal are unknown.
     """
 
     value: float | None
@@ -97,7 +98,10 @@ class Amount(NamedTuple):
 
 
 class EatenItems(NamedTuple):
-    """A day's records that hold. amounts: value and coverage of each of HEADLINE_COLUMNS, in turn."""
+    """A day's records that hold.
+
+    amounts: value and coverage of each of HEADLINE_COLUMNS, in turn
+    """
 
     items: int
     unmeasured_items: int
@@ -157,13 +161,16 @@ class CountedDay:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the day is closed and nothing was eaten: by the entry, or each meal is confirmed to have no food."""
+        """Whether the day is closed and nothing was eaten.
+
+        By the entry, or since each meal is confirmed to have no food.
+        """
         is_empty = self.meals > 0 and self.items == 0 and self.unmeasured_meals == 0
         return self.ate_nothing or (self.is_closed and is_empty)
 
     @property
     def is_complete(self) -> bool:
-        """Whether the day is closed and all eaten grams are known and final (no after-meal pair is pending)."""
+        """Whether the day is closed and all eaten grams are known and final."""
         if self.is_nothing:
             return True
         is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
@@ -195,7 +202,7 @@ class CountedDay:
 
 
 def whole_amount(day: CountedDay, amount: Amount, least_coverage: float) -> float | None:
-    """A complete day's amount of a component, 0 if nothing was eaten; None if too little of it is known."""
+    """A complete day's amount, 0 if nothing was eaten; None if too little of it is known."""
     if day.is_nothing:
         return 0.0
     is_known = amount.coverage is not None and amount.coverage >= least_coverage
@@ -213,7 +220,7 @@ def participants_of(study_id: uuid.UUID) -> sa.Select[uuid.UUID]:
 
 
 def count_days(session: Session, days: DaysOf) -> list[CountedDay]:
-    """Return the days that have a meal or a diary entry, in the order of (local day, participant)."""
+    """Return the days with a meal or a diary entry, by (local day, participant)."""
     entries = {(row[0], row[1]): row[2:] for row in session.execute(_entries(days))}
     meals = {(row[0], row[1]): row[2:] for row in session.execute(_meals(days))}
     eaten: dict[tuple[date, str], EatenItems] = {}
@@ -267,13 +274,15 @@ def within(local_date: DayColumn, first_day: date | None, last_day: date | None)
     return conditions
 
 
-def count_where(condition: sa.ColumnElement[bool] | InstrumentedAttribute[bool]) -> sa.ColumnElement[int]:
+def count_where(
+    condition: sa.ColumnElement[bool] | InstrumentedAttribute[bool],
+) -> sa.ColumnElement[int]:
     """Count the rows that meet a condition."""
     return sa.func.count(sa.case((condition, 1)))
 
 
 def delays_text() -> sa.ColumnElement[str]:
-    """Meals' microseconds from eating to arrival as one text: a row a meal would take several times as long."""
+    """Meals' microseconds from eating to arrival, as one text: quicker than a row a meal."""
     delay = microseconds_between(Meal.captured_at, Meal.received_at)
     return sa.func.aggregate_strings(sa.cast(delay, sa.Text), " ")
 
@@ -285,12 +294,17 @@ def _entries(days: DaysOf) -> AnyQuery:
 
 
 def _meals(days: DaysOf) -> AnyQuery:
-    columns = (Meal.local_date, stored_id(Meal.participant_id), sa.func.count(), count_where(_is_unmeasured_meal()))
+    columns = (
+        Meal.local_date,
+        stored_id(Meal.participant_id),
+        sa.func.count(),
+        count_where(_is_unmeasured_meal()),
+    )
     return group_by_day(sa.select(*columns), days, Meal)
 
 
 def _is_unmeasured_meal() -> sa.ColumnElement[bool]:
-    """Whether a meal has no known food (failed or not measured yet) and is not confirmed to be without food."""
+    """Whether a meal has no known food and is not confirmed to be without food."""
     has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
     return sa.and_(Meal.status != "confirmed", ~has_food)
 
@@ -326,10 +340,11 @@ def _from_billionths(number: AnyColumn) -> AnyColumn:
 
 
 def sum_and_coverage(amount: Grams) -> tuple[AnyColumn, AnyColumn]:
-    """A sum, and the share of the eaten grams for which the amount is known; NULL if any item's grams are unknown.
+    """A sum, and its coverage: the share of the eaten grams for which the amount is known.
 
-    Negative grams (more left than served, within the error) have weight 0. If the total weight is 0, the coverage is 1
-    if the amount is known for all records, else 0.
+    The coverage is NULL if any item's grams are unknown. Negative grams (more left than served,
+    within the error) have weight 0. If the total weight is 0, the coverage is 1 if the amount is
+    known for all records, else 0.
     """
     consumed_g = EffectiveRecord.consumed_g
     zero: sa.ColumnElement[int] = sa.literal_column("0")  # literals, since the same sums are then taken once

@@ -127,7 +127,10 @@ def _page_of_participants(
     """Return the first participants after a code who have a day with a meal or a diary entry."""
     has_day = sa.or_(
         *(
-            sa.exists().where(table.participant_id == Participant.id, *within(table.local_date, first_day, last_day))
+            sa.exists().where(
+                table.participant_id == Participant.id,
+                *within(table.local_date, first_day, last_day),
+            )
             for table in (Meal, DiaryDay)
         )
     )

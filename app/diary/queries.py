@@ -159,11 +159,16 @@ def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> D
 
 def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
     """Return the last day that has a meal or a diary entry."""
-    return max(edge_days(session, sa.func.max, lambda table: [table.participant_id == participant_id]), default=None)
+    return max(
+        edge_days(session, sa.func.max, lambda table: [table.participant_id == participant_id]),
+        default=None,
+    )
 
 
 def edge_days(
-    session: Session, edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]], selection: DaySelection
+    session: Session,
+    edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]],
+    selection: DaySelection,
 ) -> list[date]:
     """Return the first or last day with a meal and with a diary entry. edge: sa.func.min or sa.func.max."""
     days = [session.scalar(sa.select(edge(table.local_date)).where(*selection(table))) for table in (Meal, DiaryDay)]

@@ -248,7 +248,13 @@ def _overview_days(
         days_of[day.local_date].append(day)
     expected = _expected(persons, window, today)
     return tuple(
-        _overview_day(local_date, days_of[local_date], meals.get(local_date, NO_MEALS), expected[local_date], person_of)
+        _overview_day(
+            local_date,
+            days_of[local_date],
+            meals.get(local_date, NO_MEALS),
+            expected[local_date],
+            person_of,
+        )
         for local_date in window
     )
 
@@ -352,7 +358,10 @@ def _days_until(first: date, last: date) -> list[date]:
 
 def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
     return tuple(
-        place._replace(latitude=round(place.latitude, SHOWN_DECIMALS), longitude=round(place.longitude, SHOWN_DECIMALS))
+        place._replace(
+            latitude=round(place.latitude, SHOWN_DECIMALS),
+            longitude=round(place.longitude, SHOWN_DECIMALS),
+        )
         for place in window.places(limit)
     )
 

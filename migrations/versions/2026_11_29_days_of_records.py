@@ -1,14 +1,14 @@
 """an index of records that has all that a day sums
 
 Revision ID: 20261129_days_of_records
-Revises: 20261129_needs_look
+Revises: 20261129_sign_in_attempts
 Create Date: 2026-11-29 14:30:00
 """
 
 from alembic import op
 
 revision = "20261129_days_of_records"
-down_revision = "20261129_needs_look"
+down_revision = "20261129_sign_in_attempts"
 branch_labels = None
 depends_on = None
 
