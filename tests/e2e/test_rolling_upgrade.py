@@ -18,7 +18,7 @@ from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port, 
 from tests.e2e.test_compose import answers, estimated, send, wait_for
 from tests.support.next_migration import REVISION, write_next_migration
 
-OLD = "016f62b"  # the first commit with this schema
+OLD = "57f198a"  # the first commit with this schema
 SECONDS = 120
 
 
@@ -27,7 +27,7 @@ def old_program(tmp_path):
     """Its folder."""
     archive = tmp_path / "old.tar"
     done = subprocess.run(
-        ["git", "archive", "--output", archive, OLD, "app", "migrations"],
+        ["git", "archive", "--output", archive, OLD, "app", "migrations", "docs"],
         cwd=REPOSITORY,
         capture_output=True,
         check=False,
