@@ -18,7 +18,7 @@ from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port, 
 from tests.e2e.test_compose import answers, estimated, send, wait_for
 from tests.support.next_migration import REVISION, write_next_migration
 
-OLD = "57f198a"  # the first commit with this schema
+OLD = "32aeb70"  # the first commit with this schema
 SECONDS = 120
 
 
