@@ -116,7 +116,9 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     database = open_database(settings)
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     try:
-        await anyio.to_thread.run_sync(lambda: prepare_patiently(database, settings, first=prepare_apart))
+        await anyio.to_thread.run_sync(
+            lambda: prepare_patiently(database, settings, first=prepare_apart)
+        )
     except BaseException:
         database.dispose()
         raise
@@ -142,7 +144,11 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
                 waiter,
                 box,
                 children,
-                Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
+                Eraser(
+                    database,
+                    box,
+                    ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box),
+                ),
                 Passwords(),
                 ExportPlaces(),
                 last_use,

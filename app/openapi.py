@@ -22,7 +22,14 @@ from app.uploads.after_schemas import AfterMetadataIn
 from app.uploads.check_schemas import CheckMetadataIn
 
 # read from streams, so FastAPI does not see their schemas
-OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
+OUT_OF_ROUTES = (
+    Problem,
+    MealMetadataIn,
+    NewMealMetadataIn,
+    AfterMetadataIn,
+    CheckMetadataIn,
+    CalibrationMetadataIn,
+)
 OF_FASTAPI = ("HTTPValidationError", "ValidationError")  # its own form of a 422: ours is a Problem
 OF_BODIES = (400, 408, 413, 415)
 OF_PARAMETERS, OF_FHIR_PARAMETERS = 422, 400
@@ -31,11 +38,19 @@ UNKNOWN_CALLER = 401
 OK, CONFLICT, FIRST_ERROR = 200, 409, 400
 PART, NO_SUCH_PART = "206", 416
 FILE_TYPES = frozenset(
-    {"text/csv", "application/x-ndjson", "application/vnd.apache.parquet", "application/geo+json", "application/zip"}
+    {
+        "text/csv",
+        "application/x-ndjson",
+        "application/vnd.apache.parquet",
+        "application/geo+json",
+        "application/zip",
+    }
 )
 # pydantic's names of limits of types with a validator before them, which JSON Schema does not know
 LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
-COUNTED_AT_401 = frozenset({"post_password"})  # the caller is known, the password in the body is wrong
+COUNTED_AT_401 = frozenset(
+    {"post_password"}
+)  # the caller is known, the password in the body is wrong
 
 HEADERS: dict[str, dict[str, Any]] = {
     "Retry-After": {
@@ -52,12 +67,18 @@ HEADERS: dict[str, dict[str, Any]] = {
         "description": "The name to save a file under: `attachment; filename=...`. Pages of JSON are without it.",
         "schema": {"type": "string"},
     },
-    "Accept-Ranges": {"description": "`bytes`: parts of the file can be asked for.", "schema": {"type": "string"}},
+    "Accept-Ranges": {
+        "description": "`bytes`: parts of the file can be asked for.",
+        "schema": {"type": "string"},
+    },
     "Content-Range": {
         "description": "Which bytes of how many are sent; of a 416, how many there are.",
         "schema": {"type": "string"},
     },
-    "Tus-Resumable": {"description": "The version of the tus protocol.", "schema": {"type": "string"}},
+    "Tus-Resumable": {
+        "description": "The version of the tus protocol.",
+        "schema": {"type": "string"},
+    },
     "Upload-Offset": {
         "description": "Bytes of the photograph that are here: the next piece begins there.",
         "schema": {"type": "integer", "minimum": 0},
@@ -92,7 +113,9 @@ LOCATED = frozenset(
     }
 )  # fmt: skip
 OF_UPLOADS = frozenset({"post_upload", "get_upload", "patch_upload"})
-LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export", "post_remeasurement"})  # in the 200 of a repeat too
+LOCATED_AGAIN = frozenset(
+    {"post_declared_meal", "post_export", "post_remeasurement"}
+)  # in the 200 of a repeat too
 COMPARE_CLOCKS = frozenset(
     {"post_meal", "put_meal", "put_after", "post_declared_meal"}
 )  # their 409 may be `clock_differs`
@@ -160,7 +183,9 @@ def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
     """Add what follows from the route's rule, its place and what it takes."""
     if rule.is_open:
         operation.pop("security", None)
-    operation["summary"] = operation["description"].partition("\n")[0].partition(". ")[0].rstrip(".")
+    operation["summary"] = (
+        operation["description"].partition("\n")[0].partition(". ")[0].rstrip(".")
+    )
     responses = operation["responses"]
     if path.startswith(PREFIX):
         responses.pop("422", None)
@@ -170,7 +195,10 @@ def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
     for status, response in responses.items():
         if path.startswith(PREFIX) and int(status) >= FIRST_ERROR:
             response["content"] = {FHIR_JSON: {"schema": {"type": "object"}}}
-        names = [*_headers(operation["operationId"], int(status), rule), *_file_headers(responses, status)]
+        names = [
+            *_headers(operation["operationId"], int(status), rule),
+            *_file_headers(responses, status),
+        ]
         if names:
             refs = {name: {"$ref": f"#/components/headers/{name}"} for name in names}
             response["headers"] = {**response.get("headers", {}), **refs}
@@ -183,9 +211,15 @@ def _complete_conditions(operation: dict[str, Any]) -> None:
     for parameter in operation.get("parameters", ()):
         if parameter["name"].lower() == "if-match" and "428" in operation["responses"]:
             parameter["required"] = True
-            parameter["schema"] = next(each for each in parameter["schema"]["anyOf"] if each["type"] != "null")
+            parameter["schema"] = next(
+                each for each in parameter["schema"]["anyOf"] if each["type"] != "null"
+            )
     if "304" in operation["responses"]:
-        others = [each for each in operation.get("parameters", ()) if each["name"].lower() != "if-none-match"]
+        others = [
+            each
+            for each in operation.get("parameters", ())
+            if each["name"].lower() != "if-none-match"
+        ]
         operation["parameters"] = [*others, IF_NONE_MATCH]
 
 
@@ -195,7 +229,9 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
         yield from OF_BODIES
     if path.startswith(OF_API):
         yield OF_PARAMETERS  # of those that it has, and for any that it has not (access.py)
-    elif path.startswith(PREFIX) and any(each["in"] != "header" for each in operation.get("parameters", ())):
+    elif path.startswith(PREFIX) and any(
+        each["in"] != "header" for each in operation.get("parameters", ())
+    ):
         yield OF_FHIR_PARAMETERS
     if not rule.is_open:
         yield from (401, 403, 410)  # 410: the token was a participant's who has left the study

@@ -34,7 +34,9 @@ log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
 NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
-NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the server on them still answers first
+NICENESS_BESIDE_SERVER = (
+    5  # it keeps all cores busy while meals wait; the server on them still answers first
+)
 
 
 def run_worker(settings: Settings) -> int:
@@ -56,7 +58,9 @@ def run_worker(settings: Settings) -> int:
     metrics = _serve_metrics(settings)
 
     def make_estimate(database: Database, pool: ChildPool) -> EstimateMeal:
-        return EstimateMeal(database, blobs, pool, settings, partial(open_index, settings.food_index))
+        return EstimateMeal(
+            database, blobs, pool, settings, partial(open_index, settings.food_index)
+        )
 
     def make_chores(database: Database) -> list[Chore]:
         return worker_chores(database, blobs, box, settings)
@@ -83,7 +87,9 @@ def _serve_metrics(settings: Settings) -> MetricsServer | None:
     register_build("worker")
     if settings.worker_metrics_port is None:
         return None
-    token = settings.metrics_token.get_secret_value() if settings.metrics_token is not None else None
+    token = (
+        settings.metrics_token.get_secret_value() if settings.metrics_token is not None else None
+    )
     try:
         server = MetricsServer(REGISTRY, settings.metrics_host, settings.worker_metrics_port, token)
     except OSError as error:
@@ -98,7 +104,9 @@ def main() -> None:
     """`python -m app.worker [--parent PID]`: with a parent, it dies with it."""
     keep_files_private()
     parser = argparse.ArgumentParser(description="A worker of tada-server.")
-    parser.add_argument("--parent", type=int, help="process id; the worker ends when that process does")
+    parser.add_argument(
+        "--parent", type=int, help="process id; the worker ends when that process does"
+    )
     arguments = parser.parse_args()
     if arguments.parent is not None:
         die_with_parent(arguments.parent)

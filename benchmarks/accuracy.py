@@ -105,7 +105,9 @@ TARGETS = (
     Target("vessels", "exif", "mape_percent", most=14.0),
     Target("vessels", "calibrated", "mape_percent", most=6.0, vessels=True),
     Target("vessels", "exif", "mape_percent", most=8.0, vessels=True),
-    Target(POOLED, "calibrated", "interval_coverage_percent", least=87.0, most=93.0, least_items=60),
+    Target(
+        POOLED, "calibrated", "interval_coverage_percent", least=87.0, most=93.0, least_items=60
+    ),
     Target(POOLED, "exif", "interval_coverage_percent", least=85.0, most=95.0, least_items=60),
     Target(POOLED, "calibrated", "interval_skill", least=0.20),
     Target(POOLED, "exif", "interval_skill", least=0.10),
@@ -156,9 +158,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     path = options.data / "accuracy" / "score.py"
     sets = find_sets(options.data, options.scenes, options.limit)
-    pairs = real_pairs.real_pairs(options.data / "photos" / REAL_PAIRS) if REAL_PAIRS in options.scenes else []
+    pairs = (
+        real_pairs.real_pairs(options.data / "photos" / REAL_PAIRS)
+        if REAL_PAIRS in options.scenes
+        else []
+    )
     if not path.is_file() or not (sets or pairs):
-        print(f"There is no {path}, or no scene: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
+        print(
+            f"There is no {path}, or no scene: give --data FOLDER or set TADA_SHARED_DATA.",
+            file=sys.stderr,
+        )
         return 2
     scorer = load_scorer(path)
     scored = score(scorer, sets, options)
@@ -166,32 +175,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if pairs:
         tables.append(real_table(pairs[: options.limit], options))
     print(heading(options) + "\n")
-    print("\n\n".join(as_markdown(table) if options.markdown else as_text(table) for table in tables))
+    print(
+        "\n\n".join(as_markdown(table) if options.markdown else as_text(table) for table in tables)
+    )
     if options.json:
-        options.json.write_text(json.dumps([raw for each in scored for raw in raw_rows(each)], indent=1))
+        options.json.write_text(
+            json.dumps([raw for each in scored for raw in raw_rows(each)], indent=1)
+        )
     return 0
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument(
-        "--scenes", nargs="+", default=[*SETS, REAL_PAIRS], help="sets under scenes/dev, or folders of scenes"
+        "--scenes",
+        nargs="+",
+        default=[*SETS, REAL_PAIRS],
+        help="sets under scenes/dev, or folders of scenes",
     )
     parser.add_argument("--method", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS), choices=CAMERAS)
     parser.add_argument("--hints", default="none", choices=["none", "point", "box", "food"])
-    parser.add_argument("--vessels", action="store_true", help="each scene's vessels as a study's library")
+    parser.add_argument(
+        "--vessels", action="store_true", help="each scene's vessels as a study's library"
+    )
     parser.add_argument("--limit", type=int, help="only the first so many scenes of each set")
     parser.add_argument("--jobs", type=int, default=1, help="processes at once, one thread each")
     parser.add_argument("--markdown", action="store_true", help="print the tables in Markdown")
     parser.add_argument("--json", type=Path, metavar="OUT", help="keep the scorer's rows")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     return parser.parse_args(arguments)
 
 
 def find_sets(data: Path, names: Sequence[str], limit: int | None) -> list[SceneSet]:
     """The sets that hold a scene. Two folders of one name are told apart by their paths."""
-    folders = [Path(name) if Path(name).is_dir() else data / "scenes" / "dev" / name for name in names]
+    folders = [
+        Path(name) if Path(name).is_dir() else data / "scenes" / "dev" / name for name in names
+    ]
     found = []
     for folder in folders:
         scenes = tuple(sorted(path.parent for path in folder.glob("*/truth.json"))[:limit])
@@ -210,21 +234,32 @@ def load_scorer(path: Path) -> ModuleType:
     return module
 
 
-def score(scorer: ModuleType, sets: Sequence[SceneSet], options: argparse.Namespace) -> list[Scored]:
+def score(
+    scorer: ModuleType, sets: Sequence[SceneSet], options: argparse.Namespace
+) -> list[Scored]:
     """Every scene in every way, as the scorer measures it: each estimate in a process of its own."""
     settings = [
         Setting(method, camera, options.hints, options.vessels)
         for method in options.method
         for camera in options.camera
     ]
-    tasks = [(each, scene, setting) for setting in settings for each in sets for scene in each.scenes]
+    tasks = [
+        (each, scene, setting) for setting in settings for each in sets for scene in each.scenes
+    ]
 
     def measured(task: tuple[SceneSet, Path, Setting]) -> Scored:
         scene_set, scene, setting = task
         command = f"{sys.executable} -m app.cli estimate"
-        rows, summary = scorer.run_scene(scene, argparse.Namespace(command=command, **SCORER, **vars(setting)))
-        errors = ", ".join("not found" if row["error"] is None else f"{100 * row['error']:+.1f} %" for row in rows)
-        print(f"{scene_set.name} {scene.name} {setting.method} {setting.camera}: {errors}", file=sys.stderr)
+        rows, summary = scorer.run_scene(
+            scene, argparse.Namespace(command=command, **SCORER, **vars(setting))
+        )
+        errors = ", ".join(
+            "not found" if row["error"] is None else f"{100 * row['error']:+.1f} %" for row in rows
+        )
+        print(
+            f"{scene_set.name} {scene.name} {setting.method} {setting.camera}: {errors}",
+            file=sys.stderr,
+        )
         return Scored(scene_set, setting, rows, summary)
 
     environment = mock.patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)})
@@ -264,15 +299,24 @@ def tables_of(scorer: ModuleType, scored: Sequence[Scored]) -> list[Table]:
     sets = list(dict.fromkeys(each.scene_set for each in scored))
     summaries = {
         (scene_set, setting): summarise(
-            scorer, [each for each in scored if each.scene_set == scene_set and each.setting == setting]
+            scorer,
+            [each for each in scored if each.scene_set == scene_set and each.setting == setting],
         )
         for scene_set, setting in itertools.product(sets, settings)
     }
-    pooled = {setting: summarise(scorer, [each for each in scored if each.setting == setting]) for setting in settings}
-    judged = [(scene_set.name, scene_set.kind, setting, found) for (scene_set, setting), found in summaries.items()]
+    pooled = {
+        setting: summarise(scorer, [each for each in scored if each.setting == setting])
+        for setting in settings
+    }
+    judged = [
+        (scene_set.name, scene_set.kind, setting, found)
+        for (scene_set, setting), found in summaries.items()
+    ]
     judged += [(POOLED, POOLED, setting, found) for setting, found in pooled.items()]
     return [
-        set_table((scene_set.name, setting, found) for (scene_set, setting), found in summaries.items()),
+        set_table(
+            (scene_set.name, setting, found) for (scene_set, setting), found in summaries.items()
+        ),
         fruit_table([each for each in scored if each.scene_set.kind == "paper6"]),
         pooled_table(pooled),
         bar_table(judged),
@@ -284,7 +328,9 @@ def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace
     command = f"{sys.executable} -m app.cli estimate"
     rows = []
     for method, camera in itertools.product(options.method, options.camera):
-        measure = functools.partial(real_pairs.measure, command=command, camera=camera, method=method)
+        measure = functools.partial(
+            real_pairs.measure, command=command, camera=camera, method=method
+        )
         environment = mock.patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)})
         with environment, ThreadPoolExecutor(options.jobs) as pool:
             s = real_pairs.summarise(list(pool.map(measure, pairs)))
@@ -292,16 +338,36 @@ def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace
             rows.append((method, camera, f"0 of {s['pairs']}", *["-"] * 6))
             continue
         low, high = real_pairs.COVERAGE_PERCENT
-        is_met = s["mean_error"] <= real_pairs.MOST_MEAN_ERROR_PERCENT and low <= s["coverage"] <= high
+        is_met = (
+            s["mean_error"] <= real_pairs.MOST_MEAN_ERROR_PERCENT and low <= s["coverage"] <= high
+        )
         figures = (f"{s[key]:.1f} %" for key in ("mean_error", "median_error", "worst"))
         verdict_words = ("met" if is_met else "MISSED") if method == JUDGED_METHOD else ""
         measured = f"{s['measured']} of {s['pairs']}"
         rows.append(
-            (method, camera, measured, *figures, f"{s['bias']:+.1f} %", f"{s['coverage']:.0f} %", verdict_words)
+            (
+                method,
+                camera,
+                measured,
+                *figures,
+                f"{s['bias']:+.1f} %",
+                f"{s['coverage']:.0f} %",
+                verdict_words,
+            )
         )
     low, high = real_pairs.COVERAGE_PERCENT
     targets = f"mean error <= {real_pairs.MOST_MEAN_ERROR_PERCENT:g} %, {low:g} to {high:g} % in the interval"
-    header = ("method", "camera", "measured", "mean error", "median", "worst", "bias", "in the 90 % interval", targets)
+    header = (
+        "method",
+        "camera",
+        "measured",
+        "mean error",
+        "median",
+        "worst",
+        "bias",
+        "in the 90 % interval",
+        targets,
+    )
     return Table("Real photographs", header, tuple(rows))
 
 
@@ -322,7 +388,17 @@ def set_table(summaries: Iterable[tuple[str, Setting, Mapping[str, Any]]]) -> Ta
         )
         for name, setting, s in summaries
     ]
-    header = ("scenes", "method", "camera", "found", "spurious", "right count", "mean IoU", "mean error", "median")
+    header = (
+        "scenes",
+        "method",
+        "camera",
+        "found",
+        "spurious",
+        "right count",
+        "mean IoU",
+        "mean error",
+        "median",
+    )
     return Table("Sets of scenes", (*header, "worst", "bias", "in the 90 % interval"), tuple(rows))
 
 
@@ -341,20 +417,33 @@ def fruit_table(scored: Sequence[Scored]) -> Table:
             )
             for setting in settings
         ]
-        rows.append((fruit, f"{true_ml:g}", f"{paper_ml:g} ({percent(paper_ml / true_ml - 1)})", *ours))
+        rows.append(
+            (fruit, f"{true_ml:g}", f"{paper_ml:g} ({percent(paper_ml / true_ml - 1)})", *ours)
+        )
     means = [
-        mean_error([row["error"] for e in scored if e.setting == setting for row in e.rows]) for setting in settings
+        mean_error([row["error"] for e in scored if e.setting == setting for row in e.rows])
+        for setting in settings
     ]
     paper_mean = mean_error([paper_ml / true_ml - 1 for true_ml, paper_ml in TABLE_I.values()])
     rows.append(("mean error", "", paper_mean, *means))
     names = [f"{setting.method}, {camera_words(setting)}" for setting in settings]
     return Table(
-        "The founding paper's fruit (its Table I)", ("fruit", "true, ml", "the paper, ml", *names), tuple(rows)
+        "The founding paper's fruit (its Table I)",
+        ("fruit", "true, ml", "the paper, ml", *names),
+        tuple(rows),
     )
 
 
 def pooled_table(pooled: Mapping[Setting, Mapping[str, Any]]) -> Table:
-    header = ("method", "camera", "foods", "mean error", "in the 90 % interval", "half width", "interval skill")
+    header = (
+        "method",
+        "camera",
+        "foods",
+        "mean error",
+        "in the 90 % interval",
+        "half width",
+        "interval skill",
+    )
     rows = [
         (
             setting.method,
@@ -362,8 +451,13 @@ def pooled_table(pooled: Mapping[Setting, Mapping[str, Any]]) -> Table:
             str(s["items"]),
             f"{s['mape_percent']:.1f} %",
             f"{s['interval_coverage_percent']:.0f} %",
-            "-" if s["interval_half_width_percent"] is None else f"{s['interval_half_width_percent']:.1f} %",
-            *("-" if s[key] is None else f"{s[key]:.3f}" for key in ("interval_skill", "log_slope")),
+            "-"
+            if s["interval_half_width_percent"] is None
+            else f"{s['interval_half_width_percent']:.1f} %",
+            *(
+                "-" if s[key] is None else f"{s[key]:.3f}"
+                for key in ("interval_skill", "log_slope")
+            ),
             f"{s['bias_percent']:+.1f} %",
         )
         for setting, s in pooled.items()
@@ -376,12 +470,34 @@ def bar_table(judged: Sequence[tuple[str, str, Setting, Mapping[str, Any]]]) -> 
     rows = []
     for target in TARGETS:
         for name, kind, setting, summary in judged:
-            if (kind, setting) == (target.kind, Setting(JUDGED_METHOD, target.camera, target.hints, target.vessels)):
+            if (kind, setting) == (
+                target.kind,
+                Setting(JUDGED_METHOD, target.camera, target.hints, target.vessels),
+            ):
                 value = summary[target.figure]
-                shown = "-" if value is None else f"{value:g}" if isinstance(value, int) else f"{value:.3g}"
+                shown = (
+                    "-"
+                    if value is None
+                    else f"{value:g}"
+                    if isinstance(value, int)
+                    else f"{value:.3g}"
+                )
                 figure = target.figure.replace("_percent", ", %").replace("_", " ")
-                rows.append((name, camera_words(setting), figure, limits(target), shown, verdict(target, summary)))
-    return Table("Targets of the default method", ("scenes", "camera", "figure", "must be", "is", ""), tuple(rows))
+                rows.append(
+                    (
+                        name,
+                        camera_words(setting),
+                        figure,
+                        limits(target),
+                        shown,
+                        verdict(target, summary),
+                    )
+                )
+    return Table(
+        "Targets of the default method",
+        ("scenes", "camera", "figure", "must be", "is", ""),
+        tuple(rows),
+    )
 
 
 def verdict(target: Target, summary: Mapping[str, Any]) -> str:
@@ -395,7 +511,11 @@ def verdict(target: Target, summary: Mapping[str, Any]) -> str:
 def limits(target: Target) -> str:
     if target.least == float("-inf"):
         return f"<= {target.most:g}"
-    return f">= {target.least:g}" if target.most == float("inf") else f"{target.least:g} to {target.most:g}"
+    return (
+        f">= {target.least:g}"
+        if target.most == float("inf")
+        else f"{target.least:g} to {target.most:g}"
+    )
 
 
 def percent(error: float | None) -> str:
@@ -405,7 +525,9 @@ def percent(error: float | None) -> str:
 def mean_error(errors: Sequence[float | None]) -> str:
     """Mean of the sizes, a food that was not found as 100 %."""
     return (
-        f"{100 * sum(1.0 if error is None else abs(error) for error in errors) / len(errors):.1f} %" if errors else ""
+        f"{100 * sum(1.0 if error is None else abs(error) for error in errors) / len(errors):.1f} %"
+        if errors
+        else ""
     )
 
 
@@ -418,13 +540,17 @@ def camera_words(setting: Setting) -> str:
 def as_markdown(table: Table) -> str:
     lines = [table.header, ("---",) * len(table.header), *table.rows]
     body = "\n".join(
-        "| " + " | ".join(cells) + " |" if cells[0] != "---" else "|" + "---|" * len(cells) for cells in lines
+        "| " + " | ".join(cells) + " |" if cells[0] != "---" else "|" + "---|" * len(cells)
+        for cells in lines
     )
     return f"## {table.title}\n\n{body}"
 
 
 def as_text(table: Table) -> str:
-    widths = [max(len(row[column]) for row in (table.header, *table.rows)) for column in range(len(table.header))]
+    widths = [
+        max(len(row[column]) for row in (table.header, *table.rows))
+        for column in range(len(table.header))
+    ]
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in (table.header, *table.rows)
@@ -442,7 +568,9 @@ def heading(options: argparse.Namespace) -> str:
 def commit() -> str:
     """The short id of the checkout's commit, and whether the program differs from it."""
     short = git("rev-parse", "--short", "HEAD")
-    return (short or "unknown") + (" with changes" if git("status", "--porcelain", "--", "app") else "")
+    return (short or "unknown") + (
+        " with changes" if git("status", "--porcelain", "--", "app") else ""
+    )
 
 
 def git(*arguments: str) -> str:
@@ -450,13 +578,20 @@ def git(*arguments: str) -> str:
     program = shutil.which("git")
     if program is None:
         return ""
-    return subprocess.run([program, *arguments], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    return subprocess.run(
+        [program, *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
 
 
 def raw_rows(scored: Scored) -> Iterable[dict[str, Any]]:
     """The scorer's rows with their set, their setting and how many spurious items their scene has."""
     for row in scored.rows:
-        yield {"set": scored.scene_set.name, **vars(scored.setting), **row, "spurious": scored.scene["spurious"]}
+        yield {
+            "set": scored.scene_set.name,
+            **vars(scored.setting),
+            **row,
+            "spurious": scored.scene["spurious"],
+        }
 
 
 if __name__ == "__main__":

@@ -84,9 +84,15 @@ def main() -> int:
     parser.add_argument("--concurrency", type=int, nargs="+", default=[1, 8, 32])
     parser.add_argument("--flow-seconds", type=float, default=30.0)
     parser.add_argument("--no-polls", action="store_true")
-    parser.add_argument("--processes", type=int, default=1, help="Of the server; figures of memory are their sums.")
-    parser.add_argument("--pairs", type=Path, help="Folder with stereo pairs, */left.jpg and */right.jpg.")
-    parser.add_argument("--folder", type=Path, help="On the disk that is measured; default: the system's for such.")
+    parser.add_argument(
+        "--processes", type=int, default=1, help="Of the server; figures of memory are their sums."
+    )
+    parser.add_argument(
+        "--pairs", type=Path, help="Folder with stereo pairs, */left.jpg and */right.jpg."
+    )
+    parser.add_argument(
+        "--folder", type=Path, help="On the disk that is measured; default: the system's for such."
+    )
     arguments = parser.parse_args()
     needed = 4 * 2 * PHOTO_BYTES * arguments.meals + 4_000 * MEGABYTE
     is_fine = True
@@ -94,9 +100,13 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="tada-api-", dir=arguments.folder) as name:
             free = shutil.disk_usage(name).free
             if free < needed:
-                print(f"{free / MEGABYTE:.0f} MB are free in {name}; this needs {needed / MEGABYTE:.0f}")
+                print(
+                    f"{free / MEGABYTE:.0f} MB are free in {name}; this needs {needed / MEGABYTE:.0f}"
+                )
                 return 1
-            with deployment(kind, Path(name), arguments.processes, decodes=arguments.pairs is not None) as server:
+            with deployment(
+                kind, Path(name), arguments.processes, decodes=arguments.pairs is not None
+            ) as server:
                 is_fine &= measure(server, arguments)
     return 0 if is_fine else 1
 
@@ -163,7 +173,11 @@ class Deployment:
         kib = 0
         for pid in self.pids:
             status = Path(f"/proc/{pid}/status").read_text()
-            kib += int(next(line.split()[1] for line in status.splitlines() if line.startswith(f"{which}:")))
+            kib += int(
+                next(
+                    line.split()[1] for line in status.splitlines() if line.startswith(f"{which}:")
+                )
+            )
         return kib * 1024 / MEGABYTE
 
 
@@ -173,7 +187,9 @@ def deployment(
 ) -> Iterator[Deployment]:
     """A fresh server; all that was started for it ends with it. decodes: the bare endpoint does so too."""
     with contextlib.ExitStack() as stack:
-        environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
+        environment = {
+            key: value for key, value in os.environ.items() if not key.startswith("TADA_")
+        }
         environment |= LIMITS_OFF | {
             "TADA_DATA_DIR": str(folder / "data"),
             "TADA_DATABASE_URL": stack.enter_context(database_url(kind, folder)),
@@ -196,7 +212,15 @@ def deployment(
             name = "PostgreSQL + S3"
         log = stack.enter_context((folder / "server.log").open("wb"))
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "serve", "--no-worker", "--processes", str(processes)],
+            [
+                sys.executable,
+                "-m",
+                "app.cli",
+                "serve",
+                "--no-worker",
+                "--processes",
+                str(processes),
+            ],
             env=environment,
             stdout=log,
             stderr=log,
@@ -213,7 +237,9 @@ def deployment(
             stack.callback(end, bare_process)
             bare = bare_process, _port(bare_process, folder / "bare.log")
         port = _port(process, folder / "server.log")
-        yield Deployment(name, folder, environment, process, port, yardstick, bare, processes=processes)
+        yield Deployment(
+            name, folder, environment, process, port, yardstick, bare, processes=processes
+        )
 
 
 def _port(process: subprocess.Popen[bytes], log: Path) -> int:
@@ -237,9 +263,14 @@ def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
     if arguments.pairs is not None:
         pairs = pairs_in(arguments.pairs)
         server.order("upload", pairs=pairs, tokens=tokens, concurrency=8, times=16)  # warm
-        server.order("upload", pairs=pairs, tokens=tokens, concurrency=8, times=16, port=server.bare_port)
+        server.order(
+            "upload", pairs=pairs, tokens=tokens, concurrency=8, times=16, port=server.bare_port
+        )
         return all(outcome.is_fine for outcome in uploads(server, arguments, tokens, pairs))
-    is_fine = all(outcome.is_fine for outcome in uploads(server, arguments, tokens, [[str(large), str(large)]]))
+    is_fine = all(
+        outcome.is_fine
+        for outcome in uploads(server, arguments, tokens, [[str(large), str(large)]])
+    )
     if not arguments.no_polls:
         polls(server, arguments, tokens, small)
     return flow(server, arguments, tokens, small) and is_fine
@@ -258,12 +289,16 @@ class UploadFigures:
     @property
     def is_fine(self) -> bool:
         """Return whether the targets hold."""
-        return (self.ratio >= LEAST_RATIO or self.bare_ratio >= LEAST_BARE_RATIO) and self.peak_mb <= MOST_PEAK_MB
+        return (
+            self.ratio >= LEAST_RATIO or self.bare_ratio >= LEAST_BARE_RATIO
+        ) and self.peak_mb <= MOST_PEAK_MB
 
 
 def pairs_in(folder: Path) -> list[list[str]]:
     """The left and the right photograph of each pair in a folder."""
-    return [[str(left), str(left.with_name("right.jpg"))] for left in sorted(folder.glob("*/left.jpg"))]
+    return [
+        [str(left), str(left.with_name("right.jpg"))] for left in sorted(folder.glob("*/left.jpg"))
+    ]
 
 
 def uploads(
@@ -271,7 +306,9 @@ def uploads(
 ) -> list[UploadFigures]:
     sizes = [Path(path).stat().st_size for pair in pairs for path in pair]
     meal_mb = 2 * sum(sizes) / len(sizes) / MEGABYTE
-    print(f"\n### {server.name}: pairs of {meal_mb:.1f} MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
+    print(
+        f"\n### {server.name}: pairs of {meal_mb:.1f} MB, {arguments.rounds} rounds of {arguments.meals} meals\n"
+    )
     columns = (
         "at once|MB/s|yardstick MB/s|ratio|of neighbours|bare endpoint MB/s|ratio to it|p50 ms|p95 ms|p99 ms|peak MB"
         "|over rest MB|server, ms a meal|children|bare endpoint|load's CPU"
@@ -280,7 +317,12 @@ def uploads(
     figures, volume = list[UploadFigures](), meal_mb * arguments.meals
     per_meal_ms = 1000 / arguments.meals
     for concurrency in arguments.concurrency:
-        common = {"photo": pairs[0][0], "pairs": pairs, "concurrency": concurrency, "times": arguments.meals}
+        common = {
+            "photo": pairs[0][0],
+            "pairs": pairs,
+            "concurrency": concurrency,
+            "times": arguments.meals,
+        }
         ours, plain, latencies, cpu, load_cpu = [], [], [], [], []
         bare, bare_cpu, child_cpu = [], [], []
         server.clear_peak()
@@ -321,7 +363,9 @@ def uploads(
     return figures
 
 
-def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> list[float]:
+def polls(
+    server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path
+) -> list[float]:
     """Print a row a concurrency; the server's processor time of a call in each, ms."""
     print(f"\n### {server.name}: status polls\n")
     print_head("at once|calls/s|p50 ms|p95 ms|p99 ms|CPU|load's CPU|server, ms a call")
@@ -332,7 +376,9 @@ def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], 
         meals += list(outcome.sent)
     for concurrency in arguments.concurrency:
         before = server.cpu_seconds()
-        outcome = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=POLLS)
+        outcome = server.order(
+            "poll", tokens=tokens, meals=meals, concurrency=concurrency, times=POLLS
+        )
         fail_on(outcome)
         spent = server.cpu_seconds() - before
         own_ms.append(spent / POLLS * 1000)
@@ -351,14 +397,22 @@ def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], p
     server.clear_peak()
     before = server.cpu_seconds()
     outcome = server.order(
-        "flow", photo=str(photo), tokens=tokens[:FLOW_PHONES], times=times, per_second=FLOW_PER_SECOND
+        "flow",
+        photo=str(photo),
+        tokens=tokens[:FLOW_PHONES],
+        times=times,
+        per_second=FLOW_PER_SECOND,
     )
     cpu, peak = (server.cpu_seconds() - before) / outcome.seconds, server.memory_mb("VmHWM")
     lost, wrong = look_for(server, outcome.sent)
     p50, p95, p99 = percentiles(outcome.latencies or [float("nan")])
     size_kb = photo.stat().st_size / 1000
-    print(f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {size_kb:.0f} kB), open loop\n")
-    print_head("sent|accepted|errors|lost|wrong hash|seconds|p50 ms|p95 ms|p99 ms|peak MB|CPU|load's CPU")
+    print(
+        f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {size_kb:.0f} kB), open loop\n"
+    )
+    print_head(
+        "sent|accepted|errors|lost|wrong hash|seconds|p50 ms|p95 ms|p99 ms|peak MB|CPU|load's CPU"
+    )
     print(
         f"| {times} | {len(outcome.sent)} | {len(outcome.errors)} | {lost} | {wrong} | {outcome.seconds:.1f} "
         f"| {p50:.0f} "
@@ -373,17 +427,33 @@ def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], p
 def look_for(server: Deployment, sent: dict[str, list[str]]) -> tuple[int, int]:
     """How many meals that were acknowledged are not there whole, and how many photographs have other bytes."""
     settings = server.settings
-    database, blobs = Database(settings.resolved_database_url), open_blob_store(settings.resolved_blob_url, settings)
+    database, blobs = (
+        Database(settings.resolved_database_url),
+        open_blob_store(settings.resolved_blob_url, settings),
+    )
     try:
         with database.read() as session:
-            queued = set(session.scalars(sa.select(Meal.client_id).join(Job, Job.meal_id == Meal.id)))
-            columns = (MealImage.slot, MealImage.received_sha256, MealImage.stored_sha256, MealImage.blob_key)
-            images = session.execute(sa.select(Meal.client_id, *columns).join(Meal, Meal.id == MealImage.meal_id)).all()
+            queued = set(
+                session.scalars(sa.select(Meal.client_id).join(Job, Job.meal_id == Meal.id))
+            )
+            columns = (
+                MealImage.slot,
+                MealImage.received_sha256,
+                MealImage.stored_sha256,
+                MealImage.blob_key,
+            )
+            images = session.execute(
+                sa.select(Meal.client_id, *columns).join(Meal, Meal.id == MealImage.meal_id)
+            ).all()
     finally:
         database.dispose()
     here = {(str(row.client_id), row.slot): row for row in images}
     ids = {str(client_id) for client_id in queued}
-    lost = sum(1 for meal in sent if meal not in ids or not {(meal, "left"), (meal, "right")} <= here.keys())
+    lost = sum(
+        1
+        for meal in sent
+        if meal not in ids or not {(meal, "left"), (meal, "right")} <= here.keys()
+    )
 
     def is_wrong(row: Any, sha256: str) -> bool:
         stored = hashlib.sha256(blobs.read(row.blob_key)).hexdigest()
@@ -409,14 +479,24 @@ def enrol(server: Deployment, count: int, study: str = "b") -> list[str]:
         check=True,
     ).stdout.decode()
     tokens, headers = [], {"Authorization": f"Bearer {admin.strip()}"}
-    with httpx2.Client(base_url=f"http://127.0.0.1:{server.port}", headers=headers, timeout=60) as client:
-        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11"}).raise_for_status()
+    with httpx2.Client(
+        base_url=f"http://127.0.0.1:{server.port}", headers=headers, timeout=60
+    ) as client:
+        client.post(
+            "/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11"}
+        ).raise_for_status()
         for number in range(count):
             code = f"P{number:03}"
             client.post(f"/v1/studies/{study}/participants", json={"code": code}).raise_for_status()
-            issued = client.post(f"/v1/studies/{study}/participants/{code}/enrolment-codes").raise_for_status().json()
+            issued = (
+                client.post(f"/v1/studies/{study}/participants/{code}/enrolment-codes")
+                .raise_for_status()
+                .json()
+            )
             device = {"code": issued["code"], "device_name": "bench"}
-            tokens.append(client.post("/v1/enrolments", json=device).raise_for_status().json()["token"])
+            tokens.append(
+                client.post("/v1/enrolments", json=device).raise_for_status().json()["token"]
+            )
     return tokens
 
 

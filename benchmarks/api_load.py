@@ -48,7 +48,9 @@ class Phone:
         self._port, self._token = port, token
         self._socket: socket.socket | None = None
 
-    def ask(self, method: str, path: str, *body: bytes, content_type: str = "") -> tuple[int, bytes]:
+    def ask(
+        self, method: str, path: str, *body: bytes, content_type: str = ""
+    ) -> tuple[int, bytes]:
         """Send a request; status and body of the answer."""
         if self._socket is None:
             self._socket = socket.create_connection(("127.0.0.1", self._port), PATIENCE_SECONDS)
@@ -75,7 +77,9 @@ class Phone:
             data += piece
         head, _, body = data.partition(b"\r\n\r\n")
         lines = head.lower().split(b"\r\n")
-        length = next((int(line.split(b":")[1]) for line in lines if line.startswith(b"content-length:")), 0)
+        length = next(
+            (int(line.split(b":")[1]) for line in lines if line.startswith(b"content-length:")), 0
+        )
         while len(body) < length:
             body += sock.recv(65536)
         if b"connection: close" in lines:
@@ -86,22 +90,31 @@ class Phone:
 
 def stamped(photo: bytes, stamp: str) -> tuple[bytes, bytes]:
     """A JPEG in two pieces: its start with a comment that makes it another file, and the rest, which is not copied."""
-    return photo[:2] + b"\xff\xfe" + (2 + STAMP_BYTES).to_bytes(2, "big") + stamp.encode(), photo[2:]
+    return photo[:2] + b"\xff\xfe" + (2 + STAMP_BYTES).to_bytes(2, "big") + stamp.encode(), photo[
+        2:
+    ]
 
 
-def meal_parts(client_id: str, photo: bytes, right: bytes | None = None, *, is_stamped: bool = True) -> list[bytes]:
+def meal_parts(
+    client_id: str, photo: bytes, right: bytes | None = None, *, is_stamped: bool = True
+) -> list[bytes]:
     """The body of POST /v1/meals in pieces. right: another one than `photo`, which else is both.
 
     is_stamped: the photographs are JPEGs, and each gets other bytes.
     """
-    metadata = {"id": client_id, "captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
+    metadata = {
+        "id": client_id,
+        "captured_at": "2026-11-20T12:30:00+08:00",
+        "time_zone": "Asia/Shanghai",
+    }
     parts = [
         b'--%s\r\nContent-Disposition: form-data; name="metadata"\r\nContent-Type: application/json\r\n\r\n%s\r\n'
         % (BOUNDARY, json.dumps(metadata).encode())
     ]
     for number, slot in enumerate((b"left", b"right")):
         head = (
-            b'--%s\r\nContent-Disposition: form-data; name="%s"; filename="p.jpg"\r\nContent-Type: image/jpeg\r\n\r\n'
+            b'--%s\r\nContent-Disposition: form-data; name="%s"; filename="p.jpg"\r\n'
+            b"Content-Type: image/jpeg\r\n\r\n"
         )
         view = right if number and right is not None else photo
         file = stamped(view, f"{client_id[:-1]}{number}") if is_stamped else (view,)
@@ -176,7 +189,8 @@ def flow(order: dict[str, Any], outcome: Outcome) -> None:
         client_id = str(uuid.uuid4())
         send_meal(phones[thread], client_id, photo)
         outcome.sent[client_id] = [
-            hashlib.sha256(b"".join(stamped(photo, f"{client_id[:-1]}{slot}"))).hexdigest() for slot in (0, 1)
+            hashlib.sha256(b"".join(stamped(photo, f"{client_id[:-1]}{slot}"))).hexdigest()
+            for slot in (0, 1)
         ]
         late.append(time.perf_counter() - started - due[number])
 
@@ -203,7 +217,9 @@ def disk(order: dict[str, Any], outcome: Outcome) -> None:
 
     def write(_: int, number: int) -> None:
         for slot in (0, 1):
-            handle = os.open(folder / f"{number}-{slot}-{uuid.uuid4().hex}", os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            handle = os.open(
+                folder / f"{number}-{slot}-{uuid.uuid4().hex}", os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            )
             try:
                 written = 0
                 while written < len(photo):
@@ -229,7 +245,9 @@ def bucket(order: dict[str, Any], outcome: Outcome) -> None:
 
     def put(_: int, number: int) -> None:
         for slot in (0, 1):
-            obstore.put(store, f"yardstick/{number}-{slot}-{uuid.uuid4().hex}", photo, use_multipart=False)
+            obstore.put(
+                store, f"yardstick/{number}-{slot}-{uuid.uuid4().hex}", photo, use_multipart=False
+            )
 
     run_threads(order["concurrency"], order["times"], put, outcome)
 
@@ -246,7 +264,10 @@ ORDERS: dict[str, Callable[[dict[str, Any], Outcome], None]] = {
 def percentiles(values: Sequence[float]) -> tuple[float, float, float]:
     """p50, p95 and p99 in milliseconds."""
     ordered = sorted(values)
-    p50, p95, p99 = (1000 * ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.95, 0.99))
+    p50, p95, p99 = (
+        1000 * ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+        for share in (0.5, 0.95, 0.99)
+    )
     return p50, p95, p99
 
 

@@ -47,7 +47,9 @@ WANTED_SCANS = 98
 ATTACKERS, OTHERS = 4, 2
 CONTENT_TYPE = f"multipart/form-data; boundary={BOUNDARY.decode()}"
 ATTACKS = ("served", "uploaded", "slow_heads", "slow_bodies", "flood")
-Attack = Callable[[threading.Event, list[int]], None]  # until the event; notes the statuses of the answers
+Attack = Callable[
+    [threading.Event, list[int]], None
+]  # until the event; notes the statuses of the answers
 PAUSE_SECONDS = 0.3
 WIDTH_PX = 640
 MOST_RATIO = 2.0
@@ -64,7 +66,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--attack", choices=ATTACKS, default="served")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=12.0, help="Of each quiet and each attacked round.")
+    parser.add_argument(
+        "--seconds", type=float, default=12.0, help="Of each quiet and each attacked round."
+    )
     arguments = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors before")
     with (
@@ -97,9 +101,16 @@ def proxied(server: Deployment, folder: Path) -> Iterator[Deployment]:
         "XDG_DATA_HOME": str(folder / "caddy"),
         "XDG_CONFIG_HOME": str(folder / "caddy"),
     }
-    command = [Path(sysconfig.get_path("scripts")) / "caddy", "run", "--config", ROOT / "docker" / "Caddyfile"]
+    command = [
+        Path(sysconfig.get_path("scripts")) / "caddy",
+        "run",
+        "--config",
+        ROOT / "docker" / "Caddyfile",
+    ]
     with (folder / "caddy.log").open("wb") as log:
-        process = subprocess.Popen([*command, "--adapter", "caddyfile"], env=environment, stdout=log, stderr=log)
+        process = subprocess.Popen(
+            [*command, "--adapter", "caddyfile"], env=environment, stdout=log, stderr=log
+        )
         try:
             while socket.socket().connect_ex(("127.0.0.1", port)):
                 time.sleep(0.1)
@@ -119,7 +130,9 @@ def connect(server: Deployment) -> socket.socket:
     return socket.create_connection(("127.0.0.1", server.port), 60.0, (ATTACKERS_ADDRESS, 0))
 
 
-def hold_connections(server: Deployment, request: bytes, ending: threading.Event, answers: list[int]) -> None:
+def hold_connections(
+    server: Deployment, request: bytes, ending: threading.Event, answers: list[int]
+) -> None:
     """Send a byte a second on each connection; a new one takes the place of each that is ended."""
     held: list[socket.socket] = []
     while not ending.is_set():
@@ -156,7 +169,9 @@ def serving_attacks(server: Deployment) -> list[Attack]:
     """Callers who ask for the costly picture again and again."""
     costly, scans = costly_photograph()
     print(f"costly: {SIDE_PX} x {SIDE_PX}, {scans} scans, {len(costly) / 1e6:.1f} MB")
-    pictures = [(token, uploaded(server, token, costly)) for token in enrol(server, ATTACKERS, "attack")]
+    pictures = [
+        (token, uploaded(server, token, costly)) for token in enrol(server, ATTACKERS, "attack")
+    ]
     return [functools.partial(attack, server, token, path) for token, path in pictures]
 
 
@@ -185,7 +200,9 @@ def measure(server: Deployment, attacks: list[Attack], rounds: int, seconds: flo
     gallery = [(token, uploaded(server, token, ordinary_photograph())) for token in others]
     asked(server, gallery, seconds=3.0)  # warm
     quiet, attacked, statuses = [], [], []
-    print("| round | quiet p50 ms | quiet p95 ms | attacked p50 ms | attacked p95 ms | attacks accepted |")
+    print(
+        "| round | quiet p50 ms | quiet p95 ms | attacked p50 ms | attacked p95 ms | attacks accepted |"
+    )
     print("|---|---|---|---|---|---|")
     for number in range(rounds):
         quiet.append(percentiles(asked(server, gallery, seconds=seconds))[:2])
@@ -243,7 +260,9 @@ def asked(server: Deployment, gallery: list[tuple[str, str]], *, seconds: float)
     return latencies
 
 
-def attack(server: Deployment, token: str, path: str, ending: threading.Event, answers: list[int]) -> None:
+def attack(
+    server: Deployment, token: str, path: str, ending: threading.Event, answers: list[int]
+) -> None:
     """Ask for the costly picture again and again."""
     phone = Phone(server.port, token)
     while not ending.is_set():
@@ -267,9 +286,9 @@ def uploaded(server: Deployment, token: str, photo: bytes) -> str:
 def costly_photograph() -> tuple[bytes, int]:
     """The JPEG and its number of scans."""
     stream = io.BytesIO()
-    Image.effect_noise((SIDE_PX // 8, SIDE_PX // 8), 40).convert("RGB").resize((SIDE_PX, SIDE_PX)).save(
-        stream, "JPEG", progressive=True, quality=60
-    )
+    Image.effect_noise((SIDE_PX // 8, SIDE_PX // 8), 40).convert("RGB").resize(
+        (SIDE_PX, SIDE_PX)
+    ).save(stream, "JPEG", progressive=True, quality=60)
     whole = stream.getvalue()
     last_scan = whole[whole.rindex(b"\xff\xda") : -2]
     own_scans = whole.count(b"\xff\xda")
@@ -301,7 +320,11 @@ def hostile_heic() -> bytes:
 def hostile_webp() -> bytes:
     """Its EXIF has one directory of 1,000 GPS entries, whose values are the same 20 MB."""
     size, shared, entries = 8_000_000, 7_000_000, 1000
-    exif = b"II*\0\x08\0\0\0" + struct.pack("<HHHLLL", 1, 0x8825, 4, 1, 26, 0) + struct.pack("<H", entries)
+    exif = (
+        b"II*\0\x08\0\0\0"
+        + struct.pack("<HHHLLL", 1, 0x8825, 4, 1, 26, 0)
+        + struct.pack("<H", entries)
+    )
     exif = (exif + struct.pack("<HHLL", 2, 7, shared, size - shared) * entries).ljust(size, b"x")
     stream = io.BytesIO()
     Image.effect_noise((640, 480), 40).convert("RGB").save(stream, "WEBP", exif=exif)
@@ -311,7 +334,9 @@ def hostile_webp() -> bytes:
 def ordinary_photograph() -> bytes:
     """12 megapixels, as a phone takes them."""
     stream = io.BytesIO()
-    Image.effect_noise((1000, 750), 40).convert("RGB").resize((4000, 3000)).save(stream, "JPEG", quality=90)
+    Image.effect_noise((1000, 750), 40).convert("RGB").resize((4000, 3000)).save(
+        stream, "JPEG", quality=90
+    )
     return stream.getvalue()
 
 

@@ -36,7 +36,10 @@ SECRET = "k" * 40
 
 def fill(settings: Settings, meals: int, photo_bytes: int) -> int:
     """Bytes of all blobs."""
-    database, blobs = Database(settings.resolved_database_url), open_blob_store(settings.resolved_blob_url, settings)
+    database, blobs = (
+        Database(settings.resolved_database_url),
+        open_blob_store(settings.resolved_blob_url, settings),
+    )
     prepare(database, settings)
     study, person, device = uuid.uuid4(), uuid.uuid4(), uuid.uuid4()
     with database.write() as session:
@@ -73,7 +76,9 @@ def fill(settings: Settings, meals: int, photo_bytes: int) -> int:
                             received_at=NOW,
                         )
                     )  # fmt: skip
-                session.add(Job(id=run, meal_id=meal, state="done", enqueued_at=NOW, finished_at=NOW))
+                session.add(
+                    Job(id=run, meal_id=meal, state="done", enqueued_at=NOW, finished_at=NOW)
+                )
                 session.flush()
                 answer = json.dumps({"run": str(run)}).encode()
                 key = f"{study}/{meal}/runs/{run}/result.json/{hashlib.sha256(answer).hexdigest()}"
@@ -102,7 +107,11 @@ def run(folder: pathlib.Path, *arguments: object) -> tuple[float, float, dict[st
         stdout=subprocess.PIPE,
     )
     seconds = time.perf_counter() - start
-    return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024, json.loads(ended.stdout)
+    return (
+        seconds,
+        resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+        json.loads(ended.stdout),
+    )
 
 
 def copied(source: pathlib.Path, target: pathlib.Path) -> float:
@@ -117,7 +126,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--meals", type=int, default=5000)
     parser.add_argument("--photo-kb", type=int, default=200)
-    parser.add_argument("--folder", type=pathlib.Path, help="on the disk to be measured; default: a temporary one")
+    parser.add_argument(
+        "--folder", type=pathlib.Path, help="on the disk to be measured; default: a temporary one"
+    )
     chosen = parser.parse_args()
     folder = pathlib.Path(tempfile.mkdtemp(prefix="tada-backup-", dir=chosen.folder))
     try:

@@ -79,7 +79,11 @@ class Server(uvicorn.Server):
 def main() -> None:
     folder, *count = sys.argv[1:]
     spawning = multiprocessing.get_context("spawn")
-    children = ProcessPoolExecutor(int(count[0]), spawning, die_with_parent, (os.getpid(),)) if count else None
+    children = (
+        ProcessPoolExecutor(int(count[0]), spawning, die_with_parent, (os.getpid(),))
+        if count
+        else None
+    )
     app = app_for(Path(folder), children)
     Server(uvicorn.Config(app, port=0, log_level="warning", loop="asyncio")).run()
 

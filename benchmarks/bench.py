@@ -59,30 +59,56 @@ class Figure:
 
 
 ROWS: Mapping[str, Figure] = {
-    "pipeline": Figure("a pair's estimate, one thread: time to that of plain OpenCV calls (floor.py)"),
+    "pipeline": Figure(
+        "a pair's estimate, one thread: time to that of plain OpenCV calls (floor.py)"
+    ),
     "pipeline_mb": Figure("a pair's estimate: peak memory, MB"),
     "check": Figure("pre-check of a pair: time to that of decoding it"),
     "check_no_board": Figure("pre-check of a pair without a board: time to that of decoding it"),
-    "check_other_board": Figure("pre-check of a pair, another board announced: time to that of decoding it"),
-    "upload_disk": Figure("uploads of 8 MB, 8 at once: throughput to write + fsync", more_is_better=True),
-    "upload_bare": Figure("uploads of 8 MB, 8 at once: throughput to a bare endpoint", more_is_better=True),
+    "check_other_board": Figure(
+        "pre-check of a pair, another board announced: time to that of decoding it"
+    ),
+    "upload_disk": Figure(
+        "uploads of 8 MB, 8 at once: throughput to write + fsync", more_is_better=True
+    ),
+    "upload_bare": Figure(
+        "uploads of 8 MB, 8 at once: throughput to a bare endpoint", more_is_better=True
+    ),
     "upload_ms": Figure("upload of 8 MB: the server's processor time, ms"),
-    "upload_children_ms": Figure("upload of 8 MB: processor time of the children that decode it, ms"),
+    "upload_children_ms": Figure(
+        "upload of 8 MB: processor time of the children that decode it, ms"
+    ),
     "poll_ms": Figure("GET of a waiting meal: the server's processor time, ms"),
     "csv": Figure("records as CSV: processor time to that of the driver's bare loop"),
     "parquet": Figure("records as Parquet: processor time to that of the driver's bare loop"),
-    "page_owner_ms": Figure("page of 100 records, owner, any filters: p95 of the processor time, ms"),
-    "page_admin_ms": Figure("page of 100 records, admin, any filters: p95 of the processor time, ms"),
+    "page_owner_ms": Figure(
+        "page of 100 records, owner, any filters: p95 of the processor time, ms"
+    ),
+    "page_admin_ms": Figure(
+        "page of 100 records, admin, any filters: p95 of the processor time, ms"
+    ),
 }
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--only", action="append", choices=sorted(PARTS), help="Measure this part; may be repeated.")
-    parser.add_argument("--release", metavar="VERSION", help="Keep what is measured now as this release's figures.")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--only", action="append", choices=sorted(PARTS), help="Measure this part; may be repeated."
+    )
+    parser.add_argument(
+        "--release", metavar="VERSION", help="Keep what is measured now as this release's figures."
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     arguments = parser.parse_args()
-    kept = json.loads(FIGURES.read_text()) if FIGURES.exists() else {"version": "", "release": {}, "now": {}}
+    kept = (
+        json.loads(FIGURES.read_text())
+        if FIGURES.exists()
+        else {"version": "", "release": {}, "now": {}}
+    )
     measured: Values = {}
     for name in arguments.only or PARTS:
         started = time.perf_counter()
@@ -125,7 +151,9 @@ def _cell(value: float | None) -> str:
 def measure_pipeline(data: Path) -> Values:
     """Time and memory of the first pairs of two sets."""
     floor = data / "accuracy" / "floor.py"
-    scenes = [scene for name in ("paper6", "meals") for scene in pipeline.find_scenes(data, name)[:SCENES]]
+    scenes = [
+        scene for name in ("paper6", "meals") for scene in pipeline.find_scenes(data, name)[:SCENES]
+    ]
     if not scenes or not floor.is_file():
         return {}
     options = argparse.Namespace(method=None, calibrated=False)
@@ -151,7 +179,10 @@ def measure_checks(data: Path) -> Values:
 def measure_uploads(_: Path) -> Values:
     """On SQLite and files, of a server of its own."""
     arguments = argparse.Namespace(rounds=3, meals=24, concurrency=[8])
-    with tempfile.TemporaryDirectory(prefix="tada-bench-") as name, api.deployment("sqlite", Path(name)) as server:
+    with (
+        tempfile.TemporaryDirectory(prefix="tada-bench-") as name,
+        api.deployment("sqlite", Path(name)) as server,
+    ):
         tokens = api.enrol(server, 8)
         server.rest_mb = server.memory_mb("VmRSS")
         large, small = server.folder / "large.jpg", server.folder / "small.jpg"
@@ -177,7 +208,10 @@ def measure_records(_: Path) -> Values:
         bare = min(processor_time(lambda: bare_loop(url, LAST_DAY)) for _ in range(3))
         collect_rarely()  # as servers do
         values = {
-            output: min(processor_time(lambda output=output: export(database, output)) for _ in range(2)) / bare
+            output: min(
+                processor_time(lambda output=output: export(database, output)) for _ in range(2)
+            )
+            / bare
             for output in ("csv", "parquet")
         }
         chance = random.Random(1)
@@ -190,7 +224,11 @@ def measure_records(_: Path) -> Values:
 def page_times(database: Database, who: Who, chance: random.Random) -> list[float]:
     """Processor time of first pages of all filters and pairs of them, seconds."""
     return [
-        processor_time(lambda chosen=chosen: list_records(database, who.caller, chosen, cursor=None, limit=PAGE))
+        processor_time(
+            lambda chosen=chosen: list_records(
+                database, who.caller, chosen, cursor=None, limit=PAGE
+            )
+        )
         for names in filter_sets()
         for chosen in (draw(names, chance) for _ in range(SAMPLES))
     ]

@@ -94,7 +94,11 @@ class Answers:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--repeat", type=int, default=3, help="the quickest of so many counts")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     options = parser.parse_args(arguments)
     if shutil.which("node") is None:
         print("There is no node on this machine: nothing was measured.", file=sys.stderr)
@@ -102,9 +106,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scenes = list(scene_frames(options.data))
     frames = [*scenes, *real_frames(options.data)]
     if not frames:
-        print("There are no photographs: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
+        print(
+            "There are no photographs: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr
+        )
         return 2
-    print(f"{'frames':<28} {'of':>4} {'found':>6} {'whole':>6} {'corner px':>10} {'worst':>6} {'ms':>6} {'p95':>6}")
+    print(
+        f"{'frames':<28} {'of':>4} {'found':>6} {'whole':>6} {'corner px':>10} {'worst':>6} {'ms':>6} {'p95':>6}"
+    )
     answers = detect(frames, options.repeat)
     print_found("development photographs", answers)
     for name, change in CHANGES.items():
@@ -113,7 +121,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     empty = list(frames_without_board(options.data, scenes))
     for name, group in (("without a board", empty), ("chequered cloth", list(cloths()))):
         for marker in EACH_KIND:
-            print_false(f"{name}, {marker.split(':')[0]}", detect([announced(frame, marker) for frame in group], 1))
+            print_false(
+                f"{name}, {marker.split(':')[0]}",
+                detect([announced(frame, marker) for frame in group], 1),
+            )
     return 0
 
 
@@ -126,18 +137,27 @@ def scene_frames(data: Path) -> Iterator[Frame]:
             continue
         marker = f"{printed['kind']}:{printed['cols']}x{printed['rows']}:{printed['square_mm']:.6g}"
         if "dictionary" in printed:
-            second_mm = printed["separation_mm"] if printed["kind"] == "aruco" else printed["marker_mm"]
+            second_mm = (
+                printed["separation_mm"] if printed["kind"] == "aruco" else printed["marker_mm"]
+            )
             marker += f":{second_mm:g}:{printed['dictionary']}"
         poses = truth["poses_world_to_camera"]
         first = next(iter(poses))
         for view in poses:
-            frame = seen_frame(f"{truth_file.parent.name} {view}", truth_file.parent / f"{view}.jpg", marker)
+            frame = seen_frame(
+                f"{truth_file.parent.name} {view}", truth_file.parent / f"{view}.jpg", marker
+            )
             if view == first:
                 yield frame
                 continue
             angle_deg = true_angle_deg(poses[first], poses[view], printed["centre"])
             yield Frame(
-                frame.name, frame.pixels, marker, frame.corners_px, f"{truth_file.parent.name} {first}", angle_deg
+                frame.name,
+                frame.pixels,
+                marker,
+                frame.corners_px,
+                f"{truth_file.parent.name} {first}",
+                angle_deg,
             )
 
 
@@ -198,10 +218,17 @@ def tilted(pixels: np.ndarray) -> np.ndarray:
     height, width = pixels.shape[:2]
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     there = np.array(
-        [[0.15 * width, 0.2 * height], [0.85 * width, 0.2 * height], [width, 0.9 * height], [0, 0.9 * height]]
+        [
+            [0.15 * width, 0.2 * height],
+            [0.85 * width, 0.2 * height],
+            [width, 0.9 * height],
+            [0, 0.9 * height],
+        ]
     )
     matrix = cv2.getPerspectiveTransform(corners, there.astype(np.float32))
-    return np.asarray(cv2.warpPerspective(pixels, matrix, (width, height), borderValue=(90, 100, 110)))
+    return np.asarray(
+        cv2.warpPerspective(pixels, matrix, (width, height), borderValue=(90, 100, 110))
+    )
 
 
 CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -212,7 +239,9 @@ CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "out of focus, 1.5 px": lambda pixels: cv2.GaussianBlur(pixels, (0, 0), 1.5),
     "moved by 5 px": moved_blur,
     "a quarter of the light": lambda pixels: with_noise(0.25 * pixels, 3),
-    "overexposed by a stop": lambda pixels: np.clip(1.6 * pixels.astype(np.float64), 0, 255).astype(np.uint8),
+    "overexposed by a stop": lambda pixels: np.clip(1.6 * pixels.astype(np.float64), 0, 255).astype(
+        np.uint8
+    ),
     "grain of 10 levels": lambda pixels: with_noise(pixels, 10),
     "JPEG of quality 40": lambda pixels: cv2.imdecode(
         cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 40])[1], cv2.IMREAD_COLOR
@@ -238,15 +267,24 @@ def announced(frame: Frame, marker: str) -> Frame:
 def frames_without_board(data: Path, scenes: Sequence[Frame]) -> Iterator[Frame]:
     """Photographs of foods, objects and scenes without a marker, and the largest part of a scene beside its own."""
     paths = sorted((data / "photos" / "ecustfd" / "images").glob("*"))[::FOODS_TAKEN]
-    paths += [path for path in (data / "photos" / "real_pairs").glob("rig_*.jpg") if "card" not in path.stem]
-    paths += [*(data / "photos").glob("aloe[LR].jpg"), *(data / "scenes" / "dev" / "rigs").glob("*/*.jpg")]
+    paths += [
+        path
+        for path in (data / "photos" / "real_pairs").glob("rig_*.jpg")
+        if "card" not in path.stem
+    ]
+    paths += [
+        *(data / "photos").glob("aloe[LR].jpg"),
+        *(data / "scenes" / "dev" / "rigs").glob("*/*.jpg"),
+    ]
     for path in paths:
         pixels = cv2.imread(str(path))
         if pixels is not None:
             yield Frame(f"{path.parent.name} {path.stem}", reduced(pixels), EACH_KIND[0])
     for frame in scenes:
         if frame.corners_px is not None:
-            yield Frame(f"beside {frame.name}", beside_board(frame.pixels, frame.corners_px), EACH_KIND[0])
+            yield Frame(
+                f"beside {frame.name}", beside_board(frame.pixels, frame.corners_px), EACH_KIND[0]
+            )
 
 
 def beside_board(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
@@ -273,7 +311,9 @@ def cloths() -> Iterator[Frame]:
         if index % 4 >= 2:
             cv2.ellipse(pixels, (800, 620), (420, 380), 0, 0, 360, (240, 240, 240), -1)
         yield Frame(
-            f"cloth {index}", reduced(with_noise(turned(tilted(pixels), rng.uniform(-40, 40)), 3)), EACH_KIND[0]
+            f"cloth {index}",
+            reduced(with_noise(turned(tilted(pixels), rng.uniform(-40, 40)), 3)),
+            EACH_KIND[0],
         )
 
 
@@ -289,7 +329,12 @@ def detect(frames: Sequence[Frame], repeat: int) -> Answers:
         for index, frame in enumerate(frames):
             gray = contrast_image(frame.pixels, parse_marker(frame.marker).kind)
             gray.tofile(folder / f"{index}.gray")
-            row = {"name": frame.name, "file": f"{index}.gray", "marker": frame.marker, "first": frame.first}
+            row = {
+                "name": frame.name,
+                "file": f"{index}.gray",
+                "marker": frame.marker,
+                "first": frame.first,
+            }
             rows.append(row | {"width": gray.shape[1], "height": gray.shape[0]})
         (folder / "frames.json").write_text(json.dumps({"frames": rows, "repeat": repeat}))
         subprocess.run(["node", "run.js"], cwd=folder, check=True)
@@ -300,10 +345,14 @@ def print_found(name: str, answers: Answers, *, list_all: bool = True) -> None:
     boards = [(frame, answers.of(frame)["board"]) for frame in answers.frames]
     seen = [(frame, board) for frame, board in boards if board is not None]
     errors = [
-        corner_error_px(board["points"], frame.corners_px) for frame, board in seen if frame.corners_px is not None
+        corner_error_px(board["points"], frame.corners_px)
+        for frame, board in seen
+        if frame.corners_px is not None
     ]
     whole = sum(board["is_whole"] for _, board in seen)
-    middle, worst = (f"{statistics.median(errors):.3f}", f"{max(errors):.2f}") if errors else ("", "")
+    middle, worst = (
+        (f"{statistics.median(errors):.3f}", f"{max(errors):.2f}") if errors else ("", "")
+    )
     times = sorted(answers.of(frame)["ms"] for frame in answers.frames)
     print(
         f"{name:<28} {len(boards):>4} {len(seen):>6} {whole:>6} {middle:>10} {worst:>6}"

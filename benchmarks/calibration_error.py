@@ -18,7 +18,8 @@ def expected_calibration_error(
         raise ValueError("no probability is no calibration")
     place = np.minimum((probabilities * bins).astype(int), bins - 1)
     gaps = [
-        np.count_nonzero(place == i) * abs(is_right[place == i].mean() - probabilities[place == i].mean())
+        np.count_nonzero(place == i)
+        * abs(is_right[place == i].mean() - probabilities[place == i].mean())
         for i in np.unique(place)
     ]
     return float(np.sum(gaps) / len(probabilities))

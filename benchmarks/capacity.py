@@ -91,7 +91,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--participants", type=float, nargs="+", default=[1e3, 1e5, 1e7])
     for name in ("core_hour", "blob_gb_month", "meal_mb", "meals_a_day", "kept_days"):
-        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(assumed, name))
+        parser.add_argument(
+            f"--{name.replace('_', '-')}", type=float, default=getattr(assumed, name)
+        )
     given = vars(parser.parse_args())
     participants = given.pop("participants")
     needs = [need(count, Measured(), Assumed(**given)) for count in participants]

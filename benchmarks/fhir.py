@@ -50,10 +50,18 @@ def main() -> int:
     slowest = 0.0
     for name in ("sqlite", "postgresql") if arguments.only is None else (arguments.only,):
         made = filled_database(
-            name, arguments.rows, arguments.seed, arguments.folder, keep=arguments.keep, shape=ONE_STUDY
+            name,
+            arguments.rows,
+            arguments.seed,
+            arguments.folder,
+            keep=arguments.keep,
+            shape=ONE_STUDY,
         )
         with made as (url, _):
-            slowest = max(slowest, measure(name, Database(url), arguments.samples, random.Random(arguments.seed)))
+            slowest = max(
+                slowest,
+                measure(name, Database(url), arguments.samples, random.Random(arguments.seed)),
+            )
     print(f"\nslowest p95 {slowest:.1f} ms, target {TARGET_P95_MS:.0f} ms")
     print(f"load average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
     return 0 if slowest < TARGET_P95_MS else 1
@@ -77,7 +85,15 @@ def measure(name: str, database: Database, samples: int, chance: random.Random) 
                 taken.append((time.perf_counter() - started) * 1000)
                 computed.append((time.process_time() - busy) * 1000)
             slowest = max(slowest, quantile(taken, 0.95))
-            print(row(name, "service", f"{who.name}: {what} ({max(sizes) // 1024:,} KiB at most)", taken), flush=True)
+            print(
+                row(
+                    name,
+                    "service",
+                    f"{who.name}: {what} ({max(sizes) // 1024:,} KiB at most)",
+                    taken,
+                ),
+                flush=True,
+            )
             print(row(name, "processor", f"{who.name}: {what}", computed), flush=True)
     database.dispose()
     return slowest
@@ -85,7 +101,9 @@ def measure(name: str, database: Database, samples: int, chance: random.Random) 
 
 def page(database: Database, who: Who, query: Query) -> bytes:
     asked = read_search(query, NAMES, is_strict=True)
-    found = search_intakes(database, who.caller, asked.search, cursor=asked.cursor, limit=asked.count)
+    found = search_intakes(
+        database, who.caller, asked.search, cursor=asked.cursor, limit=asked.count
+    )
     return bytes(FhirJson(search_bundle(NAMES, asked, found)).body)
 
 
@@ -101,7 +119,9 @@ def cases(who: Who, chance: random.Random) -> dict[str, Callable[[], Query]]:
         return [("date", f"ge{first}"), ("date", f"le{first + timedelta(days=days)}")]
 
     def instant() -> str:
-        start = datetime.combine(FIRST_DAY, clock(), UTC) + timedelta(seconds=chance.randrange(ONE_STUDY.days * 86400))
+        start = datetime.combine(FIRST_DAY, clock(), UTC) + timedelta(
+            seconds=chance.randrange(ONE_STUDY.days * 86400)
+        )
         return f"gt{start.isoformat()}"
 
     found: dict[str, Callable[[], Query]] = {
@@ -123,7 +143,10 @@ def cases(who: Who, chance: random.Random) -> dict[str, Callable[[], Query]]:
             "a participant, a day": lambda: [subject(), ("date", day())],
             "a participant, a month": lambda: [subject(), *window(30)],
             "a participant in progress": lambda: [subject(), ("status", "in-progress")],
-            "a participant by code alone": lambda: [("patient", f"P{chance.randrange(PEOPLE):05d}"), ("date", day())],
+            "a participant by code alone": lambda: [
+                ("patient", f"P{chance.randrange(PEOPLE):05d}"),
+                ("date", day()),
+            ],
         }
     return found
 
@@ -138,11 +161,17 @@ def give_contents(database: Database) -> None:
             )
             session.flush()
         foods: Sequence[int] = session.scalars(
-            sa.select(Food.id).where(~sa.exists().where(FoodNutrient.food_id == Food.id), Food.key.like("food-%"))
+            sa.select(Food.id).where(
+                ~sa.exists().where(FoodNutrient.food_id == Food.id), Food.key.like("food-%")
+            )
         ).all()
-        components = session.scalars(sa.select(Component.id).order_by(Component.id).limit(COMPONENTS_A_FOOD)).all()
+        components = session.scalars(
+            sa.select(Component.id).order_by(Component.id).limit(COMPONENTS_A_FOOD)
+        ).all()
         rows = [
-            {"food_id": food, "component_id": component, "per_100_g": 1.5} for food in foods for component in components
+            {"food_id": food, "component_id": component, "per_100_g": 1.5}
+            for food in foods
+            for component in components
         ]
         if rows:
             session.execute(sa.insert(FoodNutrient), rows)

@@ -57,7 +57,11 @@ class Entered:
 
 def upload(client: TestClient, headers: dict[str, str], seed: int) -> str:
     """Send a meal; its id."""
-    body = {"id": str(uuid.uuid4()), "captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
+    body = {
+        "id": str(uuid.uuid4()),
+        "captured_at": "2026-11-20T12:30:00+08:00",
+        "time_zone": "Asia/Shanghai",
+    }
     files = {"metadata": ("m.json", json.dumps(body), "application/json")}
     files |= {slot: (slot, content, "image/jpeg") for slot, content in pair(seed).items()}
     answer = client.post("/v1/meals", headers=headers, files=files)
@@ -65,12 +69,21 @@ def upload(client: TestClient, headers: dict[str, str], seed: int) -> str:
     return body["id"]
 
 
-def set_food(client: TestClient, headers: dict[str, str], meal: str, food: str) -> Callable[[], object]:
+def set_food(
+    client: TestClient, headers: dict[str, str], meal: str, food: str
+) -> Callable[[], object]:
     """What a reviewer does who names another food; the meal was read before."""
     shown = client.get(f"/v1/meals/{meal}", headers=headers).json()
-    event = {"id": str(uuid.uuid4()), "kind": "set_food", "item": shown["items"][0]["id"], "food": food}
+    event = {
+        "id": str(uuid.uuid4()),
+        "kind": "set_food",
+        "item": shown["items"][0]["id"],
+        "food": food,
+    }
     condition = {"If-Match": f'"{shown["version"]}"'}
-    return lambda: client.post(f"/v1/meals/{meal}/events", headers=headers | condition, json=event).raise_for_status()
+    return lambda: client.post(
+        f"/v1/meals/{meal}/events", headers=headers | condition, json=event
+    ).raise_for_status()
 
 
 def main() -> None:
@@ -78,13 +91,23 @@ def main() -> None:
     entered = Entered()
     with tempfile.TemporaryDirectory() as folder:
         app = create_app(Settings())
-        app.state.settings = Settings(data_dir=Path(folder), secret_key="for this run only" * 2, min_free_bytes=0)
+        app.state.settings = Settings(
+            data_dir=Path(folder), secret_key="for this run only" * 2, min_free_bytes=0
+        )
         with TestClient(app) as client:
             admin = {"Authorization": f"Bearer {create_admin(app.state.api.database, 'admin')}"}
-            client.post("/v1/studies", headers=admin, json={"code": "a", "name": "a", "marker": "plain:9x7:11"})
+            client.post(
+                "/v1/studies",
+                headers=admin,
+                json={"code": "a", "name": "a", "marker": "plain:9x7:11"},
+            )
             client.post("/v1/studies/a/participants", headers=admin, json={"code": "P"})
-            code = client.post("/v1/studies/a/participants/P/enrolment-codes", headers=admin).json()["code"]
-            token = client.post("/v1/enrolments", json={"code": code, "device_name": "d"}).json()["token"]
+            code = client.post(
+                "/v1/studies/a/participants/P/enrolment-codes", headers=admin
+            ).json()["code"]
+            token = client.post("/v1/enrolments", json={"code": code, "device_name": "d"}).json()[
+                "token"
+            ]
             phone = {"Authorization": f"Bearer {token}"}
             meal, reviewed = (upload(client, phone, seed) for seed in range(2))
             for each in (meal, reviewed):
@@ -96,7 +119,9 @@ def main() -> None:
             calls: dict[str, Callable[[int], Callable[[], object]]] = {
                 "upload": lambda turn: lambda: upload(client, phone, 100 + turn),
                 "read a meal": lambda _: get(f"/v1/meals/{meal}", phone),
-                "reviewer's set_food": lambda turn: set_food(client, admin, reviewed, ("apple", "banana")[turn]),
+                "reviewer's set_food": lambda turn: set_food(
+                    client, admin, reviewed, ("apple", "banana")[turn]
+                ),
                 "page of records": lambda _: get("/v1/records?study=a", admin),
                 "records as CSV": lambda _: get("/v1/records?study=a&format=csv", admin),
             }
@@ -105,7 +130,9 @@ def main() -> None:
                 prepare(0)()
                 files, functions = entered.count(prepare(1))
                 most_files, most_functions = TARGETS[name]
-                print(f"| {name} | {len(files)} ({most_files}) | {functions} ({most_functions or '-'}) |")
+                print(
+                    f"| {name} | {len(files)} ({most_files}) | {functions} ({most_functions or '-'}) |"
+                )
                 if "-v" in sys.argv:
                     print("\n".join(files))
 

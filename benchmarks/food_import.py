@@ -27,7 +27,9 @@ from app.people.studies import create_study
 from benchmarks.databases import database_url
 
 ROOT = Path(__file__).resolve().parents[1]
-PEAK = "import resource, sys; from app.cli.main import main\ntry: main()\nfinally: print('peak_kb', "
+PEAK = (
+    "import resource, sys; from app.cli.main import main\ntry: main()\nfinally: print('peak_kb', "
+)
 PEAK += "resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"
 PAUSE_SECONDS = 0.05
 VALUES = 679_045
@@ -35,7 +37,11 @@ VALUES = 679_045
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     release = parser.parse_args().data / "food_tables" / "sr28asc.zip"
     if not release.exists():
         print(f"needs {release}: set TADA_SHARED_DATA")
@@ -83,7 +89,9 @@ def run_import(url: str, folder: Path, release: Path) -> tuple[float, float]:
     return seconds, int(done.stderr.rsplit("peak_kb", 1)[1]) / 1024.0
 
 
-def write_on(url: str, stop: "multiprocessing.synchronize.Event", waits: "multiprocessing.Queue[list[float]]") -> None:
+def write_on(
+    url: str, stop: "multiprocessing.synchronize.Event", waits: "multiprocessing.Queue[list[float]]"
+) -> None:
     """Commit a row again and again until told to stop; put the time that each commit took."""
     database, taken = Database(url), []
     while not stop.is_set():
@@ -98,7 +106,9 @@ def bare_insert(database: Database) -> float:
     """Seconds to write as many rows as the release has values into a table without keys."""
     rows = [(number % 8789, number % 150, 1.5) for number in range(VALUES)]
     with database.write_engine.connect() as connection:
-        connection.execute(sa.text("CREATE TABLE yardstick (a INTEGER, b INTEGER, c DOUBLE PRECISION)"))
+        connection.execute(
+            sa.text("CREATE TABLE yardstick (a INTEGER, b INTEGER, c DOUBLE PRECISION)")
+        )
         connection.commit()
         start = time.perf_counter()
         cursor = connection.connection.cursor()

@@ -66,13 +66,16 @@ class FoodErrors:
         return self.sheet in WHOLE_FRUIT or self.sheet == EGG
 
 
-def food_errors(sheet: str, key: str, specimens: Sequence[Specimen], density: Density) -> FoodErrors:
+def food_errors(
+    sheet: str, key: str, specimens: Sequence[Specimen], density: Density
+) -> FoodErrors:
     """Mean absolute errors of the predicted mass, percent, over the possible specimens; needs two of them."""
     kept = [specimen for specimen in specimens if is_possible(sheet, specimen)]
     excluded = [specimen for specimen in specimens if not is_possible(sheet, specimen)]
     median = statistics.median(specimen.g_per_ml for specimen in kept)
     medians_of_others = [
-        statistics.median(other.g_per_ml for other in kept if other is not specimen) for specimen in kept
+        statistics.median(other.g_per_ml for other in kept if other is not specimen)
+        for specimen in kept
     ]
     return FoodErrors(
         sheet,
@@ -88,7 +91,9 @@ def food_errors(sheet: str, key: str, specimens: Sequence[Specimen], density: De
 
 
 def _is_inside(density: Density, specimen: Specimen) -> bool:
-    predicted = estimate(density.g_per_ml * specimen.volume_ml, Doubt(0.0, density.relative_sd, 0.0))
+    predicted = estimate(
+        density.g_per_ml * specimen.volume_ml, Doubt(0.0, density.relative_sd, 0.0)
+    )
     return predicted.low <= specimen.mass_g <= predicted.high
 
 
@@ -103,7 +108,9 @@ def all_errors(specimens: Mapping[str, Sequence[Specimen]]) -> list[FoodErrors]:
     table = load_starter_table()
     found = []
     for sheet, key in TABLE_FOODS.items():
-        choice = resolve_density(table.food(key), form="whole")  # single pieces, grapes and bread too
+        choice = resolve_density(
+            table.food(key), form="whole"
+        )  # single pieces, grapes and bread too
         assert choice is not None
         found.append(food_errors(sheet, key, specimens[sheet], choice.chosen))
     return found
@@ -115,14 +122,26 @@ def over_the_bar(errors: Sequence[FoodErrors]) -> Mapping[str, float]:
     specimens = math.fsum(len(food.kept) for food in counting)
     return {
         "foods": statistics.fmean(food.table_percent for food in counting),
-        "specimens": math.fsum(food.table_percent * len(food.kept) for food in counting) / specimens,
+        "specimens": math.fsum(food.table_percent * len(food.kept) for food in counting)
+        / specimens,
         "floor": math.fsum(food.floor_percent * len(food.kept) for food in counting) / specimens,
         "others": math.fsum(food.others_percent * len(food.kept) for food in counting) / specimens,
     }
 
 
 def lines(errors: Sequence[FoodErrors], specimens: Mapping[str, Sequence[Specimen]]) -> list[str]:
-    head = ("ECUSTFD", "table", "n", "out", "g/ml", "from", "table %", "own median %", "others' median %", "in 90 %")
+    head = (
+        "ECUSTFD",
+        "table",
+        "n",
+        "out",
+        "g/ml",
+        "from",
+        "table %",
+        "own median %",
+        "others' median %",
+        "in 90 %",
+    )
     rows = [head, ("---",) * 2 + ("---:",) * 3 + ("---",) + ("---:",) * 4]
     for food in sorted(errors, key=lambda food: (not food.counts_for_the_bar, food.sheet)):
         density = food.density
@@ -157,7 +176,11 @@ def lines(errors: Sequence[FoodErrors], specimens: Mapping[str, Sequence[Specime
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python benchmarks/food_mass.py", description=__doc__)
     parser.add_argument("--markdown", action="store_true", help="print the tables in Markdown")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     options = parser.parse_args()
     specimens = read_specimens(options.data / "photos" / "ecustfd" / "density.xls")
     found = all_errors(specimens)

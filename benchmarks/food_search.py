@@ -45,7 +45,11 @@ LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     parser.add_argument("--queries", type=int, default=400, help="Of each kind.")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=("sqlite", "postgresql"))
@@ -55,7 +59,9 @@ def main() -> int:
         print(f"needs {release}: set TADA_SHARED_DATA")
         return 1
     table = read_sr28(release)
-    kinds = make_queries([food.name for food in table.table.foods], arguments.queries, random.Random(arguments.seed))
+    kinds = make_queries(
+        [food.name for food in table.table.foods], arguments.queries, random.Random(arguments.seed)
+    )
     print(
         "| database | through | queries | n | p50 ms | p95 ms | p99 ms | max ms | CPU ms |\n"
         "|---|---|---|---|---|---|---|---|---|"
@@ -67,22 +73,37 @@ def main() -> int:
             upgrade(database)
             import_foods(database, table, "benchmark")
             judged += judge(database, f"{kind}, SR28 alone")
-            settings = Settings(data_dir=Path(folder), database_url=url, port=0, min_free_bytes=0, log_level="WARNING")
+            settings = Settings(
+                data_dir=Path(folder),
+                database_url=url,
+                port=0,
+                min_free_bytes=0,
+                log_level="WARNING",
+            )
             prepare(database, settings)
             judged += judge(database, f"{kind}, with the starter table")
             gc.collect()
             gc.freeze()  # a server does not hold the release that was read here
             before_kb = peak_kb()
             slowest = max(
-                slowest, report(f"{kind} | service", kinds, lambda q, d=database: search_foods(d, q, limit=50))
+                slowest,
+                report(
+                    f"{kind} | service", kinds, lambda q, d=database: search_foods(d, q, limit=50)
+                ),
             )
             grown_mb = (peak_kb() - before_kb) / 1024
             token = create_admin(database, "benchmark")
             database.dispose()
             with running_server(settings) as address, httpx2.Client(base_url=address) as client:
                 client.headers["Authorization"] = f"Bearer {token}"
-                report(f"{kind} | HTTP", {name: queries[::3] for name, queries in kinds.items()}, asking(client))
-            print(f"| {kind} | service | memory grew by {grown_mb:.0f} MB | | | | | | |", flush=True)
+                report(
+                    f"{kind} | HTTP",
+                    {name: queries[::3] for name, queries in kinds.items()},
+                    asking(client),
+                )
+            print(
+                f"| {kind} | service | memory grew by {grown_mb:.0f} MB | | | | | | |", flush=True
+            )
     print("\n| judged queries | half | n | first | among three |\n|---|---|---|---|---|")
     print("\n".join(judged))
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
@@ -94,18 +115,39 @@ def make_queries(names: Sequence[str], n: int, chance: random.Random) -> dict[st
     """Kind -> queries: whole words, beginnings of 1 to 8 letters, typos, several words, the last one begun."""
     words = sorted({word for name in names for word in re.findall(r"[a-z]{3,}", name.lower())})
     heads = [name.split(",")[0].lower() for name in names]
-    several = [" ".join(chance.sample(found, min(3, len(found)))) for name in names if (found := words_of(name))]
-    made = {"whole word": [chance.choice(words) for _ in range(n)], "head of a name": chance.choices(heads, k=n)}
+    several = [
+        " ".join(chance.sample(found, min(3, len(found))))
+        for name in names
+        if (found := words_of(name))
+    ]
+    made = {
+        "whole word": [chance.choice(words) for _ in range(n)],
+        "head of a name": chance.choices(heads, k=n),
+    }
     for letters in range(1, 9):
-        made[f"beginning, {letters}"] = [chance.choice(words_of_length(heads, letters))[:letters] for _ in range(n)]
+        made[f"beginning, {letters}"] = [
+            chance.choice(words_of_length(heads, letters))[:letters] for _ in range(n)
+        ]
     made["typo"] = [mistype(chance.choice(words), chance) for _ in range(n)]
     made["two or three words"] = chance.choices(several, k=n)
-    made["words, the last begun"] = [text[: -chance.randint(1, 4)] for text in chance.choices(several, k=n)]
+    made["words, the last begun"] = [
+        text[: -chance.randint(1, 4)] for text in chance.choices(several, k=n)
+    ]
     made["words with typos"] = [
-        " ".join(mistype(word, chance) for word in text.split()) for text in chance.choices(several, k=n)
+        " ".join(mistype(word, chance) for word in text.split())
+        for text in chance.choices(several, k=n)
     ]
     made["commonest words"] = chance.choices(
-        ("with", "cooked", "raw", "beef", "salt added", "cooked without salt", "separable lean and fat", "fat free"),
+        (
+            "with",
+            "cooked",
+            "raw",
+            "beef",
+            "salt added",
+            "cooked without salt",
+            "separable lean and fat",
+            "fat free",
+        ),
         k=n,
     )
     return made
@@ -124,11 +166,15 @@ def mistype(word: str, chance: random.Random) -> str:
     i = chance.randrange(1, len(word)) if len(word) > 1 else 0
     swapped = word[: i - 1] + word[i] + word[i - 1] + word[i + 1 :] if i else word
     replaced = word[:i] + chance.choice(LETTERS) + word[i + 1 :]
-    return chance.choice((word[:i] + word[i + 1 :], word[:i] + word[i] + word[i:], swapped, replaced))
+    return chance.choice(
+        (word[:i] + word[i + 1 :], word[:i] + word[i] + word[i:], swapped, replaced)
+    )
 
 
 def asking(client: httpx2.Client) -> Callable[[str], object]:
-    return lambda query: client.get("/v1/foods", params={"q": query, "limit": 50}).raise_for_status()
+    return lambda query: client.get(
+        "/v1/foods", params={"q": query, "limit": 50}
+    ).raise_for_status()
 
 
 def report(what: str, kinds: dict[str, list[str]], ask: Callable[[str], object]) -> float:
@@ -139,7 +185,9 @@ def report(what: str, kinds: dict[str, list[str]], ask: Callable[[str], object])
         for query in queries:
             started, started_cpu = time.perf_counter(), time.thread_time()
             ask(query)
-            times.append(((time.perf_counter() - started) * 1000, (time.thread_time() - started_cpu) * 1000))
+            times.append(
+                ((time.perf_counter() - started) * 1000, (time.thread_time() - started_cpu) * 1000)
+            )
         print(row(what, kind, times), flush=True)
         slowest = max(slowest, quantile([wall for wall, _ in times], 0.95))
         everything += times

@@ -57,27 +57,42 @@ from tools.food_index import LabelledFood, boxes_of, labelled_foods  # noqa: E40
 LUNCH = 750  # minutes after midnight
 TAKEN = 0.8  # the probability from which a food is proposed without being asked about
 STUDY_NONE_PRIOR = 0.3  # that a study begins with (habits.py)
-WHITE_BALANCES = {"as taken": (1.0, 1.0, 1.0), "bluish": (1.12, 1.0, 0.9), "yellowish": (0.85, 1.0, 1.12)}
+WHITE_BALANCES = {
+    "as taken": (1.0, 1.0, 1.0),
+    "bluish": (1.12, 1.0, 0.9),
+    "yellowish": (0.85, 1.0, 1.12),
+}
 EXPOSURES = {"darker by a third": 2 / 3, "brighter by a fifth": 1.2}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=5, help="ways to deal the specimens out")
-    parser.add_argument("--every", type=int, default=1, help="take every so manieth photograph in 4 to 6")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--every", type=int, default=1, help="take every so manieth photograph in 4 to 6"
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     index = shipped_index()
     examples = index.metric.embed(index.vectors)
-    print(f"index {index.version}: {len(examples)} regions of {len(set(index.specimens))} specimens\n")
+    print(
+        f"index {index.version}: {len(examples)} regions of {len(set(index.specimens))} specimens\n"
+    )
     print_held_out(index, examples, options.seeds)
     print_unknown(index, examples)
     print_learning(index)
     folder = options.data / "photos" / "ecustfd"
     foods = list(labelled_foods(folder))[:: options.every] if folder.exists() else []
     if not foods:
-        print("\nThere are no photographs: give --data FOLDER or set TADA_SHARED_DATA for the rest.", file=sys.stderr)
+        print(
+            "\nThere are no photographs: give --data FOLDER or set TADA_SHARED_DATA for the rest.",
+            file=sys.stderr,
+        )
         return 0
     judges = Judges(index, examples)
     print_light(judges, foods)
@@ -98,7 +113,9 @@ def print_held_out(index: FoodIndex, examples: np.ndarray, seeds: int) -> None:
         first = best[:, 0] == index.labels
         five = (best[:, :5] == index.labels[:, None]).any(axis=1)
         error = expected_calibration_error(chances.max(axis=1), first)
-        rows.append((first.mean(), five.mean(), error, first[has_another].mean(), five[has_another].mean()))
+        rows.append(
+            (first.mean(), five.mean(), error, first[has_another].mean(), five[has_another].mean())
+        )
         if seed == 0:
             print_classes(index, best)
     mean, worst = np.mean(rows, axis=0), np.array(rows)
@@ -118,8 +135,12 @@ def honest_probabilities(
     chances = np.zeros_like(scores)
     for held in specimen_folds(index.labels, index.specimens, seed=seed):
         others = np.setdiff1d(np.flatnonzero(has_another), held)
-        calibration = fit_calibration(scores[others], index.labels[others], unknown[np.setdiff1d(others, held)])
-        chances[held], _ = posterior(*calibration.log_likelihoods(scores[held]), equal(len(index.foods)))
+        calibration = fit_calibration(
+            scores[others], index.labels[others], unknown[np.setdiff1d(others, held)]
+        )
+        chances[held], _ = posterior(
+            *calibration.log_likelihoods(scores[held]), equal(len(index.foods))
+        )
     return chances
 
 
@@ -130,16 +151,24 @@ def print_classes(index: FoodIndex, best: np.ndarray) -> None:
         wrong = [index.foods[i].label for i in best[rows, 0] if i != place]
         told = ", ".join(f"{label} {wrong.count(label)}" for label in dict.fromkeys(wrong))
         five = (best[rows, :5] == place).any(axis=1).mean()
-        print(f"{food.label:<20}{rows.sum():>8}{(best[rows, 0] == place).mean():>8.0%}{five:>8.0%}  {told}")
+        print(
+            f"{food.label:<20}{rows.sum():>8}{(best[rows, 0] == place).mean():>8.0%}{five:>8.0%}  {told}"
+        )
     print()
 
 
 def print_unknown(index: FoodIndex, examples: np.ndarray) -> None:
     unknown = scores_of_unseen_classes(examples, index.labels, len(index.foods))
-    known, has_another = scores_of_unseen_specimens(examples, index.labels, index.specimens, len(index.foods))
-    print(f"prior of none   none: known  unknown   taken at {TAKEN}: known  of these wrong  unknown")
+    known, has_another = scores_of_unseen_specimens(
+        examples, index.labels, index.specimens, len(index.foods)
+    )
+    print(
+        f"prior of none   none: known  unknown   taken at {TAKEN}: known  of these wrong  unknown"
+    )
     for prior in (NONE_PRIOR, STUDY_NONE_PRIOR):
-        of_known, none_known = posterior(*index.calibration.log_likelihoods(known), equal(len(index.foods)), prior)
+        of_known, none_known = posterior(
+            *index.calibration.log_likelihoods(known), equal(len(index.foods)), prior
+        )
         of_unknown, none_unknown = posterior(
             *index.calibration.log_likelihoods(unknown), equal(len(index.foods) - 1), prior
         )
@@ -165,16 +194,22 @@ def print_learning(index: FoodIndex) -> None:
         for name in np.unique(specimens[own]):
             asked = own[specimens[own] == name]
             pool = own[specimens[own] != name]
-            _, firsts = np.unique(specimens[pool], return_index=True)  # a picture of each other specimen, then the rest
+            _, firsts = np.unique(
+                specimens[pool], return_index=True
+            )  # a picture of each other specimen, then the rest
             order = [*pool[np.sort(firsts)], *np.delete(pool, firsts)]
             for count, found in ranks.items():
                 if len(order) < count:
                     continue
                 rows = np.concatenate([others, order[:count]]).astype(np.intp)
-                scores = fit_classifier(examples[rows], index.labels[rows], len(index.foods)).scores(examples[asked])
+                scores = fit_classifier(
+                    examples[rows], index.labels[rows], len(index.foods)
+                ).scores(examples[asked])
                 looks, _ = index.calibration.log_likelihoods(scores)
                 eaten = [Eaten(names[place], LUNCH)] * count
-                likely = looks + np.array(log_prior(names, LUNCH, eaten, []))  # nobody else has eaten anything
+                likely = looks + np.array(
+                    log_prior(names, LUNCH, eaten, [])
+                )  # nobody else has eaten anything
                 found += [
                     (int((by_looks > by_looks[place]).sum()), int((by_both > by_both[place]).sum()))
                     for by_looks, by_both in zip(looks, likely, strict=True)
@@ -202,17 +237,25 @@ class Judges:
             judge = fit_classifier(examples[kept], index.labels[kept], len(index.foods))
             self._by_specimen |= dict.fromkeys((index.specimens[i] for i in held), judge)
 
-    def chances(self, food: LabelledFood, regions: Sequence[np.ndarray], prior: float) -> np.ndarray:
+    def chances(
+        self, food: LabelledFood, regions: Sequence[np.ndarray], prior: float
+    ) -> np.ndarray:
         vectors = np.stack(regions).astype(np.float16).astype(np.float64)
         scores = self._by_specimen[food.specimen].scores(self.index.metric.embed(vectors))
-        return posterior(*self.index.calibration.log_likelihoods(scores), equal(len(self.index.foods)), prior)[0]
+        return posterior(
+            *self.index.calibration.log_likelihoods(scores), equal(len(self.index.foods)), prior
+        )[0]
 
 
 def print_light(judges: Judges, foods: Sequence[LabelledFood]) -> None:
     lights: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-        name: (lambda pixels, gains=gains: disturbed(pixels, gains)) for name, gains in WHITE_BALANCES.items()
+        name: (lambda pixels, gains=gains: disturbed(pixels, gains))
+        for name, gains in WHITE_BALANCES.items()
     }
-    lights |= {name: (lambda pixels, by=by: disturbed(pixels, (by, by, by))) for name, by in EXPOSURES.items()}
+    lights |= {
+        name: (lambda pixels, by=by: disturbed(pixels, (by, by, by)))
+        for name, by in EXPOSURES.items()
+    }
     print("\nlight                     top-1   top-5")
     for name, change in lights.items():
         first = five = 0
@@ -229,8 +272,13 @@ def print_without_box(judges: Judges, foods: Sequence[LabelledFood]) -> None:
     for food in foods:
         pixels = read(food)
         regions = [region_of_box(pixels, box) for box in propose_boxes(pixels)]
-        chances = judges.chances(food, [describe(region) for region in regions if region is not None], 0.5)
-        right += judges.index.foods[int(chances[chances.max(axis=1).argmax()].argmax())].label == food.label
+        chances = judges.chances(
+            food, [describe(region) for region in regions if region is not None], 0.5
+        )
+        right += (
+            judges.index.foods[int(chances[chances.max(axis=1).argmax()].argmax())].label
+            == food.label
+        )
     print(f"\nwithout a box: top-1 {right / len(foods):.1%} of {len(foods)}")
 
 
@@ -244,7 +292,9 @@ def print_mixed(index: FoodIndex, folder: Path) -> None:
             region = region_of_box(pixels, box) if label in labels else None
             if region is None:
                 continue
-            ranked = identifier.identify(describe(region).astype(np.float64), most=len(labels)).candidates
+            ranked = identifier.identify(
+                describe(region).astype(np.float64), most=len(labels)
+            ).candidates
             chances.append(ranked[0].probability)
             ranks.append([one.label for one in ranked].index(label))
     at = np.array(ranks)
@@ -284,7 +334,9 @@ def print_time(foods: Sequence[LabelledFood]) -> None:
     ):
         print(f"{name:<24}{statistics.median(times):>7.1f}   slowest {max(times):.1f}")
     ratio = statistics.median(whole) / statistics.median(decoding)
-    print(f"{'decoding the photograph':<24}{statistics.median(decoding):>7.1f}   the whole is {ratio:.1f} times that")
+    print(
+        f"{'decoding the photograph':<24}{statistics.median(decoding):>7.1f}   the whole is {ratio:.1f} times that"
+    )
 
 
 def disturbed(pixels_bgr: np.ndarray, gains: Sequence[float]) -> np.ndarray:

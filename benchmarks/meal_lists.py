@@ -51,12 +51,27 @@ from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE, Batch, Columns, 
 TARGET_P95_MS = 150.0
 PAGE = 100
 SHOWN = 12  # of the slowest sets of filters
-MEAL_STATUSES = ("confirmed", "estimated", "needs_review", "failed", "receiving", "queued", "processing")
+MEAL_STATUSES = (
+    "confirmed",
+    "estimated",
+    "needs_review",
+    "failed",
+    "receiving",
+    "queued",
+    "processing",
+)
 MEAL_SHARES = (0.80, 0.09, 0.08, 0.02, 0.005, 0.004, 0.001)
 FAILURES = ("marker_not_found", "baseline_too_small", "nothing_found")
 FAILURE_SHARES = (0.7, 0.299, 0.001)
 AFTERS, AFTER_SHARES = (None, "estimated", "failed"), (0.848, 0.15, 0.002)
-FLAGS = ("low_texture", "inside_guessed", "food_identified", "food_doubtful", "support_not_measured", "very_rare")
+FLAGS = (
+    "low_texture",
+    "inside_guessed",
+    "food_identified",
+    "food_doubtful",
+    "support_not_measured",
+    "very_rare",
+)
 LISTS_OF_FLAGS = 60
 ASKED_SHARE, ANSWERED_SHARE = 0.002, 0.7
 UNREVIEWED_DAYS = 30
@@ -86,7 +101,9 @@ def main() -> int:
     slowest = 0.0
     for kind in ("sqlite", "postgresql") if arguments.only is None else (arguments.only,):
         with filled_database(kind, arguments) as url:
-            slowest = max(slowest, measure(kind, url, arguments.samples, random.Random(arguments.seed)))
+            slowest = max(
+                slowest, measure(kind, url, arguments.samples, random.Random(arguments.seed))
+            )
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
     print(f"slowest p95 of a set of filters {slowest:.1f} ms, target {TARGET_P95_MS:.0f} ms")
     return 0 if slowest < TARGET_P95_MS else 1
@@ -177,12 +194,32 @@ def questions(meal: Values, rng: np.random.Generator) -> Values:
     rows: list[tuple[Any, ...]] = []
     for place in np.flatnonzero(rng.random(len(meal["id"])) < ASKED_SHARE):
         asked = uuid.UUID(bytes=rng.bytes(16))
-        rows.append((asked.hex, meal["id"][place], 1, "question", "reviewer", json.dumps({"text": "Peeled?"})))
+        rows.append(
+            (
+                asked.hex,
+                meal["id"][place],
+                1,
+                "question",
+                "reviewer",
+                json.dumps({"text": "Peeled?"}),
+            )
+        )
         if rng.random() < ANSWERED_SHARE:
             told = json.dumps({"question": str(asked), "text": "Yes."})
-            rows.append((uuid.UUID(bytes=rng.bytes(16)).hex, meal["id"][place], 2, "answer", "participant", told))
+            rows.append(
+                (
+                    uuid.UUID(bytes=rng.bytes(16)).hex,
+                    meal["id"][place],
+                    2,
+                    "answer",
+                    "participant",
+                    told,
+                )
+            )
     names = ("id", "meal_id", "sequence", "kind", "layer", "new")
-    columns = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True)) if rows else {"id": []}
+    columns = (
+        dict(zip(names, map(list, zip(*rows, strict=True)), strict=True)) if rows else {"id": []}
+    )
     if rows:
         columns["meal_id"] = [value.decode() for value in columns["meal_id"]]
     return {**columns, "old": "{}", "request_sha256": "0" * 64, "created_at": query_data.NOW}
@@ -204,14 +241,21 @@ def measure(kind: str, url: str, samples: int, chance: random.Random) -> float:
     """Print what is measured; the slowest p95 of a set of filters, ms."""
     database = Database(url)
     with database.read() as session:
-        records = session.execute(sa.select(sa.func.count()).select_from(EffectiveRecord)).scalar_one()
+        records = session.execute(
+            sa.select(sa.func.count()).select_from(EffectiveRecord)
+        ).scalar_one()
         meals = session.execute(sa.select(sa.func.count()).select_from(Meal)).scalar_one()
         study = session.scalars(sa.select(Study.id).where(Study.code == "study-00")).one()
-        shown = session.execute(sa.select(Meal.client_id, Meal.version).where(Meal.study_id == study).limit(60)).all()
+        shown = session.execute(
+            sa.select(Meal.client_id, Meal.version).where(Meal.study_id == study).limit(60)
+        ).all()
     print(f"\n{kind}: {records:,} records of {meals:,} meals\n\n{COLUMNS}", flush=True)
     staff = StaffCaller(uuid.uuid4(), "viewer", False, uuid.uuid4(), {study: "viewer"})
     sets: list[tuple[float, str]] = []
-    for who in (Who("viewer, study", staff, "study-00"), Who("admin", replace(staff, is_admin=True), None)):
+    for who in (
+        Who("viewer, study", staff, "study-00"),
+        Who("admin", replace(staff, is_admin=True), None),
+    ):
         sets += pages(kind, database, who, samples, chance)
     slowest = sorted(sets, reverse=True)
     print("\n".join(line for _, line in slowest[:SHOWN]), flush=True)
@@ -225,9 +269,13 @@ def measure(kind: str, url: str, samples: int, chance: random.Random) -> float:
     return slowest[0][0]
 
 
-def pages(kind: str, database: Database, who: Who, samples: int, chance: random.Random) -> list[tuple[float, str]]:
+def pages(
+    kind: str, database: Database, who: Who, samples: int, chance: random.Random
+) -> list[tuple[float, str]]:
     """Print a row a position; (p95, row) of each set of filters and position."""
-    middle = datetime.combine(FIRST_DAY + timedelta(days=ONE_STUDY.days // 2), datetime.min.time(), UTC)
+    middle = datetime.combine(
+        FIRST_DAY + timedelta(days=ONE_STUDY.days // 2), datetime.min.time(), UTC
+    )
     every: dict[str, list[float]] = {}
     sets = []
     for names in filter_sets():
@@ -238,7 +286,11 @@ def pages(kind: str, database: Database, who: Who, samples: int, chance: random.
             places: tuple[tuple[str, Order, str | None], ...] = (
                 ("newest", "newest", None),
                 ("oldest", "oldest", None),
-                ("middle", "newest", encode_cursor(list_name("meals newest", visible), middle, uuid.UUID(int=0))),
+                (
+                    "middle",
+                    "newest",
+                    encode_cursor(list_name("meals newest", visible), middle, uuid.UUID(int=0)),
+                ),
             )
             for position, order, cursor in places:
                 taken = timed(lambda o=order, c=cursor, f=chosen: list_meals(
@@ -249,7 +301,10 @@ def pages(kind: str, database: Database, who: Who, samples: int, chance: random.
             what = f"{who.name}: {' + '.join(names) or 'no filter'}, {position}"
             sets.append((quantile(taken, 0.95), row(kind, "service", what, taken)))
     for position, taken in every.items():
-        print(row(kind, "service", f"{who.name}: all filters and pairs, {position}", taken), flush=True)
+        print(
+            row(kind, "service", f"{who.name}: all filters and pairs, {position}", taken),
+            flush=True,
+        )
     return sets
 
 
@@ -278,7 +333,11 @@ FILTERS = (
 def filter_sets() -> list[tuple[str, ...]]:
     """No filter, each filter, each pair of different ones."""
     single = [(name,) for names in FILTERS for name in names]
-    pairs = [pair for one, two in itertools.combinations(FILTERS, 2) for pair in itertools.product(one, two)]
+    pairs = [
+        pair
+        for one, two in itertools.combinations(FILTERS, 2)
+        for pair in itertools.product(one, two)
+    ]
     return [(), *single, *pairs]
 
 
@@ -300,7 +359,9 @@ def draw(names: Sequence[str], chance: random.Random) -> RowFilter:
         "after": lambda: {"after_statuses": (chance.choice(("estimated", "failed", "queued")),)},
         "common food": lambda: {"food_keys": (food_key(chance.choice((0, 1, 5))),)},
         "rare food": lambda: {"food_keys": (food_key(chance.choice((300, 799, 5000))),)},
-        "foods": lambda: {"food_keys": tuple(food_key(rank) for rank in chance.sample(range(800), 5))},
+        "foods": lambda: {
+            "food_keys": tuple(food_key(rank) for rank in chance.sample(range(800), 5))
+        },
         "common flag": lambda: {"flags": (chance.choice(FLAGS[:-1]),)},
         "rare flag": lambda: {"flags": (chance.choice((FLAGS[-1], "no_such_flag")),)},
         "flags": lambda: {"flags": tuple(chance.sample(FLAGS, 2))},

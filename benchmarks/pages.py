@@ -33,7 +33,9 @@ from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE
 TARGET_MS = 300.0
 STUDY = "study-00"
 WINDOW = 28  # days
-PAGE_COLUMNS = "| database | page | n | p50 ms | p95 ms | max ms | kB |\n|---|---|---|---|---|---|---|"
+PAGE_COLUMNS = (
+    "| database | page | n | p50 ms | p95 ms | max ms | kB |\n|---|---|---|---|---|---|---|"
+)
 COLUMNS = "| database | call | n | p50 ms | p95 ms | max ms | processor, p50 ms |\n|---|---|---|---|---|---|---|"
 
 
@@ -61,16 +63,22 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
         return list_day_summaries(database, admin, chosen, cursor=None, limit=PAGE)
 
     def intakes(first: date | None, last: date | None) -> object:
-        return list_intakes(database, admin, STUDY, first_day=first, last_day=last, cursor=None, limit=PAGE)
+        return list_intakes(
+            database, admin, STUDY, first_day=first, last_day=last, cursor=None, limit=PAGE
+        )
 
     return (
         Call("overview, as it opens", lambda: study_overview(database, admin, STUDY)),
         Call("overview, 28 days anywhere", lambda: overview(WINDOW)),
         Call("overview, a year", lambda: overview(ONE_STUDY.days)),
-        Call("days of the study", lambda: days(RowFilter(study_code=STUDY, first_day=window(1)[0]))),
+        Call(
+            "days of the study", lambda: days(RowFilter(study_code=STUDY, first_day=window(1)[0]))
+        ),
         Call(
             "days of a participant",
-            lambda: days(RowFilter(study_code=STUDY, participant_code=f"P{chance.randrange(PEOPLE):05d}")),
+            lambda: days(
+                RowFilter(study_code=STUDY, participant_code=f"P{chance.randrange(PEOPLE):05d}")
+            ),
         ),
         Call("intakes, all days", lambda: intakes(None, None)),
         Call("intakes, 28 days", lambda: intakes(*window(WINDOW))),
@@ -79,7 +87,9 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--part", choices=("services", "http"), help="One of the two; default: both.")
+    parser.add_argument(
+        "--part", choices=("services", "http"), help="One of the two; default: both."
+    )
     parser.add_argument("--rows", type=int, default=1_000_000)
     parser.add_argument("--only", choices=("sqlite", "postgresql"))
     parser.add_argument("--folder", type=Path, help="Where the databases are made.")
@@ -90,7 +100,12 @@ def main() -> int:
     slowest = 0.0
     for kind in ("sqlite", "postgresql") if arguments.only is None else (arguments.only,):
         with filled_database(
-            kind, arguments.rows, arguments.seed, arguments.folder, keep=arguments.keep, shape=ONE_STUDY
+            kind,
+            arguments.rows,
+            arguments.seed,
+            arguments.folder,
+            keep=arguments.keep,
+            shape=ONE_STUDY,
         ) as (url, folder):
             if arguments.part != "http":
                 database = Database(url)
@@ -99,7 +114,9 @@ def main() -> int:
                     slowest = max(slowest, measure(kind, call, arguments.samples))
                 database.dispose()
             if arguments.part != "services":
-                slowest = max(slowest, measure_pages(kind, url, folder, arguments.samples, arguments.seed))
+                slowest = max(
+                    slowest, measure_pages(kind, url, folder, arguments.samples, arguments.seed)
+                )
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
     print(f"slowest p95 of what a page asks {slowest:.0f} ms, target {TARGET_MS:.0f} ms")
     return 0 if slowest < TARGET_MS else 1

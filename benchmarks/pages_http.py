@@ -50,7 +50,9 @@ class PageCall:
     address: Callable[[], str]
 
 
-def page_calls(database: Database, study: str, shape: Shape, chance: random.Random) -> tuple[list[PageCall], list[str]]:
+def page_calls(
+    database: Database, study: str, shape: Shape, chance: random.Random
+) -> tuple[list[PageCall], list[str]]:
     """What can be asked of this database, and the routes of which no address can be made."""
     meals = drawn_meals(database, study, shape, chance)
 
@@ -75,11 +77,15 @@ def page_calls(database: Database, study: str, shape: Shape, chance: random.Rand
             left_out.append(route)
         else:
             calls.append(PageCall(route, lambda route=route: route.format_map(values())))  # type: ignore[misc]
-    calls.extend(PageCall(name, lambda view=view: view(values())) for name, view in views(shape, chance))  # type: ignore[misc]
+    calls.extend(
+        PageCall(name, lambda view=view: view(values())) for name, view in views(shape, chance)
+    )  # type: ignore[misc]
     return calls, left_out
 
 
-def views(shape: Shape, chance: random.Random) -> Iterator[tuple[str, Callable[[dict[str, str]], str]]]:
+def views(
+    shape: Shape, chance: random.Random
+) -> Iterator[tuple[str, Callable[[dict[str, str]], str]]]:
     """Pages by their filters, as people ask for them."""
     base = "/dashboard/studies/{study}"
 
@@ -107,7 +113,9 @@ def views(shape: Shape, chance: random.Random) -> Iterator[tuple[str, Callable[[
         yield name, lambda values, query=query: query.format_map(values | {"window": window()})  # type: ignore[misc]
 
 
-def drawn_meals(database: Database, study: str, shape: Shape, chance: random.Random) -> Sequence[tuple[str, uuid.UUID]]:
+def drawn_meals(
+    database: Database, study: str, shape: Shape, chance: random.Random
+) -> Sequence[tuple[str, uuid.UUID]]:
     """Participants and meals of the study, from days at random."""
     days = {FIRST_DAY + timedelta(days=chance.randrange(shape.days)) for _ in range(20)}
     with database.read() as session:

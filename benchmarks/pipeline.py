@@ -55,18 +55,33 @@ class Run:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--scenes", default="paper6", help="folder under scenes/dev, or a folder of scenes")
+    parser.add_argument(
+        "--scenes", default="paper6", help="folder under scenes/dev, or a folder of scenes"
+    )
     parser.add_argument("--method", help="the default method unless named")
-    parser.add_argument("--calibrated", action="store_true", help="give the true camera; else EXIF only")
-    parser.add_argument("--growth", type=int, default=0, metavar="N", help="also repeat N pairs in one process")
-    parser.add_argument("--refusals", action="store_true", help="also each pair with other markers than its own")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--calibrated", action="store_true", help="give the true camera; else EXIF only"
+    )
+    parser.add_argument(
+        "--growth", type=int, default=0, metavar="N", help="also repeat N pairs in one process"
+    )
+    parser.add_argument(
+        "--refusals", action="store_true", help="also each pair with other markers than its own"
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     parser.add_argument("--limit", type=int, help="only the first so many scenes")
     parser.add_argument("--in-one-process", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     scenes = find_scenes(options.data, options.scenes)[: options.limit]
     if not scenes:
-        print(f"There are no scenes in {options.scenes}: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
+        print(
+            f"There are no scenes in {options.scenes}: give --data FOLDER or set TADA_SHARED_DATA.",
+            file=sys.stderr,
+        )
         return 2
     if options.in_one_process:
         print(json.dumps(resident_mb_over(options.in_one_process, scenes, options)))
@@ -88,13 +103,24 @@ def find_scenes(data: Path, name: str) -> list[Scene]:
     for path in sorted(folder.glob("*/truth.json")):
         truth = json.loads(path.read_text())
         m, c = truth["marker"], truth["camera"]
-        camera = {"width": c["width"], "height": c["height"], "fx": c["f"], "fy": c["f"], "cx": c["cx"], "cy": c["cy"]}
+        camera = {
+            "width": c["width"],
+            "height": c["height"],
+            "fx": c["f"],
+            "fy": c["f"],
+            "cx": c["cx"],
+            "cy": c["cy"],
+        }
         camera["distortion"] = c["distortion"]
-        found.append(Scene(path.parent, f"{m['kind']}:{m['cols']}x{m['rows']}:{m['square_mm']:g}", camera))
+        found.append(
+            Scene(path.parent, f"{m['kind']}:{m['cols']}x{m['rows']}:{m['square_mm']:g}", camera)
+        )
     return found
 
 
-def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Path | None) -> tuple[float, float]:
+def print_times(
+    scenes: Sequence[Scene], options: argparse.Namespace, floor: Path | None
+) -> tuple[float, float]:
     """Print a row a scene; the median ratio to the yardstick (NaN without one), and the largest peak memory, MB."""
     runs, ratios = [], []
     names: list[str] = []
@@ -110,12 +136,18 @@ def print_times(scenes: Sequence[Scene], options: argparse.Namespace, floor: Pat
         ratio = run.seconds / yardstick if yardstick else float("nan")
         ratios.append(ratio)
         print(f"{scene.folder.name:<20}{cells}{run.seconds:>10.3f}", end="")
-        print(f"{yardstick or float('nan'):>8.3f}{ratio:>7.2f}{run.peak_mb:>9.0f}  {run.failure or ''}", flush=True)
+        print(
+            f"{yardstick or float('nan'):>8.3f}{ratio:>7.2f}{run.peak_mb:>9.0f}  {run.failure or ''}",
+            flush=True,
+        )
     medians = "".join(
-        f"{statistics.median(run.stages.get(name, float('nan')) for run in runs):>10.3f}" for name in names
+        f"{statistics.median(run.stages.get(name, float('nan')) for run in runs):>10.3f}"
+        for name in names
     )
     seconds = statistics.median(run.seconds for run in runs)
-    print(f"{'median':<20}{medians}{seconds:>10.3f}{'':>8}{statistics.median(ratios):>7.2f}", end="")
+    print(
+        f"{'median':<20}{medians}{seconds:>10.3f}{'':>8}{statistics.median(ratios):>7.2f}", end=""
+    )
     peak_mb = max(run.peak_mb for run in runs)
     print(f"{peak_mb:>9.0f}  (peak: the largest)")
     return statistics.median(ratios), peak_mb
@@ -126,10 +158,14 @@ def print_refusals(scenes: Sequence[Scene], options: argparse.Namespace) -> None
     print(f"{'refused':<20}{'seconds':>10}{'measured':>10}{'ratio':>7}  marker announced: code")
     for scene in scenes:
         measured = estimate(scene, options)
-        refused = [(estimate(replace(scene, marker=marker), options), marker) for marker in OTHER_MARKERS]
+        refused = [
+            (estimate(replace(scene, marker=marker), options), marker) for marker in OTHER_MARKERS
+        ]
         slowest, marker = max(refused, key=lambda each: each[0].seconds)
         print(f"{scene.folder.name:<20}{slowest.seconds:>10.3f}{measured.seconds:>10.3f}", end="")
-        print(f"{slowest.seconds / measured.seconds:>7.2f}  {marker}: {slowest.failure}", flush=True)
+        print(
+            f"{slowest.seconds / measured.seconds:>7.2f}  {marker}: {slowest.failure}", flush=True
+        )
 
 
 def estimate(scene: Scene, options: argparse.Namespace) -> Run:
@@ -150,21 +186,35 @@ def estimate(scene: Scene, options: argparse.Namespace) -> Run:
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode not in {0, 1}:
-            raise SystemExit(f"tada estimate ended with {process.returncode} on {scene.folder.name}.")
+            raise SystemExit(
+                f"tada estimate ended with {process.returncode} on {scene.folder.name}."
+            )
         answer = json.loads(output.read_text())
     failure = answer["failure"]["code"] if answer["failure"] else None
     return Run(answer["stages"], answer["seconds"], usage.ru_maxrss / 1024, failure)
 
 
 def floor_seconds(floor: Path, scene: Scene) -> float:
-    command = [sys.executable, str(floor), str(scene.folder / "left.jpg"), str(scene.folder / "right.jpg")]
+    command = [
+        sys.executable,
+        str(floor),
+        str(scene.folder / "left.jpg"),
+        str(scene.folder / "right.jpg"),
+    ]
     done = subprocess.run(command, check=True, capture_output=True, env=os.environ | ONE_THREAD)
     return float(json.loads(done.stdout)["total"])
 
 
 def print_growth(options: argparse.Namespace) -> None:
     """Resident memory of one process over many pairs, after the first fifth and at the end."""
-    command = [sys.executable, __file__, "--in-one-process", str(options.growth), "--scenes", options.scenes]
+    command = [
+        sys.executable,
+        __file__,
+        "--in-one-process",
+        str(options.growth),
+        "--scenes",
+        options.scenes,
+    ]
     command += ["--data", str(options.data)]
     command += ["--method", options.method] if options.method else []
     command += ["--calibrated"] if options.calibrated else []
@@ -173,11 +223,16 @@ def print_growth(options: argparse.Namespace) -> None:
     done = subprocess.run(command, check=True, capture_output=True, env=environment)
     resident = json.loads(done.stdout)
     early, late = resident[int(WARM_UP_SHARE * len(resident))], resident[-1]
-    print(f"memory over {len(resident)} pairs: {early:.0f} MB after a fifth, {late:.0f} MB at the end,", end=" ")
+    print(
+        f"memory over {len(resident)} pairs: {early:.0f} MB after a fifth, {late:.0f} MB at the end,",
+        end=" ",
+    )
     print(f"{late - early:+.1f} MB")
 
 
-def resident_mb_over(count: int, scenes: Sequence[Scene], options: argparse.Namespace) -> list[float]:
+def resident_mb_over(
+    count: int, scenes: Sequence[Scene], options: argparse.Namespace
+) -> list[float]:
     """Resident memory, MB, after each of so many estimates, the scenes in turn."""
     from app.estimates.estimate_json import options_from_json  # noqa: PLC0415
     from app.estimates.run_estimate import run_estimate  # noqa: PLC0415  # only this child process needs it
@@ -186,7 +241,11 @@ def resident_mb_over(count: int, scenes: Sequence[Scene], options: argparse.Name
     resident = []
     for index in range(count):
         scene = scenes[index % len(scenes)]
-        told = {"marker": scene.marker, "camera": scene.camera if options.calibrated else None, "hints": []}
+        told = {
+            "marker": scene.marker,
+            "camera": scene.camera if options.calibrated else None,
+            "hints": [],
+        }
         if options.method:
             told["method"] = options.method
         run_estimate(

@@ -35,11 +35,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--scenes", default="meals", help="folder under scenes/dev")
     parser.add_argument("--repeat", type=int, default=3, help="the quickest of so many counts")
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared")),
+    )
     options = parser.parse_args(arguments)
     scenes = find_scenes(options.data, options.scenes)
     if not scenes:
-        print(f"There are no scenes in {options.scenes}: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
+        print(
+            f"There are no scenes in {options.scenes}: give --data FOLDER or set TADA_SHARED_DATA.",
+            file=sys.stderr,
+        )
         return 2
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as name:
@@ -76,7 +83,9 @@ def print_times(
             problems = check(children, scene, pair[1])
             checked.append(time.perf_counter() - started)
             absent.append(timed(lambda scene=scene, bare=bare: check(children, scene, bare)))
-            announced.append(timed(lambda scene=other, right=pair[1]: check(children, scene, right)))
+            announced.append(
+                timed(lambda scene=other, right=pair[1]: check(children, scene, right))
+            )
         height, width = cv2.imread(str(pair[0])).shape[:2]
         row = min(decode), min(checked), min(absent), min(announced)
         rows.append(row)
@@ -85,13 +94,17 @@ def print_times(
             f"{scene.folder.name:<20} {height * width / 1e6:5.1f} {row[0]:9.3f} {row[1]:9.3f} {row[1] / row[0]:6.2f}"
             f" {row[2]:11.3f} {row[2] / row[0]:6.2f} {row[3]:9.3f} {row[3] / row[0]:6.2f}  {codes}"
         )
-    decode_s, check_s, absent_s, other_s = (statistics.median(column) for column in zip(*rows, strict=True))
+    decode_s, check_s, absent_s, other_s = (
+        statistics.median(column) for column in zip(*rows, strict=True)
+    )
     print(
         f"{'median':<20} {'':>5} {decode_s:9.3f} {check_s:9.3f} {check_s / decode_s:6.2f} {absent_s:11.3f}"
         f" {absent_s / decode_s:6.2f} {other_s:9.3f} {other_s / decode_s:6.2f}"
     )
     slowest = [max(column) for column in zip(*rows, strict=True)]
-    print(f"slowest: {slowest[1]:.3f} s, without a board {slowest[2]:.3f} s, another board {slowest[3]:.3f} s")
+    print(
+        f"slowest: {slowest[1]:.3f} s, without a board {slowest[2]:.3f} s, another board {slowest[3]:.3f} s"
+    )
     return check_s / decode_s, absent_s / decode_s, other_s / decode_s
 
 
@@ -119,7 +132,9 @@ def without_board(path: Path) -> bytes:
     rows, columns = height // size, width // size
     tiles = pixels[: rows * size, : columns * size].reshape(rows, size, columns, size, 3)
     turned = tiles[:, ::-1, :, ::-1].reshape(rows * size, columns * size, 3)
-    return bytes(cv2.imencode(".jpg", np.ascontiguousarray(turned), [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
+    return bytes(
+        cv2.imencode(".jpg", np.ascontiguousarray(turned), [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+    )
 
 
 def timed(work: object) -> float:

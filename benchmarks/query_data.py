@@ -36,7 +36,12 @@ STATUS_SHARES = (0.85, 0.10, 0.045, 0.004, 0.001)
 ROWS_A_BATCH = 50_000
 CLOSED_SHARE, PROVISIONAL_SHARE, REVIEWED_SHARE = 0.7, 0.0005, 0.3
 NOW = datetime(2026, 12, 31)  # noqa: DTZ001  # UTC, as all instants here: Arrow's and NumPy's have no zone
-LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose indexes are made when they are full
+LOADED = (
+    "effective_record",
+    "item",
+    "meal",
+    "diary_day",
+)  # tables whose indexes are made when they are full
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +58,9 @@ class Shape:
 
 
 SPREAD = Shape()
-ONE_STUDY = Shape(largest=0.95, days=365, has_places=True, has_profiles=True)  # nearly all in one study, within a year
+ONE_STUDY = Shape(
+    largest=0.95, days=365, has_places=True, has_profiles=True
+)  # nearly all in one study, within a year
 
 
 # Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
@@ -81,7 +88,9 @@ def food_key(rank: int) -> str:
     return f"food-{rank:04d}"
 
 
-def fill(database: Database, rows: int, seed: int, tell: Any = print, shape: Shape = SPREAD) -> None:
+def fill(
+    database: Database, rows: int, seed: int, tell: Any = print, shape: Shape = SPREAD
+) -> None:
     """Fill a migrated, empty database with at least so many records, and let the planner know."""
     rng = np.random.default_rng(seed)
     with Loader(database) as loader:
@@ -100,7 +109,9 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
     """Studies, participants with a phone each, two food releases."""
     study_ids, person_ids, device_ids = _ids(rng, STUDIES), _ids(rng, PEOPLE), _ids(rng, PEOPLE)
     study_of = np.sort(rng.choice(STUDIES, PEOPLE, p=study_shares(shape.largest)))
-    study_of[-STUDIES:] = np.maximum(study_of[-STUDIES:], np.arange(STUDIES))  # nobody's study is empty
+    study_of[-STUDIES:] = np.maximum(
+        study_of[-STUDIES:], np.arange(STUDIES)
+    )  # nobody's study is empty
     study_of.sort()
     loader.insert(
         Study,
@@ -113,7 +124,10 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
          "alias": _ids(rng, PEOPLE), "created_at": NOW}
         | ({"profile": profiles(PEOPLE, rng.spawn(1)[0])} if shape.has_profiles else {}),
     )  # fmt: skip
-    loader.insert(Device, {"id": device_ids, "participant_id": person_ids, "name": "phone", "enrolled_at": NOW})
+    loader.insert(
+        Device,
+        {"id": device_ids, "participant_id": person_ids, "name": "phone", "enrolled_at": NOW},
+    )
     loader.insert(
         FoodRelease,
         {"id": [1001, 1002], "source": "csv", "name": "made up", "version": ["1", "2"],
@@ -122,7 +136,13 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
     )  # fmt: skip
     loader.insert(
         FoodActivation,
-        {"id": [1001], "name": "made up", "release_id": [1001], "author": "benchmark", "activated_at": NOW},
+        {
+            "id": [1001],
+            "name": "made up",
+            "release_id": [1001],
+            "author": "benchmark",
+            "activated_at": NOW,
+        },
     )
     ranks = np.array([*range(FOODS), *range(0, 2 * FOODS_TWICE, 2)])
     is_twice = np.arange(len(ranks)) >= FOODS
@@ -144,7 +164,9 @@ def food_id(rank: Any, *, twice: Any) -> Any:
 Batch = list[tuple[type[Base], Columns]]
 
 
-def batches(ground: Ground, rows: int, rng: np.random.Generator, shape: Shape = SPREAD) -> Iterator[Batch]:
+def batches(
+    ground: Ground, rows: int, rng: np.random.Generator, shape: Shape = SPREAD
+) -> Iterator[Batch]:
     """Days, meals, items and records, in the order of time, some days a batch."""
     active = max(1, min(PEOPLE, round(rows / MEAN_ITEMS / shape.days / len(MEAL_HOURS))))
     days_a_batch = max(1, round(ROWS_A_BATCH / (active * len(MEAL_HOURS) * MEAN_ITEMS)))
@@ -158,7 +180,14 @@ def batches(ground: Ground, rows: int, rng: np.random.Generator, shape: Shape = 
 
 
 def some_days(
-    ground: Ground, day: int, count: int, active: int, done: int, rng: np.random.Generator, *, has_places: bool = False
+    ground: Ground,
+    day: int,
+    count: int,
+    active: int,
+    done: int,
+    rng: np.random.Generator,
+    *,
+    has_places: bool = False,
 ) -> Batch:
     """The rows of `count` days from the day of this number on; done: records before them."""
     people = np.concatenate([rng.choice(PEOPLE, active, replace=False) for _ in range(count)])
@@ -184,7 +213,10 @@ def some_days(
     captured = np.datetime64(FIRST_DAY, "us") + microseconds
     meals = len(captured)
     meal_ids = _ids(rng, meals)
-    meal_study, meal_person = ground.study_ids[ground.study_of[meal_people]], ground.person_ids[meal_people]
+    meal_study, meal_person = (
+        ground.study_ids[ground.study_of[meal_people]],
+        ground.person_ids[meal_people],
+    )
     meal_date = _day(meal_days)
     meal = {
         "id": meal_ids, "client_id": _ids(rng, meals), "study_id": meal_study, "participant_id": meal_person,
@@ -210,14 +242,21 @@ def some_days(
         "local_date": meal_date[of_meal],
         "change_seq": done + np.arange(items),
     }
-    return [(DiaryDay, diary), (Meal, meal), (Item, item), (EffectiveRecord, of_item | measured(items, rng))]
+    return [
+        (DiaryDay, diary),
+        (Meal, meal),
+        (Item, item),
+        (EffectiveRecord, of_item | measured(items, rng)),
+    ]
 
 
 def places(count: int, rng: np.random.Generator) -> list[str]:
     """Details of meals that were eaten in and around a town."""
     return [
         f'{{"location": {{"latitude": {latitude:.5f}, "longitude": {longitude:.5f}}}}}'
-        for latitude, longitude in zip(rng.normal(48.2, 0.1, count), rng.normal(16.4, 0.15, count), strict=True)
+        for latitude, longitude in zip(
+            rng.normal(48.2, 0.1, count), rng.normal(16.4, 0.15, count), strict=True
+        )
     ]
 
 
@@ -226,9 +265,15 @@ def profiles(count: int, rng: np.random.Generator) -> list[str | None]:
     age = rng.integers(9, 86, count)
     weight_kg = np.minimum(10.0 + 3.4 * age, 75.0) * rng.lognormal(0.0, 0.15, count)
     return [
-        f'{{"sex": "{sex}", "birth_year": {FIRST_DAY.year - years}, "weight_kg": {kg:.1f}}}' if is_known else None
+        f'{{"sex": "{sex}", "birth_year": {FIRST_DAY.year - years}, "weight_kg": {kg:.1f}}}'
+        if is_known
+        else None
         for sex, years, kg, is_known in zip(
-            rng.choice(["female", "male"], count), age, weight_kg, rng.random(count) >= 0.05, strict=True
+            rng.choice(["female", "male"], count),
+            age,
+            weight_kg,
+            rng.random(count) >= 0.05,
+            strict=True,
         )
     ]
 
@@ -256,7 +301,9 @@ def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:
         "density_g_per_ml": pa.array(density, mask=unknown),
         "density_source": pa.array(np.full(count, "FAO/INFOODS 2012"), mask=unknown),
         "share": 1.0,
-        "flags": np.array(["[]", '["estimated_from_one_view"]'], "S")[rng.choice(2, count, p=(0.9, 0.1))],
+        "flags": np.array(["[]", '["estimated_from_one_view"]'], "S")[
+            rng.choice(2, count, p=(0.9, 0.1))
+        ],
         "doubt": rng.random(count),
         "details": '{"rings": null, "served": null, "left": [], "open_probes": []}',
     }
@@ -287,8 +334,12 @@ class Loader:
             ).fetchall()
             cursor.execute("BEGIN IMMEDIATE")
         else:
-            cursor.execute("SET session_replication_role = replica")  # no checks of references, row by row
-            cursor.execute("SET statement_timeout = 0; SET maintenance_work_mem = '1GB'; SET synchronous_commit = off")
+            cursor.execute(
+                "SET session_replication_role = replica"
+            )  # no checks of references, row by row
+            cursor.execute(
+                "SET statement_timeout = 0; SET maintenance_work_mem = '1GB'; SET synchronous_commit = off"
+            )
             cursor.execute(
                 "SELECT indexname, indexdef FROM pg_indexes WHERE schemaname = 'public' AND indexname LIKE 'ix_%' "
                 f"AND tablename IN {LOADED}"
@@ -307,7 +358,9 @@ class Loader:
         for column in table.columns:
             if column.name not in filled and not column.nullable and column.default is not None:
                 filled[column.name] = _default(column.default)
-        count = max(len(values) for values in filled.values() if isinstance(values, list | np.ndarray))
+        count = max(
+            len(values) for values in filled.values() if isinstance(values, list | np.ndarray)
+        )
         arrays = {name: _array(values, count) for name, values in filled.items()}
         cursor, names = self._connection.cursor(), ", ".join(arrays)
         if self._database.is_sqlite:

@@ -29,7 +29,9 @@ HEAD = (
 )
 
 
-def exports(kind: str, url: str, folder: Path, client: httpx2.Client, token: str, count: int) -> list[float]:
+def exports(
+    kind: str, url: str, folder: Path, client: httpx2.Client, token: str, count: int
+) -> list[float]:
     """Print a row a format and size; rows a second of the larger ones.
 
     The bare loop reads the same columns of the same records in the same order by the driver alone, and drops them.
@@ -38,14 +40,21 @@ def exports(kind: str, url: str, folder: Path, client: httpx2.Client, token: str
     headers, speeds = {"Authorization": f"Bearer {token}"}, []
     server, postmaster = server_pid(), postmaster_pid(folder)
     for output in FORMATS:  # what it needs is loaded now
-        client.get("/v1/records", headers=headers, params={"format": output, "study": "none"}).raise_for_status()
+        client.get(
+            "/v1/records", headers=headers, params={"format": output, "study": "none"}
+        ).raise_for_status()
     sizes = sorted({min(SMALL_EXPORT, count), min(LARGE_EXPORT, count)})
     for wanted, output in itertools.product(sizes, FORMATS):
         last = FIRST_DAY + timedelta(days=max(0, round(DAYS * wanted / count) - 1))
         rows, bare_seconds = bare_loop(url, str(last))
-        before, worked = start_of_memory(server), (processor_seconds([server]), backend_seconds(postmaster))
+        before, worked = (
+            start_of_memory(server),
+            (processor_seconds([server]), backend_seconds(postmaster)),
+        )
         size, started = 0, time.perf_counter()
-        with client.stream("GET", "/v1/records", headers=headers, params={"format": output, "to": str(last)}) as answer:
+        with client.stream(
+            "GET", "/v1/records", headers=headers, params={"format": output, "to": str(last)}
+        ) as answer:
             answer.raise_for_status()
             for piece in answer.iter_raw():
                 size += len(piece)
@@ -68,7 +77,9 @@ def days(kind: str, client: httpx2.Client, token: str) -> None:
     params = {"format": "csv", "to": str(FIRST_DAY + timedelta(days=DAYS // 10))}
     server, started = server_pid(), time.perf_counter()
     before, worked, lines = start_of_memory(server), processor_seconds([server]), 0
-    with client.stream("GET", "/v1/days", headers={"Authorization": f"Bearer {token}"}, params=params) as answer:
+    with client.stream(
+        "GET", "/v1/days", headers={"Authorization": f"Bearer {token}"}, params=params
+    ) as answer:
         answer.raise_for_status()
         for piece in answer.iter_raw():
             lines += piece.count(b"\n")
@@ -83,7 +94,9 @@ def days(kind: str, client: httpx2.Client, token: str) -> None:
 def bare_loop(url: str, last_day: str) -> tuple[int, float]:
     """How many records there are until this day, and the seconds in which the driver alone reads them."""
     stored = EffectiveRecord.__table__.columns
-    names = ", ".join(name for name in ("item_id", *(column.name for column in RECORD_COLUMNS)) if name in stored)
+    names = ", ".join(
+        name for name in ("item_id", *(column.name for column in RECORD_COLUMNS)) if name in stored
+    )
     query = f"SELECT {names} FROM effective_record WHERE local_date <= '{last_day}' ORDER BY captured_at, item_id"
     started, rows = time.perf_counter(), 0
     for batch in _batches_of(url, query):
@@ -100,7 +113,9 @@ def _batches_of(url: str, query: str) -> Iterator[list[tuple[object, ...]]]:
         connection.close()
         return
     with psycopg.connect(url) as session:
-        session.execute("SET enable_sort = off; SET enable_seqscan = off; SET statement_timeout = 0")
+        session.execute(
+            "SET enable_sort = off; SET enable_seqscan = off; SET statement_timeout = 0"
+        )
         with session.cursor("bare", binary=True) as server_side:
             server_side.execute(query)
             while batch := server_side.fetchmany(ROWS_A_FETCH):
@@ -130,9 +145,17 @@ def writing(kind: str, database: Database) -> None:
         connection.exec_driver_sql(copied.partition(")")[2])  # what is read is in memory now
         if database.is_sqlite:
             indexed = timed("effective_record")
-            sql = connection.exec_driver_sql("SELECT sql FROM sqlite_master WHERE name = 'effective_record'").scalar()
-            bare_sql = str(sql).replace("TABLE effective_record", "TABLE bare", 1).replace("ck_effective_", "ck_bare_")
-            connection.exec_driver_sql(bare_sql.replace('TABLE "effective_record"', "TABLE bare", 1))
+            sql = connection.exec_driver_sql(
+                "SELECT sql FROM sqlite_master WHERE name = 'effective_record'"
+            ).scalar()
+            bare_sql = (
+                str(sql)
+                .replace("TABLE effective_record", "TABLE bare", 1)
+                .replace("ck_effective_", "ck_bare_")
+            )
+            connection.exec_driver_sql(
+                bare_sql.replace('TABLE "effective_record"', "TABLE bare", 1)
+            )
             bare = timed("bare")
         else:
             savepoint = connection.begin_nested()

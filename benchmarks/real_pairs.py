@@ -20,7 +20,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-VIEW_ANGLES_DEG = (3.0, 40.0)  # nearer, and parallax tells little; farther, and views show different sides
+VIEW_ANGLES_DEG = (
+    3.0,
+    40.0,
+)  # nearer, and parallax tells little; farther, and views show different sides
 MOST_MEAN_ERROR_PERCENT = 6.0
 COVERAGE_PERCENT = (85.0, 95.0)
 TIMEOUT_S = 120
@@ -44,10 +47,15 @@ def real_pairs(folder: Path) -> list[RealPair]:
     if not (folder / "cases.json").is_file():
         return []
     cases = json.loads((folder / "cases.json").read_text())
-    pairs = [_pair(folder, case, case["left_card"], case["right_card"], case["name"]) for case in cases]
+    pairs = [
+        _pair(folder, case, case["left_card"], case["right_card"], case["name"]) for case in cases
+    ]
     on_sheet = [case for case in cases if "aruco" in case]
     pairs += [
-        replace(_pair(folder, case, case["left"], case["right"], f"{case['name']} sheet"), marker=_sheet_text(case))
+        replace(
+            _pair(folder, case, case["left"], case["right"], f"{case['name']} sheet"),
+            marker=_sheet_text(case),
+        )
         for case in on_sheet
     ]
     photographs = sorted({case[side] for case in on_sheet for side in ("left", "right")})
@@ -55,29 +63,46 @@ def real_pairs(folder: Path) -> list[RealPair]:
     combined = {frozenset((case["left"], case["right"])) for case in on_sheet}
     for case, right in itertools.product(on_sheet, photographs):
         both = frozenset((case["left"], right))
-        if len(both) == 2 and both not in combined and _is_usable(centres[case["left"]], centres[right]):
+        if (
+            len(both) == 2
+            and both not in combined
+            and _is_usable(centres[case["left"]], centres[right])
+        ):
             combined.add(both)
             cards = case["left_card"], f"{Path(right).stem}_card.jpg"
-            pairs.append(_pair(folder, case, *cards, f"{Path(case['left']).stem} {Path(right).stem}"))
+            pairs.append(
+                _pair(folder, case, *cards, f"{Path(case['left']).stem} {Path(right).stem}")
+            )
     return pairs
 
 
 def measure(pair: RealPair, command: str, camera: str, method: str) -> dict[str, Any]:
     """One row as the scorer makes them. camera: "calibrated" or "exif", which these photographs have none of."""
-    arguments = [*shlex.split(command), str(pair.left), str(pair.right), "--json", "--method", method]
+    arguments = [
+        *shlex.split(command),
+        str(pair.left),
+        str(pair.right),
+        "--json",
+        "--method",
+        method,
+    ]
     arguments += ["--marker", pair.marker, "--hint", json.dumps({"point": pair.point})]
     with tempfile.NamedTemporaryFile("w", suffix=".json") as camera_file:
         json.dump(pair.camera, camera_file)
         camera_file.flush()
         if camera == "calibrated":
             arguments += ["--camera", camera_file.name]
-        done = subprocess.run(arguments, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        done = subprocess.run(
+            arguments, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+        )
     try:
         answer = json.loads(done.stdout)
     except json.JSONDecodeError:
         answer = {"items": [], "failure": {"code": "no_answer"}}
     measured = [item for item in answer["items"] if item["volume_ml"]]
-    volume_ml, interval = (measured[0]["volume_ml"], measured[0]["volume_interval_ml"]) if measured else (None, None)
+    volume_ml, interval = (
+        (measured[0]["volume_ml"], measured[0]["volume_interval_ml"]) if measured else (None, None)
+    )
     return {
         "scene": pair.name,
         "true_ml": pair.truth_ml,
@@ -112,7 +137,9 @@ def _pair(folder: Path, case: Mapping[str, Any], left: str, right: str, name: st
     if "left" in described:  # a rig's two cameras, undistorted to the same
         described = {key: described[key] for key in ("width", "height")} | described["left"]
     x, y = case["hint"]["point"]
-    return RealPair(name, case["truth_ml"], folder / left, folder / right, case["card"], (x, y), described)
+    return RealPair(
+        name, case["truth_ml"], folder / left, folder / right, case["card"], (x, y), described
+    )
 
 
 def _sheet_text(case: Mapping[str, Any]) -> str:
@@ -128,7 +155,9 @@ def _centre_mm(folder: Path, photograph: str, case: Mapping[str, Any]) -> NDArra
     tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, sheet["dictionary"]))
     size = (sheet["cols"], sheet["rows"])
     board = cv2.aruco.GridBoard(size, sheet["marker_mm"], sheet["separation_mm"], tags)
-    corners, ids, _ = cv2.aruco.ArucoDetector(tags).detectMarkers(cv2.imread(str(folder / photograph)))
+    corners, ids, _ = cv2.aruco.ArucoDetector(tags).detectMarkers(
+        cv2.imread(str(folder / photograph))
+    )
     points, pixels = board.matchImagePoints(corners, ids)
     matrix = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]])
     _, turn, translation = cv2.solvePnP(points, pixels, matrix, np.array(camera["distortion"]))

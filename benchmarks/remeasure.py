@@ -50,7 +50,9 @@ LOOK_SECONDS = 0.5
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--meals", type=int, default=200)
-    parser.add_argument("--workers", type=int, default=2, help="processes, each of one estimate at a time")
+    parser.add_argument(
+        "--workers", type=int, default=2, help="processes, each of one estimate at a time"
+    )
     parser.add_argument("--database", default="sqlite", choices=["sqlite", "postgresql"])
     parser.add_argument("--visitors", type=int, default=5, help="meals that phones send meanwhile")
     parser.add_argument("--recall", action="store_true", help="compute each pair only once")
@@ -94,20 +96,29 @@ def remeasure(
     seconds = time.monotonic() - began - STILL_SECONDS
     after = records_of(place)
     differing = [
-        (key, name) for key, row in before.items() for name in row if row[name] != after.get(key, {}).get(name)
+        (key, name)
+        for key, row in before.items()
+        for name in row
+        if row[name] != after.get(key, {}).get(name)
     ]
     missing, doubled = pairs_of(place, started["id"])
     busy = [waits_of(place, meal) for meal in visits]
     print(f"remeasured {ended['pairs']} pairs in {seconds:.0f} s: {json.dumps(ended)}")
     print(f"stopped at {stopped['measured']} measured, {STILL_SECONDS} s later {still['measured']}")
-    print(f"records {len(before)}, figures compared {sum(map(len, before.values()))}, differing {len(differing)}")
+    print(
+        f"records {len(before)}, figures compared {sum(map(len, before.values()))}, differing {len(differing)}"
+    )
     print(f"pairs without a new run {missing}, pairs with more than one saved run {doubled}")
-    print(f"a phone's meal waited for a worker: idle {summary(idle)}; while measuring again {summary(busy)}")
+    print(
+        f"a phone's meal waited for a worker: idle {summary(idle)}; while measuring again {summary(busy)}"
+    )
     is_good = not (differing or missing or doubled) and stopped["measured"] == still["measured"]
     return 0 if is_good else 1
 
 
-def start_worker(place: Place, processes: contextlib.ExitStack, options: argparse.Namespace) -> subprocess.Popen[bytes]:
+def start_worker(
+    place: Place, processes: contextlib.ExitStack, options: argparse.Namespace
+) -> subprocess.Popen[bytes]:
     command = ["tests.e2e.recalling", "worker"] if options.recall else ["app.cli", "worker"]
     variables = environment(place.settings) | {"TMPDIR": str(place.settings.data_dir)}
     worker = subprocess.Popen([sys.executable, "-m", *command], env=variables, cwd=ROOT)
@@ -118,20 +129,26 @@ def start_worker(place: Place, processes: contextlib.ExitStack, options: argpars
 def send(place: Place, count: int, name: str) -> list[uuid.UUID]:
     """Upload the bundled pairs in turn, with the foods that they show, as so many meals: their ids."""
     return [
-        send_plate(place, plate, f"{name} {number}") for number, plate in zip(range(count), itertools.cycle(PLATES))
+        send_plate(place, plate, f"{name} {number}")
+        for number, plate in zip(range(count), itertools.cycle(PLATES))
     ]
 
 
 def send_plate(place: Place, plate: Plate, name: str) -> uuid.UUID:
     folder = ROOT / "app" / "demo_data" / plate.folder
-    photos = {side: (f"{side}.jpg", (folder / f"{side}.jpg").read_bytes(), "image/jpeg") for side in ("left", "right")}
+    photos = {
+        side: (f"{side}.jpg", (folder / f"{side}.jpg").read_bytes(), "image/jpeg")
+        for side in ("left", "right")
+    }
     metadata = {
         "id": str(uuid.uuid5(uuid.NAMESPACE_OID, name)),
         "captured_at": "2026-11-20T12:30:00+00:00",
         "time_zone": "UTC",
         "hints": [{"point": list(point), "food": food} for point, food in plate.points],
     }
-    parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")} | photos
+    parts = {
+        "metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")
+    } | photos
     checked(place.client.post("/v1/meals", files=parts))
     return uuid.UUID(metadata["id"])
 
@@ -162,7 +179,11 @@ def say(place: Place, meals: Sequence[uuid.UUID]) -> None:
             events.append({"kind": "confirm_meal"})
         for event in events:
             checked(
-                place.client.post(f"{path}/events", json={"id": str(uuid.uuid4())} | event, headers={"If-Match": "*"})
+                place.client.post(
+                    f"{path}/events",
+                    json={"id": str(uuid.uuid4())} | event,
+                    headers={"If-Match": "*"},
+                )
             )
 
 
@@ -175,7 +196,9 @@ def _records(place: Place) -> Iterator[dict[str, Any]]:
     path: str | None = "/v1/records?limit=1000"
     while path is not None:
         page = checked(place.admin.get(path)).json()
-        yield from ({name: row[name] for name in row if name not in UNCOMPARED} for row in page["items"])
+        yield from (
+            {name: row[name] for name in row if name not in UNCOMPARED} for row in page["items"]
+        )
         path = page["next"]
 
 
@@ -195,17 +218,31 @@ def pairs_of(place: Place, remeasurement: str) -> tuple[int, int]:
     """Return the numbers of pairs without a new run, and with more than one that was saved."""
     own_id = uuid.UUID(remeasurement)
     with place.database.read() as session:
-        pairs = session.scalars(sa.select(RemeasuredPair).where(RemeasuredPair.remeasurement_id == own_id)).all()
-        runs = session.execute(sa.select(Run.meal_id, Run.id).where(Run.remeasurement_id == own_id)).all()
-    by_meal = {meal_id: [run_id for other, run_id in runs if other == meal_id] for meal_id, _ in runs}
-    missing = sum(pair.job_id not in by_meal.get(pair.meal_id, ()) for pair in pairs if pair.state != "skipped")
+        pairs = session.scalars(
+            sa.select(RemeasuredPair).where(RemeasuredPair.remeasurement_id == own_id)
+        ).all()
+        runs = session.execute(
+            sa.select(Run.meal_id, Run.id).where(Run.remeasurement_id == own_id)
+        ).all()
+    by_meal = {
+        meal_id: [run_id for other, run_id in runs if other == meal_id] for meal_id, _ in runs
+    }
+    missing = sum(
+        pair.job_id not in by_meal.get(pair.meal_id, ())
+        for pair in pairs
+        if pair.state != "skipped"
+    )
     return missing, sum(len(run_ids) > 1 for run_ids in by_meal.values())
 
 
 def waits_of(place: Place, meal: uuid.UUID) -> float:
     """Seconds from the queue to the start of a meal's own estimate."""
     with place.database.read() as session:
-        query = sa.select(Job).join(Meal, Meal.id == Job.meal_id).where(Meal.client_id == meal, Job.purpose == "meal")
+        query = (
+            sa.select(Job)
+            .join(Meal, Meal.id == Job.meal_id)
+            .where(Meal.client_id == meal, Job.purpose == "meal")
+        )
         job = session.scalars(query).one()
     if job.started_at is None:
         raise ValueError(f"the meal {meal} was not begun")
@@ -213,7 +250,9 @@ def waits_of(place: Place, meal: uuid.UUID) -> float:
 
 
 def summary(seconds: Sequence[float]) -> str:
-    return f"median {statistics.median(seconds):.2f} s, most {max(seconds):.2f} s" if seconds else "-"
+    return (
+        f"median {statistics.median(seconds):.2f} s, most {max(seconds):.2f} s" if seconds else "-"
+    )
 
 
 if __name__ == "__main__":

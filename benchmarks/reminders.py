@@ -58,13 +58,20 @@ class Service:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--phones", type=int, default=10_000)
-    parser.add_argument("--services", type=int, default=3, help="push services, as of Apple, Google and Mozilla")
-    parser.add_argument("--answer-ms", type=float, default=100.0, help="time that a push service takes to answer")
+    parser.add_argument(
+        "--services", type=int, default=3, help="push services, as of Apple, Google and Mozilla"
+    )
+    parser.add_argument(
+        "--answer-ms", type=float, default=100.0, help="time that a push service takes to answer"
+    )
     parser.add_argument("--kind", choices=("sqlite", "postgresql"), default="sqlite")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with database_url(arguments.kind, folder) as url, push_services(arguments, folder) as services:
+        with (
+            database_url(arguments.kind, folder) as url,
+            push_services(arguments, folder) as services,
+        ):
             print(measured(url, folder, services, arguments.phones))
     return 0
 
@@ -136,7 +143,9 @@ def push_services(arguments: argparse.Namespace, folder: Path) -> Iterator[list[
     for _ in range(arguments.services):
         here, there = context.Pipe()
         process = context.Process(
-            target=run_service, args=(there, folder / "server.pem", arguments.answer_ms / 1000), daemon=True
+            target=run_service,
+            args=(there, folder / "server.pem", arguments.answer_ms / 1000),
+            daemon=True,
         )
         process.start()
         processes.append(process)
@@ -160,7 +169,9 @@ def run_service(control: Connection, certificate: Path, answer_seconds: float) -
             while True:
                 head = (await reader.readuntil(b"\r\n\r\n")).lower()
                 (length,) = (
-                    int(line.split(b":")[1]) for line in head.split(b"\r\n") if line.startswith(b"content-length")
+                    int(line.split(b":")[1])
+                    for line in head.split(b"\r\n")
+                    if line.startswith(b"content-length")
                 )
                 await reader.readexactly(length)
                 await asyncio.sleep(answer_seconds)

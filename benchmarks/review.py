@@ -32,10 +32,25 @@ from app.people.access.caller import StaffCaller
 from app.people.models import Device, Participant, Staff, Study
 from app.records.read_meal import MealView
 from app.records.review.meal_events import MealEvents
-from app.records.review.schemas import AnyEventIn, CommentIn, ConfirmIn, SetFoodIn, SetMassIn, SetShareIn
+from app.records.review.schemas import (
+    AnyEventIn,
+    CommentIn,
+    ConfirmIn,
+    SetFoodIn,
+    SetMassIn,
+    SetShareIn,
+)
 from benchmarks.databases import database_url
 
-FOODS = ("apple", "banana", "bread-white", "potatoes-boiled", "milk-whole", "chicken-breast", "rice-white-cooked")
+FOODS = (
+    "apple",
+    "banana",
+    "bread-white",
+    "potatoes-boiled",
+    "milk-whole",
+    "chicken-breast",
+    "rice-white-cooked",
+)
 TARGET_MS = 50.0
 
 
@@ -46,7 +61,9 @@ def main() -> int:
     parser.add_argument("--words", type=int, default=100, help="That are timed.")
     parser.add_argument("--only", choices=["sqlite", "postgresql"])
     arguments = parser.parse_args()
-    print(f"{'database':<12}{'median':>9}{'p95':>9}{'cpu p50':>9}{'cpu p95':>9}   ms, target {TARGET_MS:.0f}")
+    print(
+        f"{'database':<12}{'median':>9}{'p95':>9}{'cpu p50':>9}{'cpu p95':>9}   ms, target {TARGET_MS:.0f}"
+    )
     slowest = 0.0
     for kind in [arguments.only] if arguments.only else ["sqlite", "postgresql"]:
         with tempfile.TemporaryDirectory() as name, database_url(kind, Path(name)) as url:
@@ -61,13 +78,17 @@ def main() -> int:
     return 0 if slowest < TARGET_MS else 1
 
 
-def time_words(database: Database, items: int, events: int, words: int) -> list[tuple[float, float]]:
+def time_words(
+    database: Database, items: int, events: int, words: int
+) -> list[tuple[float, float]]:
     """(wall, CPU) milliseconds of each of the last words."""
     reviewer, client_id = lay_table(database, items)
     queue = JobQueue()
     use_case = MealEvents(database, queue)
     drawn = random.Random(1)
-    view = say(use_case, reviewer, client_id, CommentIn(id=uuid.uuid4(), kind="comment", text="Good."))
+    view = say(
+        use_case, reviewer, client_id, CommentIn(id=uuid.uuid4(), kind="comment", text="Good.")
+    )
     ids = [item.state.item.id for item in view.items]
     took = []
     gc.collect()
@@ -94,7 +115,9 @@ def random_event(drawn: random.Random, item: uuid.UUID) -> AnyEventIn:
     )
 
 
-def say(use_case: MealEvents, reviewer: StaffCaller, client_id: uuid.UUID, event: AnyEventIn) -> MealView:
+def say(
+    use_case: MealEvents, reviewer: StaffCaller, client_id: uuid.UUID, event: AnyEventIn
+) -> MealView:
     return use_case.append(reviewer, client_id, event, expected=None)[0]
 
 
@@ -110,7 +133,9 @@ def lay_table(database: Database, items: int) -> tuple[StaffCaller, uuid.UUID]:
         captured_at=now, utc_offset_minutes=0, time_zone="UTC", local_date=now.date(), status="processing",
         received_at=now, details={"hints": [{"point": [0, 0], "food": food} for food in FOODS]},
     )  # fmt: skip
-    job = Job(id=job_id, meal_id=meal.id, purpose="meal", state="processing", attempts=1, enqueued_at=now)
+    job = Job(
+        id=job_id, meal_id=meal.id, purpose="meal", state="processing", attempts=1, enqueued_at=now
+    )
     found = {
         "polygon": [[float(x), float(x * x % 100)] for x in range(100)], "volume_ml": 150.0,
         "volume_interval_ml": [120.0, 190.0], "relative_sd": {"pair": 0.02, "item": 0.1}, "candidates": [], "flags": [],
@@ -124,7 +149,12 @@ def lay_table(database: Database, items: int) -> tuple[StaffCaller, uuid.UUID]:
         for row in (study, person, device, staff, meal, job):
             session.add(row)
             session.flush()
-        save_estimate(session, job_id, RunAnswer.model_validate(answer), hashlib.sha256(job_id.bytes).hexdigest())
+        save_estimate(
+            session,
+            job_id,
+            RunAnswer.model_validate(answer),
+            hashlib.sha256(job_id.bytes).hexdigest(),
+        )
     return StaffCaller(staff.id, staff.name, is_admin=True, token_id=uuid.uuid4()), client_id
 
 

@@ -80,17 +80,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--meals", type=int, default=24, help="a run, shared by its workers")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--databases", nargs="+", default=["sqlite", "postgresql"], choices=["sqlite", "postgresql"])
+    parser.add_argument(
+        "--databases", nargs="+", default=["sqlite", "postgresql"], choices=["sqlite", "postgresql"]
+    )
     parser.add_argument("--pair", type=Path, default=ROOT / "app" / "demo_data")
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args(arguments)
-    print("| database | workers | meals/min | x one worker | bare x one | pipeline s a meal | not the pipeline |")
+    print(
+        "| database | workers | meals/min | x one worker | bare x one | pipeline s a meal | not the pipeline |"
+    )
     print("|---|---|---|---|---|---|---|")
     for kind in options.databases:
         with deployment(kind) as place:
             rounds = [
                 {
-                    count: (bare_pace(options.pair, count, options.meals), run_workers(place, options, count))
+                    count: (
+                        bare_pace(options.pair, count, options.meals),
+                        run_workers(place, options, count),
+                    )
                     for count in options.workers
                 }
                 for _ in range(options.repeat)
@@ -99,7 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def print_rows(kind: str, workers: Sequence[int], rounds: Sequence[dict[int, tuple[float, Made]]]) -> None:
+def print_rows(
+    kind: str, workers: Sequence[int], rounds: Sequence[dict[int, tuple[float, Made]]]
+) -> None:
     for count in workers:
         made = [found[count][1] for found in rounds]
         times = [
@@ -129,7 +138,10 @@ class Place:
 @contextlib.contextmanager
 def deployment(kind: str) -> Iterator[Place]:
     """On an empty database of this kind, with a folder for the photographs."""
-    with tempfile.TemporaryDirectory(prefix="tada-bench-") as name, database_url(kind, Path(name)) as url:
+    with (
+        tempfile.TemporaryDirectory(prefix="tada-bench-") as name,
+        database_url(kind, Path(name)) as url,
+    ):
         settings = Settings(
             data_dir=Path(name),
             database_url=url,
@@ -149,7 +161,11 @@ def deployment(kind: str) -> Iterator[Place]:
         database = Database(settings.resolved_database_url)
         try:
             with client_of(address_of(process), create_admin(database, "benchmark")) as admin:
-                checked(admin.post("/v1/studies", json={"code": "workers", "name": "Workers", "marker": MARKER}))
+                checked(
+                    admin.post(
+                        "/v1/studies", json={"code": "workers", "name": "Workers", "marker": MARKER}
+                    )
+                )
                 with enrol(admin, "workers", {"code": "P001"}) as phone:
                     yield Place(settings, database, phone, admin)
         finally:
@@ -194,7 +210,9 @@ def run_workers(place: Place, options: argparse.Namespace, count: int) -> Made:
     if len({job.executor_id for job in jobs}) != count:
         raise SystemExit(f"not all of the {count} workers had a meal: take more meals")
     begun, ended = min(job.started_at for job in jobs), max(job.finished_at for job in jobs)
-    return Made(options.meals, count, (ended - begun).total_seconds(), sum(job.seconds for job in jobs))
+    return Made(
+        options.meals, count, (ended - begun).total_seconds(), sum(job.seconds for job in jobs)
+    )
 
 
 def wait_until_alive(database: Database, count: int) -> None:
@@ -207,11 +225,20 @@ def wait_until_alive(database: Database, count: int) -> None:
 
 def send(place: Place, pair: Path, count: int) -> list[uuid.UUID]:
     """Upload the pair as so many meals: the ids."""
-    photos = {side: (f"{side}.jpg", (pair / f"{side}.jpg").read_bytes(), "image/jpeg") for side in ("left", "right")}
+    photos = {
+        side: (f"{side}.jpg", (pair / f"{side}.jpg").read_bytes(), "image/jpeg")
+        for side in ("left", "right")
+    }
     sent = []
     for _ in range(count):
-        metadata = {"id": str(uuid.uuid4()), "captured_at": "2026-11-20T12:30:00+00:00", "time_zone": "UTC"}
-        parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")} | photos
+        metadata = {
+            "id": str(uuid.uuid4()),
+            "captured_at": "2026-11-20T12:30:00+00:00",
+            "time_zone": "UTC",
+        }
+        parts = {
+            "metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")
+        } | photos
         checked(place.client.post("/v1/meals", files=parts))
         sent.append(uuid.UUID(metadata["id"]))
     return sent
@@ -221,7 +248,11 @@ def wait_until_made(place: Place, meals: Sequence[uuid.UUID]) -> None:
     deadline = time.monotonic() + START_SECONDS + MEAL_SECONDS * len(meals)
     while time.monotonic() < deadline:
         with place.database.read() as session:
-            query = sa.select(Job.state).join(Meal, Meal.id == Job.meal_id).where(Meal.client_id.in_(meals))
+            query = (
+                sa.select(Job.state)
+                .join(Meal, Meal.id == Job.meal_id)
+                .where(Meal.client_id.in_(meals))
+            )
             states = session.scalars(query).all()
         if states.count("failed"):
             raise SystemExit("a meal failed: see the worker's log")
@@ -259,7 +290,9 @@ def bare_pace(pair: Path, processes: int, meals: int) -> float:
     return each * processes / seconds
 
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
+)
 
 if __name__ == "__main__":
     raise SystemExit(main())

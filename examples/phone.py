@@ -37,7 +37,9 @@ def call(phone: httpx2.Client, method: str, path: str, **options) -> dict:
 def main(server: str, code: str, left: str, right: str) -> None:
     with httpx2.Client(base_url=server, timeout=75) as phone:
         enrolment = {"code": code, "secret": uuid.uuid4().hex, "device_name": "example"}
-        phone.headers["Authorization"] = f"Bearer {call(phone, 'POST', '/v1/enrolments', json=enrolment)['token']}"
+        phone.headers["Authorization"] = (
+            f"Bearer {call(phone, 'POST', '/v1/enrolments', json=enrolment)['token']}"
+        )
         meal = f"/v1/meals/{uuid.uuid4()}"
         metadata = {"captured_at": datetime.now(UTC).isoformat(), "time_zone": "Europe/London"}
         call(phone, "PUT", meal, json=metadata)

@@ -7,7 +7,10 @@ from pathlib import Path
 from app.people.access.access_rules import CALLS, Rule
 
 PAGE = Path(__file__).parents[1] / "docs" / "access.md"
-START, END = "<!-- made from app/people/access/access_rules.py -->\n", "<!-- end of what is made -->\n"
+START, END = (
+    "<!-- made from app/people/access/access_rules.py -->\n",
+    "<!-- end of what is made -->\n",
+)
 WIDTH = 160
 NO_BREAK = "\N{NO-BREAK SPACE}"  # between a method and its path
 
@@ -45,7 +48,9 @@ def _paragraph(callers: str, paths: dict[str, list[str]]) -> str:
     """Return one item of the list: the callers, and their calls with the methods of a path together."""
     calls = [f"`{','.join(methods)}{NO_BREAK}{path}`" for path, methods in paths.items()]
     text = f"- **{callers}**: {', '.join(calls)}"
-    wrapped = textwrap.fill(text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    wrapped = textwrap.fill(
+        text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
     return wrapped.replace(NO_BREAK, " ")
 
 

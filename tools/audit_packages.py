@@ -26,7 +26,12 @@ def main(lock: Path) -> int:
     with tempfile.TemporaryDirectory() as folder:
         venv.create(folder, with_pip=True)
         programs = Path(folder) / "bin"
-        if run([programs / "pip", "install", "--quiet", "--disable-pip-version-check", PIP_AUDIT]).returncode != 0:
+        if (
+            run(
+                [programs / "pip", "install", "--quiet", "--disable-pip-version-check", PIP_AUDIT]
+            ).returncode
+            != 0
+        ):
             return not_audited("pip-audit could not be installed")
         found = run(
             [
@@ -44,19 +49,27 @@ def judge(printed: str, said: str, excuses: frozenset[str]) -> int:
         packages = json.loads(printed)["dependencies"]
     except (ValueError, KeyError):
         if AWAY.search(said):
-            return not_audited(f"the list of known faults cannot be reached ({said.strip()[-200:]})")
+            return not_audited(
+                f"the list of known faults cannot be reached ({said.strip()[-200:]})"
+            )
         print(f"packages could not be audited: {said.strip()[-500:]}")
         return 1
     looked_up = [package for package in packages if "skip_reason" not in package]
     if not looked_up:
-        return not_audited("the list of known faults knows none of the packages: it cannot be reached from here")
+        return not_audited(
+            "the list of known faults knows none of the packages: it cannot be reached from here"
+        )
     faults = [
         f"{package['name']} {package['version']}: {fault['id']}, mended in {', '.join(fault['fix_versions']) or 'none'}"
         for package in looked_up
         for fault in package["vulns"]
         if not excuses & {fault["id"], *fault["aliases"]}
     ]
-    print(*faults, f"{len(looked_up)} of {len(packages)} packages audited: {len(faults)} known faults", sep="\n")
+    print(
+        *faults,
+        f"{len(looked_up)} of {len(packages)} packages audited: {len(faults)} known faults",
+        sep="\n",
+    )
     return 1 if faults else 0
 
 
@@ -77,7 +90,9 @@ def excused(listed: Path) -> frozenset[str]:
 
 def run(command: Sequence[str | Path]) -> subprocess.CompletedProcess[str]:
     """A command's end and what it printed."""
-    return subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [str(part) for part in command], capture_output=True, text=True, check=False
+    )
 
 
 if __name__ == "__main__":

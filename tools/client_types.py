@@ -34,7 +34,9 @@ def python_source() -> str:
     with tempfile.TemporaryDirectory() as folder:
         schemas = create_app(Settings(data_dir=Path(folder))).openapi()["components"]["schemas"]
     sources = [path.read_text("utf-8") for path in CLIENT.glob("*.py") if path != TARGET]
-    wanted = sorted({name for source in sources for name in re.findall(r"\bschemas\.(\w+)", source)})
+    wanted = sorted(
+        {name for source in sources for name in re.findall(r"\bschemas\.(\w+)", source)}
+    )
     reached: dict[str, Mapping[str, Any]] = {}
     while wanted:
         name = wanted.pop()

@@ -41,7 +41,9 @@ def read_specimens(path: Path) -> Mapping[str, list[Specimen]]:
     try:
         xlrd = importlib.import_module("xlrd")
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("reading density.xls needs xlrd, which is in the dev extra") from error
+        raise ModuleNotFoundError(
+            "reading density.xls needs xlrd, which is in the dev extra"
+        ) from error
     specimens: dict[str, list[Specimen]] = {}
     for sheet in xlrd.open_workbook(path).sheets():
         if sheet.name == _MIXED_SHEET:
@@ -51,7 +53,9 @@ def read_specimens(path: Path) -> Mapping[str, list[Specimen]]:
             raise ValueError(
                 f"{path}, sheet {sheet.name}, line 1: {rows[0]} where id, type, volume, weight is expected"
             )
-        specimens[sheet.name] = [Specimen(row[0], row[2], row[3]) for row in rows[1:] if row[0] and row[2]]
+        specimens[sheet.name] = [
+            Specimen(row[0], row[2], row[3]) for row in rows[1:] if row[0] and row[2]
+        ]
     return specimens
 
 
@@ -64,7 +68,9 @@ def measured_density(food: str, specimens: Sequence[Specimen]) -> MeasuredDensit
     if len(kept) < 2:
         raise ValueError(f"{food}: {len(kept)} specimens are possible; a spread takes two")
     g_per_ml, sd_g_per_ml = median_density(kept, volume_step_ml=VOLUME_STEP_ML)
-    return MeasuredDensity(food, len(kept), len(specimens) - len(kept), round(g_per_ml, 3), round(sd_g_per_ml, 3))
+    return MeasuredDensity(
+        food, len(kept), len(specimens) - len(kept), round(g_per_ml, 3), round(sd_g_per_ml, 3)
+    )
 
 
 def is_possible(food: str, specimen: Specimen) -> bool:
@@ -98,4 +104,6 @@ def read_measured(text: str) -> Mapping[str, MeasuredDensity]:
 
 if __name__ == "__main__":
     specimens_by_food = read_specimens(Path(sys.argv[1]))
-    sys.stdout.write(write_measured([measured_density(*item) for item in specimens_by_food.items()]))
+    sys.stdout.write(
+        write_measured([measured_density(*item) for item in specimens_by_food.items()])
+    )

@@ -49,9 +49,13 @@ def build_shipped(folder: Path, known: Sequence[KnownFood]) -> FoodIndex:
     Raises InvalidInputError where the folder is laid out otherwise or a photograph cannot be read.
     """
     number = {food.label: place for place, food in enumerate(known)}
-    described = [(food, describe_food(food)) for food in labelled_foods(folder) if food.label in number]
+    described = [
+        (food, describe_food(food)) for food in labelled_foods(folder) if food.label in number
+    ]
     if not described:
-        raise InvalidInputError(f"{folder} has no labelled photographs: images/*.jpg and boxes/*.xml are expected.")
+        raise InvalidInputError(
+            f"{folder} has no labelled photographs: images/*.jpg and boxes/*.xml are expected."
+        )
     return build_index(
         SOURCE,
         VCM_VERSION,
@@ -79,7 +83,10 @@ def boxes_of(photo: Path, boxes: Path) -> Iterator[tuple[str, Box]]:
     """Label and box, in the photograph's pixels, of each thing that was boxed in it; the coin beside the food too."""
     width, height, found = _read_boxes(boxes)
     photo_width, photo_height = _size(photo)
-    across, down = photo_width / width, photo_height / height  # a photograph may have been reduced after it was boxed
+    across, down = (
+        photo_width / width,
+        photo_height / height,
+    )  # a photograph may have been reduced after it was boxed
     for label, (x0, y0, x1, y1) in found:
         yield label, (x0 * across, y0 * down, (x1 - x0) * across, (y1 - y0) * down)
 
@@ -100,7 +107,9 @@ def _read_boxes(path: Path) -> tuple[int, int, list[tuple[str, tuple[int, int, i
     root = ET.parse(path).getroot()  # noqa: S314  # see the import
     found = []
     for each in root.iter("object"):
-        x0, y0, x1, y1 = (int(each.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax"))
+        x0, y0, x1, y1 = (
+            int(each.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax")
+        )
         found.append((each.findtext("name", ""), (x0, y0, x1, y1)))
     return int(root.findtext("size/width", "")), int(root.findtext("size/height", "")), found
 
@@ -113,20 +122,28 @@ def _size(path: Path) -> tuple[int, int]:
 def _volumes(path: Path, labels: dict[str, int]) -> dict[str, tuple[float, ...]]:
     measured = read_specimens(path) if path.exists() else {}
     return {
-        label: tuple(one.volume_ml for one in specimens) for label, specimens in measured.items() if label in labels
+        label: tuple(one.volume_ml for one in specimens)
+        for label, specimens in measured.items()
+        if label in labels
     }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m tools.food_index", description="Build the index that ships.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.food_index", description="Build the index that ships."
+    )
     parser.add_argument("folder", type=Path, help="labelled photographs, laid out as ECUSTFD is")
-    parser.add_argument("-o", "--output", type=Path, default=Path("index.npz"), help="the archive to write")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("index.npz"), help="the archive to write"
+    )
     options = parser.parse_args(arguments)
     index = build_shipped(options.folder, shipped_foods())
     write_index(options.output, index)
     regions, specimens = len(index.vectors), len(set(index.specimens))
-    sys.stdout.write(f"{regions} regions of {specimens} specimens, {len(index.foods)} foods: {options.output}\n")
+    sys.stdout.write(
+        f"{regions} regions of {specimens} specimens, {len(index.foods)} foods: {options.output}\n"
+    )
 
 
 if __name__ == "__main__":

@@ -46,7 +46,12 @@ PACKAGES = (
 )
 DRAWN_OF_PACKAGE = 5
 DRAW_SECONDS, RUN_SECONDS = 80.0, 1200.0  # of tests against one mutant
-BATCH_SECONDS = (4.0, 20.0, 60.0, 120.0)  # recorded seconds of the tests of one pytest; the last of all further ones
+BATCH_SECONDS = (
+    4.0,
+    20.0,
+    60.0,
+    120.0,
+)  # recorded seconds of the tests of one pytest; the last of all further ones
 START_SECONDS = 120.0  # of a pytest, beside its tests
 SLOWER = 4.0  # than recorded: a busy machine
 TIMES, COMBINED, RESULTS = "times.jsonl", "coverage", "mutants.jsonl"
@@ -108,7 +113,11 @@ class Recorded:
         by_line = self._contexts(file)
         covering = _tests(by_line, range(lines[0], lines[1] + 1)) or _tests(by_line, by_line)
         quickest = sorted(covering & self.seconds.keys(), key=self.seconds.__getitem__)
-        beside = {test for name in {test.partition("::")[0] for test in covering} for test in self._by_file[name]}
+        beside = {
+            test
+            for name in {test.partition("::")[0] for test in covering}
+            for test in self._by_file[name]
+        }
         return quickest + sorted(beside - covering, key=self.seconds.__getitem__)
 
     @functools.cache  # noqa: B019  # one object per run of the command
@@ -118,7 +127,12 @@ class Recorded:
 
 
 def _tests(by_line: dict[int, list[str]], lines: Iterable[int]) -> set[str]:
-    return {context.removeprefix(OF_CHILD) for line in lines for context in by_line.get(line, []) if context}
+    return {
+        context.removeprefix(OF_CHILD)
+        for line in lines
+        for context in by_line.get(line, [])
+        if context
+    }
 
 
 def candidates(checkout: Path, package: str, seed: int) -> Iterator[Mutant]:
@@ -171,10 +185,23 @@ class Workshop:
         listed.write_text("\n".join(tests))
         environment = os.environ | {
             "PYTHONPATH": str(self._folder),
-            "PYTHONDONTWRITEBYTECODE": "1",  # else a mutant of the same second and size would be taken for its source
-            "TADA_SHARED_DATA": os.environ.get("TADA_SHARED_DATA", str(Path.cwd().parent / "shared")),
+            # else a mutant of the same second and size would be taken for its source
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "TADA_SHARED_DATA": os.environ.get(
+                "TADA_SHARED_DATA", str(Path.cwd().parent / "shared")
+            ),
         }
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider"]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "--no-header",
+            "--tb=no",
+            "-p",
+            "no:cacheprovider",
+        ]
         process = subprocess.Popen(
             [*command, f"@{listed}"],
             cwd=self._folder,
@@ -200,7 +227,9 @@ class Workshop:
         return failed[0].split(" ")[1] if failed else "no test could run"
 
 
-def _batches(tests: Sequence[str], seconds_of: dict[str, float], seconds: float) -> Iterator[list[str]]:
+def _batches(
+    tests: Sequence[str], seconds_of: dict[str, float], seconds: float
+) -> Iterator[list[str]]:
     """Yield tests in their order, few first: the quickest usually suffice, and each pytest takes seconds to start."""
     limits = iter(BATCH_SECONDS)
     batch: list[str] = []
@@ -270,7 +299,9 @@ def _draw_package(
     for mutant in candidates(arguments.checkout, package, arguments.seed):
         outcome = known.get(_key(mutant))
         if outcome is None:
-            outcome = shop.test(mutant, recorded.tests_of(mutant.file, mutant.mutation.lines), DRAW_SECONDS)
+            outcome = shop.test(
+                mutant, recorded.tests_of(mutant.file, mutant.mutation.lines), DRAW_SECONDS
+            )
             write_outcome(results, outcome)
         killed += outcome.killed_by is not None
         if killed == DRAWN_OF_PACKAGE:
@@ -321,7 +352,9 @@ def _run_mutant(
 def collected(checkout: Path, marks: str) -> set[str]:
     """Return the ids of the tests with these marks."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", marks]
-    printed = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(
+        command, cwd=checkout, capture_output=True, text=True, check=True
+    ).stdout
     return {line for line in printed.splitlines() if "::" in line}
 
 
@@ -338,7 +371,9 @@ def read_outcomes(path: Path) -> list[Outcome]:
         fields = json.loads(line)
         mutation = fields["mutant"].pop("mutation")
         mutation["lines"] = tuple(mutation["lines"])
-        outcomes.append(Outcome(Mutant(**fields.pop("mutant"), mutation=Mutation(**mutation)), **fields))
+        outcomes.append(
+            Outcome(Mutant(**fields.pop("mutant"), mutation=Mutation(**mutation)), **fields)
+        )
     return outcomes
 
 
@@ -348,13 +383,18 @@ def write_outcome(path: Path, outcome: Outcome) -> None:
         file.write(json.dumps(asdict(outcome)) + "\n")
     mutant = outcome.mutant
     change = f"{mutant.before!r} -> {mutant.mutation.replacement!r}"
-    print(f"{mutant.file}:{mutant.number} {change[:80]}: {outcome.killed_by or 'NOT KILLED'}", flush=True)
+    print(
+        f"{mutant.file}:{mutant.number} {change[:80]}: {outcome.killed_by or 'NOT KILLED'}",
+        flush=True,
+    )
 
 
 def print_table(arguments: argparse.Namespace) -> None:
     """Print the results by package, and each mutant that the gate missed."""
     outcomes = read_outcomes(arguments.results)
-    print("| package | mutants | killed by the gate | beyond it | not killed |\n|---|---|---|---|---|")
+    print(
+        "| package | mutants | killed by the gate | beyond it | not killed |\n|---|---|---|---|---|"
+    )
     for package in PACKAGES:
         mine = [outcome for outcome in outcomes if outcome.mutant.package == package]
         lost = sum(outcome.killed_by is None for outcome in mine)
@@ -375,7 +415,9 @@ def _key(mutant: Mutant) -> str:
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(required=True)
     for command in (draw, run):
         sub = commands.add_parser(command.__name__, help=command.__doc__)

@@ -47,7 +47,10 @@ def mutations(source: bytes) -> list[Mutation]:
     """Return all mutations of a file that still compile, in the order of the source."""
     reader = _Reader(source)
     found = [mutation for node in ast.walk(reader.tree) for mutation in reader.of_node(node)]
-    return sorted((each for each in found if _compiles(each.apply(source))), key=lambda each: (each.start, each.rule))
+    return sorted(
+        (each for each in found if _compiles(each.apply(source))),
+        key=lambda each: (each.start, each.rule),
+    )
 
 
 class _Reader:
@@ -58,7 +61,10 @@ class _Reader:
         for line in source.splitlines(keepends=True):
             self._line_starts.append(self._line_starts[-1] + len(line))
         self._annotations = {
-            id(part) for node in ast.walk(self.tree) for whole in _annotations(node) for part in ast.walk(whole)
+            id(part)
+            for node in ast.walk(self.tree)
+            for whole in _annotations(node)
+            for part in ast.walk(whole)
         }
 
     def of_node(self, node: ast.AST) -> Iterator[Mutation]:
@@ -90,7 +96,12 @@ class _Reader:
 
     def _of_statement(self, node: ast.stmt) -> Iterator[Mutation]:
         match node:
-            case ast.Expr(value=ast.Call()) | ast.Expr(value=ast.Await()) | ast.AugAssign() | ast.Raise():
+            case (
+                ast.Expr(value=ast.Call())
+                | ast.Expr(value=ast.Await())
+                | ast.AugAssign()
+                | ast.Raise()
+            ):
                 yield self._whole("statement", node, "pass")
             case ast.Return(value=value) if value is not None and not _is_none(value):
                 yield self._whole("statement", node, "return None")
@@ -101,14 +112,18 @@ class _Reader:
         text = self._source[start:end].decode()
         closing = text[: len(text) - len(text.lstrip(") \n\\"))]
         opening = text[len(text.rstrip("( \n\\")) :]
-        return Mutation("operator", start, end, f"{closing} {operator} {opening}", _lines(left, right))
+        return Mutation(
+            "operator", start, end, f"{closing} {operator} {opening}", _lines(left, right)
+        )
 
     def _whole(self, rule: str, node: ast.expr | ast.stmt, replacement: str) -> Mutation:
         return Mutation(rule, *self._span(node), replacement, _lines(node, node))
 
     def _span(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
         last_line, last_column = node.end_lineno or node.lineno, node.end_col_offset or 0
-        return self._line_starts[node.lineno - 1] + node.col_offset, self._line_starts[last_line - 1] + last_column
+        return self._line_starts[node.lineno - 1] + node.col_offset, self._line_starts[
+            last_line - 1
+        ] + last_column
 
     def _text(self, node: ast.expr) -> str:
         start, end = self._span(node)
@@ -120,7 +135,10 @@ def _annotations(node: ast.AST) -> Iterator[ast.AST]:
     match node:
         case ast.AnnAssign(annotation=annotation) | ast.arg(annotation=ast.AST() as annotation):
             yield annotation
-        case ast.FunctionDef(returns=ast.AST() as returns) | ast.AsyncFunctionDef(returns=ast.AST() as returns):
+        case (
+            ast.FunctionDef(returns=ast.AST() as returns)
+            | ast.AsyncFunctionDef(returns=ast.AST() as returns)
+        ):
             yield returns
 
 

@@ -21,7 +21,9 @@ LAST_FAILED = ("--last-failed", "--last-failed-no-failures", "none", "--collect-
 
 def main() -> None:
     """Print one line per failed test."""
-    failed = [line for line in run_pytest(LAST_FAILED, Path.cwd()).stdout.splitlines() if "::" in line]
+    failed = [
+        line for line in run_pytest(LAST_FAILED, Path.cwd()).stdout.splitlines() if "::" in line
+    ]
     git = shutil.which("git") or "git"
     with tempfile.TemporaryDirectory(prefix="tada-parent-") as folder:
         parent = Path(folder) / "checkout"
@@ -34,7 +36,9 @@ def main() -> None:
             for test in failed[:MOST_TESTS]:
                 print(f"{verdict(test, parent)}: {test}", flush=True)
             if len(failed) > MOST_TESTS:
-                print(f"{len(failed) - MOST_TESTS} more failed and were not run on the parent commit")
+                print(
+                    f"{len(failed) - MOST_TESTS} more failed and were not run on the parent commit"
+                )
         finally:
             subprocess.run([git, "worktree", "remove", "--force", str(parent)], check=False)
 
@@ -47,7 +51,11 @@ def verdict(test: str, parent: Path) -> str:
         return f"not done on the parent commit after {SECONDS} s"
     if code == ALL_PASSED:
         return "passes on the parent commit"
-    return "fails on the parent commit too" if code == SOME_FAILED else "is no test of the parent commit"
+    return (
+        "fails on the parent commit too"
+        if code == SOME_FAILED
+        else "is no test of the parent commit"
+    )
 
 
 def run_pytest(arguments: Sequence[str], checkout: Path) -> subprocess.CompletedProcess[str]:

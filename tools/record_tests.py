@@ -15,7 +15,14 @@ from pathlib import Path
 
 import pytest
 
-from tools.coverage_of_processes import DATA, REPORTING, REPOSITORY, TESTS, report_before_killing, start_coverage
+from tools.coverage_of_processes import (
+    DATA,
+    REPORTING,
+    REPOSITORY,
+    TESTS,
+    report_before_killing,
+    start_coverage,
+)
 
 SITECUSTOMIZE = """\
 from pathlib import Path
@@ -60,7 +67,12 @@ class TimesRecorder:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Write a phase's seconds and outcome."""
-        row = {"test": report.nodeid, "when": report.when, "seconds": report.duration, "outcome": report.outcome}
+        row = {
+            "test": report.nodeid,
+            "when": report.when,
+            "seconds": report.duration,
+            "outcome": report.outcome,
+        }
         self._file.write(json.dumps(row) + "\n")
 
 

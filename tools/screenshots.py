@@ -26,9 +26,15 @@ from tests.e2e.browser import ARGUMENTS, CHROMIUM, SOFTWARE_3D
 MAX_BYTES = 100_000
 QUALITIES = (88, 82, 75, 68, 60, 50, 40)
 WIDTH, HEIGHT = 1200, 800
-PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 780}, "device_scale_factor": 2, "color_scheme": "dark"}
+PHONE: dict[str, Any] = {
+    "viewport": {"width": 390, "height": 780},
+    "device_scale_factor": 2,
+    "color_scheme": "dark",
+}
 MOST_SKIPPED = 20  # items that are told in words come first
-SETTLED_MS = 300  # of review.js: a key that comes sooner is taken for one that was meant for the item before
+SETTLED_MS = (
+    300  # of review.js: a key that comes sooner is taken for one that was meant for the item before
+)
 BASE = f"/dashboard/studies/{STUDY}"
 
 
@@ -105,7 +111,9 @@ def main() -> int:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     meal, participant = richest_meal(arguments.address, arguments.name, arguments.password)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *SOFTWARE_3D])
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=[*ARGUMENTS, *SOFTWARE_3D]
+        )
         for shot in shots(meal, participant):
             if arguments.only in (None, shot.name):
                 take(browser, arguments, shot)
@@ -116,7 +124,11 @@ def main() -> int:
 def richest_meal(address: str, name: str, password: str) -> tuple[str, str]:
     """The photographed meal with most foods that are known, confirmed ones first: its id and participant."""
     with httpx2.Client(base_url=address, timeout=60) as client:
-        session = client.post("/v1/sessions", json={"name": name, "password": password}).raise_for_status().json()
+        session = (
+            client.post("/v1/sessions", json={"name": name, "password": password})
+            .raise_for_status()
+            .json()
+        )
         client.headers["Authorization"] = f"Bearer {session['token']}"
         params = {"study": STUDY, "origin": "photographed"}
         meals = client.get("/v1/meals", params=params).raise_for_status().json()["items"]
@@ -127,7 +139,9 @@ def richest_meal(address: str, name: str, password: str) -> tuple[str, str]:
 
 def take(browser: Any, arguments: argparse.Namespace, shot: Shot) -> None:
     """One picture, signed in, printed with its size."""
-    context = browser.new_context(**{"viewport": {"width": WIDTH, "height": HEIGHT}, **shot.options})
+    context = browser.new_context(
+        **{"viewport": {"width": WIDTH, "height": HEIGHT}, **shot.options}
+    )
     page = context.new_page()
     page.set_default_timeout(60_000)
     page.goto(f"{arguments.address}/dashboard/sign-in")

@@ -69,7 +69,9 @@ def read_classifier(path: Path) -> FoodClassifier | Failure:
         return _unreadable(path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
     except (OSError, ValueError, csv.Error) as error:
         return _unreadable(path, str(error))
-    network_input = described.model_dump(exclude={"model", "sha256", "labels", "studies"}) | {"labels": len(keys)}
+    network_input = described.model_dump(exclude={"model", "sha256", "labels", "studies"}) | {
+        "labels": len(keys)
+    }
     return FoodClassifier(
         model=path.parent / described.model,
         sha256=described.sha256,
@@ -94,7 +96,9 @@ def read_model(path: Path, sha256: str) -> bytes | Failure:
         return Failure("classifier_too_large", f"The model {path} is larger than {limit} MiB.")
     actual = hashlib.sha256(content).hexdigest()
     if actual != sha256:
-        return Failure("classifier_digest_differs", f"The model {path} has the SHA-256 {actual}, not {sha256}.")
+        return Failure(
+            "classifier_digest_differs", f"The model {path} has the SHA-256 {actual}, not {sha256}."
+        )
     return content
 
 
@@ -102,7 +106,9 @@ def _food_keys(text: str) -> tuple[str | None, ...]:
     """Lines of label and food_key, in the order of the network's outputs; an empty key is no food."""
     rows = list(csv.DictReader(io.StringIO(text)))
     if not rows or len(rows) > MAX_LABELS or any(row.get("food_key") is None for row in rows):
-        raise ValueError(f"the labels need the columns label and food_key, and 1 to {MAX_LABELS} lines")
+        raise ValueError(
+            f"the labels need the columns label and food_key, and 1 to {MAX_LABELS} lines"
+        )
     return tuple(row["food_key"].strip() or None for row in rows)
 
 

@@ -55,7 +55,9 @@ class ClassifyFoods:
         ended = self._children.run(request, lambda _: None, seconds=CLASSIFIER_SECONDS)
         failure = failure_of(ended)
         if failure is None:
-            for item, probabilities in zip(answer.items, ended.result["probabilities"], strict=True):
+            for item, probabilities in zip(
+                answer.items, ended.result["probabilities"], strict=True
+            ):
                 if probabilities is not None:
                     item.model_candidates = _candidates(classifier, probabilities)
         _note(answer, classifier.version, failure)
@@ -100,7 +102,9 @@ def _failure_of_outcome(outcome: Outcome, limit: str) -> Failure:
     return Failure("classifier_crashed", "The process that ran the model broke off.")
 
 
-def _candidates(classifier: FoodClassifier, probabilities: Sequence[float]) -> list[CandidateAnswer]:
+def _candidates(
+    classifier: FoodClassifier, probabilities: Sequence[float]
+) -> list[CandidateAnswer]:
     """The likeliest foods; labels of one food add up, and what is no food is left out."""
     by_key: dict[str, float] = {}
     for key, probability in zip(classifier.food_keys, probabilities, strict=True):

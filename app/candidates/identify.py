@@ -55,13 +55,17 @@ class IdentifyFoods:
             for (item, _), identification in zip(described, identified, strict=True):
                 if identification is not None:
                     item.candidates = [
-                        CandidateAnswer(food=each.food_key, probability=round(each.probability, DECIMALS))
+                        CandidateAnswer(
+                            food=each.food_key, probability=round(each.probability, DECIMALS)
+                        )
                         for each in identification.candidates
                     ]
                     item.none_probability = round(identification.none_probability, DECIMALS)
                     item.index_version = identification.index_version
             note_doubtful_scale(meal, answer, identifier)
-        except Exception as error:  # any bug: the volumes are computed, and a person can name the foods
+        except (
+            Exception
+        ) as error:  # any bug: the volumes are computed, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
@@ -84,13 +88,17 @@ class IdentifyFoods:
                 own=own,
                 eater=str(meal.participant_id),
             )
-            identified.append(identifier.identify(numbers_of(vcm.vector), circumstances, MOST_SEALED))
+            identified.append(
+                identifier.identify(numbers_of(vcm.vector), circumstances, MOST_SEALED)
+            )
         return identified
 
     def _confirmed_foods(self, meal: Meal) -> list[Eaten]:
         """Return the foods that the participant has confirmed; one that only the server identified shows no habit."""
         with self._database.read() as session:
-            rows = index_entries.eaten_before(session, meal.participant_id, without_meal=meal.id, most=MOST_EATEN)
+            rows = index_entries.eaten_before(
+                session, meal.participant_id, without_meal=meal.id, most=MOST_EATEN
+            )
         return [
             Eaten(row.food_key, local_minute(row.captured_at, row.time_zone))
             for row in rows

@@ -64,7 +64,8 @@ def identify_photo(
         return IdentifiedPhoto(*identified[0], time.perf_counter() - started)
     boxes = propose_boxes(pixels)
     surest, surest_box = max(
-        _identify(pixels, boxes, UNPOINTED_NONE_PRIOR, index), key=lambda each: each[0].candidates[0].probability
+        _identify(pixels, boxes, UNPOINTED_NONE_PRIOR, index),
+        key=lambda each: each[0].candidates[0].probability,
     )
     return IdentifiedPhoto(surest, surest_box, time.perf_counter() - started)
 
@@ -80,7 +81,9 @@ def identify_items(items: Iterable[dict[str, Any]], index: Path | None = None) -
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
         circumstances = Circumstances(item["volume_ml"], relative_sd)
         vector = numbers_of(VcmAnswer.model_validate(vcm).vector)
-        identification = identifier.identify(vector, circumstances, most=len(open_index(index).foods))
+        identification = identifier.identify(
+            vector, circumstances, most=len(open_index(index).foods)
+        )
         item.update(
             candidates=candidates_to_json(identification),
             none_of_these=round(identification.none_probability, 4),
@@ -92,8 +95,14 @@ def parse_box(text: str) -> Box:
     try:
         x, y, width, height = (float(part) for part in text.split(","))
     except ValueError:
-        raise InvalidInputError(f"“{text[:80]}” is no box: write X,Y,W,H in pixels.", code="box_invalid") from None
-    if not all(math.isfinite(each) for each in (x, y, width, height)) or width <= 0.0 or height <= 0.0:
+        raise InvalidInputError(
+            f"“{text[:80]}” is no box: write X,Y,W,H in pixels.", code="box_invalid"
+        ) from None
+    if (
+        not all(math.isfinite(each) for each in (x, y, width, height))
+        or width <= 0.0
+        or height <= 0.0
+    ):
         raise InvalidInputError(f"“{text[:80]}” is no box: it has no size.", code="box_invalid")
     return x, y, width, height
 

@@ -51,7 +51,9 @@ def current_candidates(
 ) -> tuple[list[ItemCandidate], Identified | None]:
     """Return an item's current candidates: of the run that saw its current region, or else of the run that found it."""
     by_run = {each.run_id: each for each in identified if each.index_version is not None}
-    is_seen_anew = seen_by in by_run or any(row.source == FROM_MODEL and row.run_id == seen_by for row in rows)
+    is_seen_anew = seen_by in by_run or any(
+        row.source == FROM_MODEL and row.run_id == seen_by for row in rows
+    )
     run_id = seen_by if is_seen_anew else found_by
     of_run = [row for row in rows if row.source != FROM_HINT and (row.run_id or found_by) == run_id]
     ordered = [row for source in (FROM_INDEX, FROM_MODEL) for row in of_run if row.source == source]
@@ -63,10 +65,15 @@ def candidates_of_records(
     session: Session, rows_of_items: Sequence[tuple[EffectiveRecord, Item]]
 ) -> dict[uuid.UUID, ItemCandidates]:
     """Return item -> its candidates."""
-    rows, identified = meal_parts.candidates_of_items(session, [item.id for _, item in rows_of_items])
+    rows, identified = meal_parts.candidates_of_items(
+        session, [item.id for _, item in rows_of_items]
+    )
     current = {
         item.id: current_candidates(
-            rows.get(item.id, ()), identified.get(item.id, ()), seen_by=record.run_id, found_by=item.run_id
+            rows.get(item.id, ()),
+            identified.get(item.id, ()),
+            seen_by=record.run_id,
+            found_by=item.run_id,
         )
         for record, item in rows_of_items
     }
@@ -74,7 +81,8 @@ def candidates_of_records(
     by_id = {food.id: food for food in foods.foods_by_id(session, named)} if named else {}
     return {
         item_id: ItemCandidates(
-            tuple(Candidate(by_id[row.food_id], row.probability, row.source) for row in chosen), identification
+            tuple(Candidate(by_id[row.food_id], row.probability, row.source) for row in chosen),
+            identification,
         )
         for item_id, (chosen, identification) in current.items()
     }

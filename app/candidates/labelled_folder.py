@@ -23,7 +23,9 @@ from app.vision.photo import read_photo
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif"})
 LAYOUT = tuple(BlockLayout(block.name, block.size, block.kind == "histogram") for block in BLOCKS)
-UNBOXED_MARGIN = 0.05  # of each side of a photograph without a box: what lies there is taken for background
+UNBOXED_MARGIN = (
+    0.05  # of each side of a photograph without a box: what lies there is taken for background
+)
 SPECIMEN_DEPTH = 3  # parts of <label>/<specimen>/<photo>
 
 
@@ -39,7 +41,11 @@ class LabelledPhoto:
 
 
 def build_from_folder(
-    folder: Path, source: str, *, max_pixels: int, on_photo: Callable[[int, int], object] = lambda *_: None
+    folder: Path,
+    source: str,
+    *,
+    max_pixels: int,
+    on_photo: Callable[[int, int], object] = lambda *_: None,
 ) -> FoodIndex:
     """Return the index of a folder. on_photo hears how many of how many photographs are described.
 
@@ -74,12 +80,18 @@ def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
         if path.suffix.lower() not in PHOTOGRAPHS or any(part.startswith(".") for part in parts):
             continue
         if len(parts) > SPECIMEN_DEPTH:
-            raise _invalid(f"{path} lies too deep: FOLDER/<label>/<specimen>/<photograph> is expected.")
+            raise _invalid(
+                f"{path} lies too deep: FOLDER/<label>/<specimen>/<photograph> is expected."
+            )
         name = "/".join(parts)
-        specimen = "/".join(parts[:2])  # of a photograph directly under its label this is its own name
+        specimen = "/".join(
+            parts[:2]
+        )  # of a photograph directly under its label this is its own name
         yield LabelledPhoto(path, name, parts[0], specimen, boxes.pop(name, None))
     if boxes:
-        raise _invalid(f"boxes.csv names photographs that {folder} does not have: {', '.join(sorted(boxes)[:5])}.")
+        raise _invalid(
+            f"boxes.csv names photographs that {folder} does not have: {', '.join(sorted(boxes)[:5])}."
+        )
 
 
 def describe_labelled(photo: LabelledPhoto, max_pixels: int) -> Vectors:
@@ -104,11 +116,19 @@ def _foods(folder: Path, labels: Sequence[str]) -> list[KnownFood]:
     """Return the foods of labels: as foods.csv says, or else the label is the key of the food."""
     path = folder / "foods.csv"
     try:
-        named = {food.label: food for food in read_labels(path.read_text("utf-8"))} if path.exists() else {}
+        named = (
+            {food.label: food for food in read_labels(path.read_text("utf-8"))}
+            if path.exists()
+            else {}
+        )
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise _invalid(f"{path} needs the columns label, name and food_key, each food once: {error}.") from None
+        raise _invalid(
+            f"{path} needs the columns label, name and food_key, each food once: {error}."
+        ) from None
     if unused := sorted(named.keys() - set(labels)):
-        raise _invalid(f"{path} names labels that the folder does not have: {', '.join(unused[:5])}.")
+        raise _invalid(
+            f"{path} names labels that the folder does not have: {', '.join(unused[:5])}."
+        )
     foods = [named.get(label) or KnownFood(label, label, label) for label in labels]
     keys = [food.food_key for food in foods]
     twice = sorted({key for key in keys if keys.count(key) > 1})
@@ -122,7 +142,9 @@ def _boxes(folder: Path) -> dict[str, Box]:
     for row in _rows(folder / "boxes.csv"):
         sides = [_number(row.get(side)) for side in ("x", "y", "width", "height")]
         if not row.get("photo") or None in sides or row["photo"] in boxes:
-            raise _invalid(f"{folder}/boxes.csv: each line needs photo (once), x, y, width and height in px: {row}.")
+            raise _invalid(
+                f"{folder}/boxes.csv: each line needs photo (once), x, y, width and height in px: {row}."
+            )
         x, y, width, height = (side for side in sides if side is not None)
         boxes[row["photo"]] = (x, y, width, height)
     return boxes
@@ -133,7 +155,9 @@ def _volumes(folder: Path, labels: Collection[str]) -> dict[str, tuple[float, ..
     for row in _rows(folder / "volumes.csv"):
         label, volume_ml = row.get("label") or "", _number(row.get("volume_ml"))
         if label not in labels or volume_ml is None or volume_ml <= 0.0:
-            raise _invalid(f"{folder / 'volumes.csv'}: each line needs a label of the folder and volume_ml > 0: {row}.")
+            raise _invalid(
+                f"{folder / 'volumes.csv'}: each line needs a label of the folder and volume_ml > 0: {row}."
+            )
         volumes[label] = (*volumes.get(label, ()), volume_ml)
     return volumes
 

@@ -51,7 +51,9 @@ class LearnedIndex:
             held = self._learned.pop(meal.study_id, None)
             entries, vectors = self._read(meal, index, held.vectors if held is not None else {})
             if held is None or held.entries != entries:
-                held = _Learned(entries, vectors, Identifier(index, _examples(meal, index, entries, vectors)))
+                held = _Learned(
+                    entries, vectors, Identifier(index, _examples(meal, index, entries, vectors))
+                )
             self._learned[meal.study_id] = held
             while len(self._learned) > MOST_STUDIES:
                 del self._learned[next(iter(self._learned))]
@@ -72,7 +74,9 @@ class LearnedIndex:
             new = [entry for entry in entries if _key(entry) not in cached]
             read = index_entries.vectors_of(session, new, index.vcm_version)
         vectors = dict(cached) | {key: numbers_of(vector) for key, vector in read.items()}
-        return tuple(entries), {key: vectors[key] for entry in entries if (key := _key(entry)) in vectors}
+        return tuple(entries), {
+            key: vectors[key] for entry in entries if (key := _key(entry)) in vectors
+        }
 
 
 def _key(entry: Entry) -> Key:
@@ -84,7 +88,11 @@ def _examples(
 ) -> list[Example]:
     """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study."""
     shape = index.vectors.shape[1:]
-    usable = {key for key, vector in vectors.items() if vector.shape == shape and np.isfinite(vector).all()}
+    usable = {
+        key
+        for key, vector in vectors.items()
+        if vector.shape == shape and np.isfinite(vector).all()
+    }
     if len(usable) < len(entries):
         log.error("vectors_unusable", study_id=str(meal.study_id), count=len(entries) - len(usable))
     return [

@@ -45,7 +45,9 @@ def likely_forms(vector: Vectors, index: Path | None) -> Mapping[str, float]:
     if form_index_version(index) is None:
         return shares
     forms = _usual_forms()
-    for candidate in identifier_of(index).identify(vector, most=len(open_index(index).foods)).candidates:
+    for candidate in (
+        identifier_of(index).identify(vector, most=len(open_index(index).foods)).candidates
+    ):
         form = forms.get(candidate.food_key)
         if form is not None:
             kept = "whole" if form in WHOLE else form

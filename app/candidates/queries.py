@@ -40,7 +40,13 @@ class EatenRow:
 
 
 def entries_for(
-    session: Session, study_id: uuid.UUID, vcm_version: str, *, without_meal: uuid.UUID, most: int, most_recent: int
+    session: Session,
+    study_id: uuid.UUID,
+    vcm_version: str,
+    *,
+    without_meal: uuid.UUID,
+    most: int,
+    most_recent: int,
 ) -> list[Entry]:
     """Return the entries that a study learns from, the newest last: its own, and those of studies that share.
 
@@ -72,7 +78,10 @@ def entries_for(
     ranked = sa.select(turns, place).subquery()
     order = (ranked.c.place, ranked.c.is_own.desc(), ranked.c.captured_at.desc(), ranked.c.item_id)
     columns = [column for column in ranked.c if column.name not in {"turn", "place"}]
-    entries = {Entry(**row) for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()}
+    entries = {
+        Entry(**row)
+        for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()
+    }
     if len(entries) == most:
         recent = chosen.where(is_own).order_by(*newest).limit(most_recent)
         entries |= {Entry(**row) for row in session.execute(recent).mappings()}
@@ -90,10 +99,16 @@ def vectors_of(
     query = sa.select(seen.item_id, seen.run_id, seen.vector).where(
         seen.item_id.in_([item_id for item_id, _ in keys]), seen.vcm_version == vcm_version
     )
-    return {(row.item_id, row.run_id): row.vector for row in session.execute(query) if (row[0], row[1]) in keys}
+    return {
+        (row.item_id, row.run_id): row.vector
+        for row in session.execute(query)
+        if (row[0], row[1]) in keys
+    }
 
 
-def eaten_before(session: Session, participant_id: uuid.UUID, *, without_meal: uuid.UUID, most: int) -> list[EatenRow]:
+def eaten_before(
+    session: Session, participant_id: uuid.UUID, *, without_meal: uuid.UUID, most: int
+) -> list[EatenRow]:
     """Return the participant's newest confirmed foods, also declared ones, except those of one meal."""
     record = EffectiveRecord
     query = (
@@ -108,10 +123,17 @@ def eaten_before(session: Session, participant_id: uuid.UUID, *, without_meal: u
         .order_by(record.captured_at.desc(), record.item_id)
         .limit(most)
     )
-    return [EatenRow(key, captured_at, zone, tuple(flags)) for key, captured_at, zone, flags in session.execute(query)]
+    return [
+        EatenRow(key, captured_at, zone, tuple(flags))
+        for key, captured_at, zone, flags in session.execute(query)
+    ]
 
 
 def entries_of_meal(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, IndexEntry]:
     """Return item -> its entry, of one meal."""
-    query = sa.select(IndexEntry).join(Item, Item.id == IndexEntry.item_id).where(Item.meal_id == meal_id)
+    query = (
+        sa.select(IndexEntry)
+        .join(Item, Item.id == IndexEntry.item_id)
+        .where(Item.meal_id == meal_id)
+    )
     return {entry.item_id: entry for entry in session.scalars(query)}

@@ -18,7 +18,9 @@ from app.meals.meal_parts import FROM_INDEX, FROM_MODEL
 from app.meals.record_models import Item, ItemCandidate
 from app.meals.run_answer import CandidateAnswer, ItemAnswer
 
-ASSIGNED_FROM = 0.8  # probability of the first candidate; a wrong food must not enter sums unnoticed
+ASSIGNED_FROM = (
+    0.8  # probability of the first candidate; a wrong food must not enter sums unnoticed
+)
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 
@@ -48,7 +50,9 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                 )
             )
         by_model, _ = _known(answer.model_candidates, foods_by_key)
-        from_all = [(FROM_INDEX, each) for each in candidates] + [(FROM_MODEL, each) for each in by_model]
+        from_all = [(FROM_INDEX, each) for each in candidates] + [
+            (FROM_MODEL, each) for each in by_model
+        ]
         session.add_all(
             ItemCandidate(
                 item_id=item.id,
@@ -58,16 +62,25 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                 source=source,
                 run_id=run_id,
             )
-            for position, (source, (food, probability)) in enumerate(from_all, start=places.get(item.id, 0))
+            for position, (source, (food, probability)) in enumerate(
+                from_all, start=places.get(item.id, 0)
+            )
         )
-        likely.append(candidates[0][0] if candidates and candidates[0][1] >= ASSIGNED_FROM else None)
+        likely.append(
+            candidates[0][0] if candidates and candidates[0][1] >= ASSIGNED_FROM else None
+        )
     session.flush()
     return likely
 
 
 def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
     """Return key -> food in force, of all candidates of all items."""
-    keys = {each.food for _, answer in seen if answer.index_version is not None for each in answer.candidates}
+    keys = {
+        each.food
+        for _, answer in seen
+        if answer.index_version is not None
+        for each in answer.candidates
+    }
     keys |= {each.food for _, answer in seen for each in answer.model_candidates}
     return foods.foods_by_key(session, keys) if keys else {}
 
@@ -82,7 +95,9 @@ def _next_places(session: Session, items: Collection[uuid.UUID]) -> dict[uuid.UU
     return {row[0]: row[1] for row in session.execute(query)}
 
 
-def _candidates(answer: ItemAnswer, foods_by_key: Mapping[str, Food]) -> tuple[list[tuple[Food, float]], float | None]:
+def _candidates(
+    answer: ItemAnswer, foods_by_key: Mapping[str, Food]
+) -> tuple[list[tuple[Food, float]], float | None]:
     """Return the saved candidates, best first, and the probability of none of them; None: not identified."""
     if answer.index_version is None or answer.none_probability is None:
         return [], None

@@ -12,7 +12,9 @@ from app.meals.item_state import SCALE_DOUBTFUL
 from app.meals.models import HintDetails, Meal
 from app.meals.run_answer import ItemAnswer, RunAnswer
 
-PLAUSIBLE_FACTOR = "plausible_scale_factor"  # a parameter of the run: what all lengths should be multiplied by
+PLAUSIBLE_FACTOR = (
+    "plausible_scale_factor"  # a parameter of the run: what all lengths should be multiplied by
+)
 
 
 def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -> None:
@@ -21,9 +23,13 @@ def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -
         return
     lengths_mm = dict(cast(dict[str, list[float]], answer.parameters.get("rim_radii_mm", {})))
     lengths_mm["camera"] = [cast(float, answer.parameters["camera_height_first_mm"])]
-    hints = meal.details["hints"] if not answer.regions else []  # a run on redrawn regions has hints of its own
+    hints = (
+        meal.details["hints"] if not answer.regions else []
+    )  # a run on redrawn regions has hints of its own
     foods = [
-        MeasuredFood(item.volume_ml, math.hypot(*item.relative_sd.values()), _kinds(item, hints, identifier))
+        MeasuredFood(
+            item.volume_ml, math.hypot(*item.relative_sd.values()), _kinds(item, hints, identifier)
+        )
         for item in answer.items
         if item.volume_ml
     ]
@@ -34,7 +40,9 @@ def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -
             item.flags.append(SCALE_DOUBTFUL)
 
 
-def _kinds(item: ItemAnswer, hints: Sequence[HintDetails], identifier: Identifier) -> list[tuple[float, FoodSize]]:
+def _kinds(
+    item: ItemAnswer, hints: Sequence[HintDetails], identifier: Identifier
+) -> list[tuple[float, FoodSize]]:
     """The foods of known size that an item may be: the one that its hint names, else by its looks."""
     food = hints[item.hint].get("food") if hints and item.hint is not None else None
     if food is not None:

@@ -27,7 +27,12 @@ class SeenRegion:
 
 
 def meals_to_describe(
-    session: Session, vcm_version: str, *, after: uuid.UUID | None, limit: int, study_id: uuid.UUID | None
+    session: Session,
+    vcm_version: str,
+    *,
+    after: uuid.UUID | None,
+    limit: int,
+    study_id: uuid.UUID | None,
 ) -> list[uuid.UUID]:
     """Return meals with a region that lacks a vector of this version, ordered by id, after the id `after`."""
     is_found = sa.exists().where(Item.meal_id == Meal.id, _is_bare_item(vcm_version))
@@ -45,18 +50,34 @@ def meals_to_describe(
 def regions_to_describe(session: Session, meal_id: uuid.UUID, vcm_version: str) -> list[SeenRegion]:
     """Return the meal's measured regions that lack a vector of this version, in the order of items."""
     found = (
-        sa.select(Item.id, Run.id.label("run_id"), Item.rings, Run.colour, Run.marker, Item.position)
+        sa.select(
+            Item.id, Run.id.label("run_id"), Item.rings, Run.colour, Run.marker, Item.position
+        )
         .join(Run, Run.id == Item.run_id)
         .where(Item.meal_id == meal_id, _is_bare_item(vcm_version))
     )
     measured = (
-        sa.select(Item.id, Run.id.label("run_id"), ItemMeasure.rings, Run.colour, Run.marker, Item.position)
+        sa.select(
+            Item.id,
+            Run.id.label("run_id"),
+            ItemMeasure.rings,
+            Run.colour,
+            Run.marker,
+            Item.position,
+        )
         .join(ItemMeasure, ItemMeasure.item_id == Item.id)
         .join(Run, Run.id == ItemMeasure.run_id)
         .where(Item.meal_id == meal_id, _is_bare_measure(vcm_version))
     )
-    rows = sorted([*session.execute(found), *session.execute(measured)], key=lambda row: (row.position, row.id))
-    return [SeenRegion(row.id, row.run_id, row.rings, row.colour, row.marker) for row in rows if _is_outline(row.rings)]
+    rows = sorted(
+        [*session.execute(found), *session.execute(measured)],
+        key=lambda row: (row.position, row.id),
+    )
+    return [
+        SeenRegion(row.id, row.run_id, row.rings, row.colour, row.marker)
+        for row in rows
+        if _is_outline(row.rings)
+    ]
 
 
 def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None) -> int:
@@ -64,7 +85,9 @@ def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None)
     query = sa.select(sa.func.count()).select_from(ItemIdentification)
     query = query.where(ItemIdentification.vcm_version == vcm_version)
     if study_id is not None:
-        query = query.join(Item, Item.id == ItemIdentification.item_id).join(Meal, Meal.id == Item.meal_id)
+        query = query.join(Item, Item.id == ItemIdentification.item_id).join(
+            Meal, Meal.id == Item.meal_id
+        )
         query = query.where(Meal.study_id == study_id)
     return session.scalar(query) or 0
 
@@ -72,7 +95,9 @@ def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None)
 def photograph_of(session: Session, meal_id: uuid.UUID) -> MealImage | None:
     """Return the photograph that outlines are drawn in; None if it is erased or missing."""
     query = sa.select(MealImage).where(
-        MealImage.meal_id == meal_id, MealImage.slot == DESCRIBED_SLOT, MealImage.erased_at.is_(None)
+        MealImage.meal_id == meal_id,
+        MealImage.slot == DESCRIBED_SLOT,
+        MealImage.erased_at.is_(None),
     )
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
@@ -85,7 +110,8 @@ def confirmed_without_vector(session: Session, vcm_version: str) -> int:
         MealImage.erased_at.is_(None),
     )
     has_vector = sa.exists().where(
-        ItemIdentification.item_id == EffectiveRecord.item_id, ItemIdentification.vcm_version == vcm_version
+        ItemIdentification.item_id == EffectiveRecord.item_id,
+        ItemIdentification.vcm_version == vcm_version,
     )
     is_measured = sa.exists().where(ItemMeasure.item_id == EffectiveRecord.item_id)
     query = (

@@ -63,7 +63,11 @@ class CaptureFiles(PublicFiles):
         if folder != "client":
             return super().lookup_path(path)
         place = client_folder() / name
-        return (str(place), place.stat()) if MODULE_NAME.fullmatch(name) and place.is_file() else ("", None)
+        return (
+            (str(place), place.stat())
+            if MODULE_NAME.fullmatch(name) and place.is_file()
+            else ("", None)
+        )
 
 
 def client_folder() -> Path:
@@ -75,24 +79,35 @@ def client_folder() -> Path:
 def service_worker() -> bytes:
     """Return the service worker's script, with its files, their common version and its texts as `SHELL`."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*")}
-    files |= {f"client/{path.relative_to(client_folder()).as_posix()}": path for path in client_folder().rglob("*.js")}
+    files |= {
+        f"client/{path.relative_to(client_folder()).as_posix()}": path
+        for path in client_folder().rglob("*.js")
+    }
     kept = {
         name: path
         for name, path in sorted(files.items())
-        if path.is_file() and name != SERVICE_WORKER and path.suffix != ".md" and path.name != "LICENSE"
+        if path.is_file()
+        and name != SERVICE_WORKER
+        and path.suffix != ".md"
+        and path.name != "LICENSE"
     }
     script = (STATIC / SERVICE_WORKER).read_bytes()
     version = hashlib.sha256(script)
     for name, path in kept.items():
         version.update(name.encode() + b"\0" + path.read_bytes())
     names = ["" if name == "index.html" else name for name in kept]
-    shell = json.dumps({"version": version.hexdigest()[:16], "files": names, "texts": _notification_texts()})
+    shell = json.dumps(
+        {"version": version.hexdigest()[:16], "files": names, "texts": _notification_texts()}
+    )
     return f"const SHELL = {shell};\n".encode() + script
 
 
 def _notification_texts() -> dict[str, dict[str, str]]:
     """Return the texts of notifications by language and key."""
-    texts = {path.stem: json.loads(path.read_bytes()) for path in sorted((STATIC / "texts").glob("*.json"))}
+    texts = {
+        path.stem: json.loads(path.read_bytes())
+        for path in sorted((STATIC / "texts").glob("*.json"))
+    }
     return {
         language: {key: text for key, text in by_key.items() if OF_NOTIFICATIONS.fullmatch(key)}
         for language, by_key in texts.items()

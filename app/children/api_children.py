@@ -17,7 +17,13 @@ from weakref import WeakValueDictionary
 
 import structlog
 
-from app.children.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
+from app.children.child_pool import (
+    ChildPool,
+    ChildPoolClosedError,
+    ChildRequest,
+    ChildResult,
+    ChildStartError,
+)
 from app.core.errors import TadaError, UnavailableError
 from app.core.settings import Settings
 from app.photos.inspect import COSTLY_PIXELS
@@ -25,7 +31,9 @@ from app.photos.inspect import COSTLY_PIXELS
 log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
-WAITING_A_CHILD = 10  # with two children sixteen uploads of one study may wait, and threads are left for others
+WAITING_A_CHILD = (
+    10  # with two children sixteen uploads of one study may wait, and threads are left for others
+)
 WAIT_SECONDS = 6.0
 INSPECT_SECONDS = 5.0  # of processor time; reading the structure of 30 MB takes a tenth
 MAX_UNDECODABLE = 100_000  # remembered photographs: some 10 MB
@@ -74,7 +82,9 @@ class _SemaphorePerKey:
 class ApiChildren:
     """At most settings.api_children children; one object per process of the server."""
 
-    def __init__(self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS) -> None:
+    def __init__(
+        self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS
+    ) -> None:
         self._pool = ChildPool(settings, tasks, children=settings.api_children)
         self._wait_seconds = wait_seconds
         room = settings.api_children * (1 + WAITING_A_CHILD)
@@ -117,17 +127,29 @@ class ApiChildren:
         with self._admitted(whose, is_costly=is_costly):
             try:
                 ended = self._pool.run(
-                    ChildRequest(task, arguments, is_costly), lambda _: None, seconds=seconds, patience=PATIENCE
+                    ChildRequest(task, arguments, is_costly),
+                    lambda _: None,
+                    seconds=seconds,
+                    patience=PATIENCE,
                 )
             except (ChildPoolClosedError, ChildStartError) as error:
                 raise _busy() from error
         if ended.outcome == "ok":
             return ended.result
-        log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_loggable_message(ended))
-        if ended.outcome in ("stalled", "killed") or ended.errno is not None:  # as http/problems.py answers an OSError
+        log.error(
+            "api_child_ended_badly",
+            task=task,
+            outcome=ended.outcome,
+            message=_loggable_message(ended),
+        )
+        if (
+            ended.outcome in ("stalled", "killed") or ended.errno is not None
+        ):  # as http/problems.py answers an OSError
             raise _busy()
         if ended.outcome == "raised":
-            raise TadaError("The server made a mistake while it decoded the photograph; its log has the details.")
+            raise TadaError(
+                "The server made a mistake while it decoded the photograph; its log has the details."
+            )
         if photograph_sha256 is not None and len(self._undecodable) < MAX_UNDECODABLE:
             self._undecodable.add(photograph_sha256)
         raise _not_decoded()

@@ -39,7 +39,9 @@ def main(arguments: list[str]) -> None:
     tasks_name, parent_pid, memory_bytes = arguments
     die_with_parent(int(parent_pid))
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # sent to the whole process group; the parent decides when a child ends
+        signal.signal(
+            number, signal.SIG_IGN
+        )  # sent to the whole process group; the parent decides when a child ends
     requests, answers = _take_pipes()
     faulthandler.enable(sys.stderr)
     _limit_memory(int(memory_bytes))
@@ -88,21 +90,29 @@ def _limit_processor_time(seconds: float) -> None:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     limit = math.ceil(usage.ru_utime + usage.ru_stime + seconds)
-    resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+    )
 
 
 def _load_tasks(name: str) -> Mapping[str, Task]:
     module_name, _, attribute = name.partition(":")
     tasks: Mapping[str, Task] = getattr(importlib.import_module(module_name), attribute)
     if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(1)  # there are many children; more threads would only compete
+        sys.modules["cv2"].setNumThreads(
+            1
+        )  # there are many children; more threads would only compete
     return tasks
 
 
-def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, object], answers: TextIO) -> Message:
+def _perform(
+    tasks: Mapping[str, Task], name: str, arguments: Mapping[str, object], answers: TextIO
+) -> Message:
     try:
         result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
-        json.dumps(result, allow_nan=False)  # an answer that is not JSON is reported as a fault of the task
+        json.dumps(
+            result, allow_nan=False
+        )  # an answer that is not JSON is reported as a fault of the task
     except Exception as error:  # noqa: BLE001  # the worker's edge
         traceback.print_exc()
         message = f"{type(error).__name__}: {error}"
@@ -117,7 +127,9 @@ def _is_out_of_memory(error: Exception) -> bool:
     if isinstance(error, MemoryError):
         return True
     is_opencv = type(error).__module__.partition(".")[0] == "cv2"
-    return is_opencv and (getattr(error, "code", None) == OPENCV_NO_MEMORY or "bad_alloc" in str(error))
+    return is_opencv and (
+        getattr(error, "code", None) == OPENCV_NO_MEMORY or "bad_alloc" in str(error)
+    )
 
 
 def _send(answers: TextIO, message: Message) -> None:

@@ -43,7 +43,9 @@ KEPT_VARIABLES = (
     "LD_LIBRARY_PATH",
 )  # none of the settings, so no password
 
-PATIENCE = 10.0  # limit by the clock, in limits of processor time: a child may get only a tenth of a core
+PATIENCE = (
+    10.0  # limit by the clock, in limits of processor time: a child may get only a tenth of a core
+)
 
 Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
 PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # a retry may succeed
@@ -52,14 +54,28 @@ _AGAIN = "Take the two photographs again and send them as a new meal."
 _KEPT = "The photographs are kept. Ask the people who run the server to queue the meal again once it has more room."
 _BUG = "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again."
 FAILURES: Mapping[Outcome, Failure] = {  # {limit}: the limit that was exceeded
-    "crashed": Failure("estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN),
-    "timed_out": Failure("estimate_timed_out", "The estimate took more than {limit} of processor time.", _KEPT),
-    "stalled": Failure(
-        "estimate_timed_out", "The estimate did not end within {limit}: the machine is too busy.", _KEPT
+    "crashed": Failure(
+        "estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN
     ),
-    "killed": Failure("estimate_killed", "The estimate was ended from outside, most likely for want of memory.", _KEPT),
-    "out_of_memory": Failure("estimate_out_of_memory", "The estimate needed more than {limit} of memory.", _AGAIN),
-    "raised": Failure("internal_error", "The server made a mistake while it estimated this meal.", _BUG),
+    "timed_out": Failure(
+        "estimate_timed_out", "The estimate took more than {limit} of processor time.", _KEPT
+    ),
+    "stalled": Failure(
+        "estimate_timed_out",
+        "The estimate did not end within {limit}: the machine is too busy.",
+        _KEPT,
+    ),
+    "killed": Failure(
+        "estimate_killed",
+        "The estimate was ended from outside, most likely for want of memory.",
+        _KEPT,
+    ),
+    "out_of_memory": Failure(
+        "estimate_out_of_memory", "The estimate needed more than {limit} of memory.", _AGAIN
+    ),
+    "raised": Failure(
+        "internal_error", "The server made a mistake while it estimated this meal.", _BUG
+    ),
 }
 
 
@@ -118,8 +134,12 @@ class ChildStartError(Exception):
 class ChildPool:
     """A limited number of children; `run` waits for a free one. tasks: see child.py."""
 
-    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
-        self.on_begin: Callable[[str], object] = lambda _: None  # called with the request's name when it needs a child
+    def __init__(
+        self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1
+    ) -> None:
+        self.on_begin: Callable[[str], object] = lambda _: (
+            None
+        )  # called with the request's name when it needs a child
         self.on_done: Callable[[str], object] = lambda _: (
             None
         )  # called with the request's name when it no longer needs one
@@ -128,7 +148,9 @@ class ChildPool:
         self._uses = uses
         self._children = children
         self._free = threading.BoundedSemaphore(children)
-        self._gathering = threading.Lock()  # held while a request collects all places: two would deadlock
+        self._gathering = (
+            threading.Lock()
+        )  # held while a request collects all places: two would deadlock
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()
@@ -209,7 +231,11 @@ class ChildPool:
             yield
 
     def _run_in_child(
-        self, request: ChildRequest, on_stage: StageListener, limits: tuple[float, float], name: str | None
+        self,
+        request: ChildRequest,
+        on_stage: StageListener,
+        limits: tuple[float, float],
+        name: str | None,
     ) -> ChildResult | None:
         """Run in a warm or a new child, which stays warm after success and is discarded otherwise.
 
@@ -320,7 +346,14 @@ class _Child:
         environment |= dict.fromkeys(THREAD_VARIABLES, "1")
         environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.children.child", tasks, str(os.getpid()), str(memory_bytes)],
+            [
+                sys.executable,
+                "-m",
+                "app.children.child",
+                tasks,
+                str(os.getpid()),
+                str(memory_bytes),
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
@@ -337,7 +370,9 @@ class _Child:
             return
         message = next(self._messages(START_SECONDS), None)
         if message != {"ready": True}:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # the pipe closes shortly before the process ends
+            with contextlib.suppress(
+                subprocess.TimeoutExpired
+            ):  # the pipe closes shortly before the process ends
                 self._process.wait(1.0)
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
@@ -360,7 +395,9 @@ class _Child:
         stdin = self._process.stdin
         if stdin is None:
             raise ValueError("the child has no pipe")
-        with contextlib.suppress(BrokenPipeError):  # it is dead; reading its messages below tells how it died
+        with contextlib.suppress(
+            BrokenPipeError
+        ):  # it is dead; reading its messages below tells how it died
             stdin.write(line.encode())
             stdin.flush()
         deadline = time.monotonic() + seconds
@@ -374,7 +411,9 @@ class _Child:
                 case {"ok": dict(result)}:
                     return ChildResult("ok", result)
                 case {"out_of_memory": str(text)}:
-                    return ChildResult("out_of_memory", message=text, limit=_in_mebibytes(self._memory_bytes))
+                    return ChildResult(
+                        "out_of_memory", message=text, limit=_in_mebibytes(self._memory_bytes)
+                    )
                 case {"raised": str(text), "errno": int(errno)}:
                     return ChildResult("raised", message=text, errno=errno)
                 case {"raised": str(text)}:
@@ -382,7 +421,9 @@ class _Child:
                 case _:
                     return ChildResult("raised", message="the child process sent what is no answer")
         if time.monotonic() >= deadline and self.is_alive():
-            return ChildResult("stalled", message=f"killed after {seconds:g} s", limit=f"{seconds:g} s")
+            return ChildResult(
+                "stalled", message=f"killed after {seconds:g} s", limit=f"{seconds:g} s"
+            )
         return self._describe_death(cpu_seconds) if is_taken else None
 
     def kill(self) -> None:
@@ -400,13 +441,21 @@ class _Child:
 
     def _describe_death(self, cpu_seconds: float) -> ChildResult:
         status = self._process.wait()
-        if status == -signal.SIGKILL:  # not by us, which is "stalled": by the kernel, for lack of memory
-            return ChildResult("killed", message="the child process was killed, most likely by the kernel")
+        if (
+            status == -signal.SIGKILL
+        ):  # not by us, which is "stalled": by the kernel, for lack of memory
+            return ChildResult(
+                "killed", message="the child process was killed, most likely by the kernel"
+            )
         if status == -signal.SIGXCPU:
             limit = f"{cpu_seconds:g} s"
-            return ChildResult("timed_out", message=f"ended after {limit} of processor time", limit=limit)
+            return ChildResult(
+                "timed_out", message=f"ended after {limit} of processor time", limit=limit
+            )
         number = -status if status < 0 else None
-        return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
+        return ChildResult(
+            "crashed", message=f"the child process ended with status {status}", signal=number
+        )
 
     def _messages(self, seconds: float) -> Iterator[object]:
         """Yield messages until the time is over or the pipe closes; None for a message that is not JSON."""

@@ -13,8 +13,15 @@ from app.core.settings import MEBIBYTE, Settings
 
 # Resident, at the most seen: 300 MB for a pair of 12 megapixels, as phones send; 520 MB for one of 48 (docs/jobs.md).
 ESTIMATE_BYTES = 512 * MEBIBYTE
-SHARE_OF_MEMORY = 0.75  # the rest is for the worker itself, the system, and a database or server beside it
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+SHARE_OF_MEMORY = (
+    0.75  # the rest is for the worker itself, the system, and a database or server beside it
+)
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+)
 NO_LIMIT = 1 << 60  # version 1 writes a number near 2**63 for it
 
 
@@ -22,13 +29,21 @@ def worker_concurrency(settings: Settings) -> int:
     """Return the setting, or else as many estimates as cores and memory allow, at least one."""
     if settings.worker_concurrency is not None:
         return settings.worker_concurrency
-    return max(1, min(usable_cores(), int(usable_memory_bytes() * SHARE_OF_MEMORY) // ESTIMATE_BYTES))
+    return max(
+        1, min(usable_cores(), int(usable_memory_bytes() * SHARE_OF_MEMORY) // ESTIMATE_BYTES)
+    )
 
 
 def usable_cores(root: Path = Path("/")) -> int:
     """Return the whole cores that this process may use, at least one. root: of /proc and /sys, another in tests."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    quotas = [quota for folder in _control_groups(root, "cpu") if (quota := _cpu_quota(folder)) is not None]
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+    quotas = [
+        quota
+        for folder in _control_groups(root, "cpu")
+        if (quota := _cpu_quota(folder)) is not None
+    ]
     return max(1, int(min([float(cores), *quotas])))
 
 
@@ -37,7 +52,11 @@ def usable_memory_bytes(root: Path = Path("/")) -> int:
     limits = [_machine_memory_bytes(root)]
     for folder in _control_groups(root, "memory"):
         for name in ("memory.max", "memory.limit_in_bytes"):
-            limits += [int(word) for word in _words(folder / name) if word.isdigit() and int(word) < NO_LIMIT]
+            limits += [
+                int(word)
+                for word in _words(folder / name)
+                if word.isdigit() and int(word) < NO_LIMIT
+            ]
     return min(limits)
 
 
@@ -50,7 +69,9 @@ def _control_groups(root: Path, controller: str) -> Iterator[Path]:
             continue
         top = root / "sys/fs/cgroup" / (controller if controllers else "")
         folder = top / path.strip("/")
-        while folder.is_relative_to(top):  # in a container the path may be the host's; the top always exists
+        while folder.is_relative_to(
+            top
+        ):  # in a container the path may be the host's; the top always exists
             yield folder
             folder = folder.parent
 
@@ -61,7 +82,9 @@ def _cpu_quota(folder: Path) -> float | None:
         *_words(folder / "cpu.cfs_quota_us"),
         *_words(folder / "cpu.cfs_period_us"),
     ]
-    if len(words) != 2 or not all(word.isdigit() for word in words) or int(words[1]) == 0:  # "max", or -1
+    if (
+        len(words) != 2 or not all(word.isdigit() for word in words) or int(words[1]) == 0
+    ):  # "max", or -1
         return None
     return int(words[0]) / int(words[1])
 

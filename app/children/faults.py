@@ -84,7 +84,9 @@ def is_passing(error: Exception) -> bool:
     if isinstance(error, TadaError):
         return error.retryable
     if isinstance(error, sa.exc.DBAPIError):
-        return error.connection_invalidated or isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
+        return error.connection_invalidated or isinstance(
+            error, (sa.exc.OperationalError, sa.exc.InterfaceError)
+        )
     if isinstance(error, sa.exc.TimeoutError):  # no free connection in the pool
         return True
     if isinstance(

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-conformance_cli = typer.Typer(no_args_is_help=True, help="Try whether an app or a server does what docs/apps.md asks.")
+conformance_cli = typer.Typer(
+    no_args_is_help=True, help="Try whether an app or a server does what docs/apps.md asks."
+)
 
 STUDY, PARTICIPANT = "conformance", "P001"
 
@@ -18,7 +20,9 @@ def serve_conformance(
         str, typer.Option(help="Address to listen on; 0.0.0.0 for phones on the same network.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8010,
-    url: Annotated[str | None, typer.Option(help="Address that phones use; default: http://HOST:PORT.")] = None,
+    url: Annotated[
+        str | None, typer.Option(help="Address that phones use; default: http://HOST:PORT.")
+    ] = None,
 ) -> None:
     """Run a throwaway server that records what an app does, disturbs it, and shows a check list at /conformance."""
     from app.cli.demo import throwaway_settings
@@ -54,7 +58,9 @@ def run_conformance(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for report.html and report.json.")
     ] = None,
-    any_study: Annotated[bool, typer.Option("--any-study", help="Also where the study is no sandbox.")] = False,
+    any_study: Annotated[
+        bool, typer.Option("--any-study", help="Also where the study is no sandbox.")
+    ] = False,
 ) -> None:
     """Play a phone against a server, with lost answers and broken uploads. Exit status 0: all required checks pass."""
     import httpx2
@@ -73,7 +79,9 @@ def run_conformance(
         except httpx2.HTTPError as error:
             raise InvalidInputError(f"{url} does not answer: {error}.") from None
         if phone is None:
-            raise InvalidInputError(f"The code enrols no phone: {answer.status_code} {answer.text[:300]}")
+            raise InvalidInputError(
+                f"The code enrols no phone: {answer.status_code} {answer.text[:300]}"
+            )
         study = document(phone.call("GET", "/v1/me")).get("study")
         if not any_study and not (isinstance(study, dict) and study.get("sandbox")):
             phone.call("DELETE", "/v1/me/device")
@@ -84,7 +92,9 @@ def run_conformance(
         results = try_server(phone)
     for result in results:
         advice = "" if result.is_required else " (advice)"
-        print(f"{WORDS[result.verdict.outcome]:<12} {result.name:<20} {result.title}{advice}: {result.verdict.detail}")
+        print(
+            f"{WORDS[result.verdict.outcome]:<12} {result.name:<20} {result.title}{advice}: {result.verdict.detail}"
+        )
     if output is not None:
         report = [report_of(url, results)]
         output.mkdir(parents=True, exist_ok=True)

@@ -54,7 +54,9 @@ def run_demo(output: Path) -> int:
             show_meal(meal)
             show_records(phone)
             save_artefacts(phone, meal, output)
-    say(f"Done in {time.perf_counter() - started:.0f} s. Pictures of each step are in {output.resolve()}")
+    say(
+        f"Done in {time.perf_counter() - started:.0f} s. Pictures of each step are in {output.resolve()}"
+    )
     return 0
 
 
@@ -63,7 +65,9 @@ def say(text: str) -> None:
     print(f"== {text}", flush=True)
 
 
-def throwaway_settings(folder: Path, *, port: int, host: str = "127.0.0.1", public_url: str | None = None) -> Settings:
+def throwaway_settings(
+    folder: Path, *, port: int, host: str = "127.0.0.1", public_url: str | None = None
+) -> Settings:
     """Return settings of a server that keeps all of its data in a folder, whatever the environment says."""
     return Settings(
         data_dir=folder,
@@ -100,7 +104,9 @@ def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
 def serve_until_interrupted(port: int, fill: Callable[[httpx2.Client], object]) -> int:
     """Run a throwaway server, fill it as its admin, and serve it until Ctrl-C. Returns the exit status."""
     for number in ENDINGS:
-        signal.signal(number, _interrupt)  # SIGINT too, since shells make background processes ignore it
+        signal.signal(
+            number, _interrupt
+        )  # SIGINT too, since shells make background processes ignore it
     try:
         with throwaway_server(port) as admin:
             fill(admin)
@@ -125,7 +131,10 @@ def running_server(settings: Settings) -> Iterator[str]:
     environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
     environment |= settings_environment(settings)
     process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "app.cli", "serve"],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     address: list[str] = []
     is_decided = threading.Event()
@@ -180,9 +189,13 @@ def send_meal(phone: httpx2.Client) -> MealOut:
         "time_zone": "Asia/Shanghai",
         "hints": [{"point": FOOD_POINT}],
     }
-    meal = upload(phone, metadata, {side: bundled_photograph("", side) for side in ("left", "right")})
+    meal = upload(
+        phone, metadata, {side: bundled_photograph("", side) for side in ("left", "right")}
+    )
     durable = all(image.durable for image in meal.images.values())
-    say(f"Uploaded a meal: both photographs durable: {durable}; hint: an unnamed food at {FOOD_POINT}.")
+    say(
+        f"Uploaded a meal: both photographs durable: {durable}; hint: an unnamed food at {FOOD_POINT}."
+    )
     deadline, printed = time.monotonic() + ESTIMATE_SECONDS, ""
     while meal.status in ("queued", "processing") and time.monotonic() < deadline:
         state = f"{meal.status}: {meal.stage}" if meal.stage else meal.status
@@ -199,7 +212,9 @@ def bundled_photograph(folder: str, slot: str) -> bytes:
     return (importlib.resources.files("app") / "demo_data" / folder / f"{slot}.jpg").read_bytes()
 
 
-def upload(phone: httpx2.Client, metadata: Mapping[str, object], photographs: Mapping[str, bytes]) -> MealOut:
+def upload(
+    phone: httpx2.Client, metadata: Mapping[str, object], photographs: Mapping[str, bytes]
+) -> MealOut:
     """Send a meal in one request. photographs: by side."""
     parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
     parts |= {side: (f"{side}.jpg", content, "image/jpeg") for side, content in photographs.items()}
@@ -210,7 +225,11 @@ def send_event(client: httpx2.Client, meal_id: uuid.UUID, **event: object) -> Me
     """Send one event for the current version of the meal; return the meal after it."""
     path = f"/v1/meals/{meal_id}"
     tag = checked(client.get(path)).headers["ETag"]
-    return meal_of(client.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4()), **event}))
+    return meal_of(
+        client.post(
+            f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4()), **event}
+        )
+    )
 
 
 def identify_items(phone: httpx2.Client, meal: MealOut) -> MealOut:
@@ -224,7 +243,9 @@ def identify_items(phone: httpx2.Client, meal: MealOut) -> MealOut:
         if item.none_of_these is not None:
             print(f"   {item.none_of_these:6.1%}  none that the index knows")
         first = item.candidates[0].food
-        event = {"kind": "confirm"} if item.food == first else {"kind": "set_food", "food": first.key}
+        event = (
+            {"kind": "confirm"} if item.food == first else {"kind": "set_food", "food": first.key}
+        )
         meal = send_event(phone, meal.id, item=str(item.id), **event)
         say(f"The participant taps {first.name} ({event['kind']}): the meal is {meal.status}.")
     return meal
@@ -238,7 +259,9 @@ def show_meal(meal: MealOut) -> None:
             print(f"     not measured: {', '.join(item.flags)}")
             continue
         low, high = item.volume_interval_ml
-        print(f"     volume      {item.volume_ml:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
+        print(
+            f"     volume      {item.volume_ml:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})"
+        )
         if item.mass_g is None or item.mass_interval_g is None:
             continue
         low, high = item.mass_interval_g

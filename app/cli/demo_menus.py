@@ -28,17 +28,33 @@ class Plate:
 Dish = tuple[tuple[str, float], ...]
 
 PEOPLE: tuple[Person, ...] = (
-    Person("P001", {"sex": "female", "birth_year": 1990, "height_cm": 168, "weight_kg": 62}, 1.0, 0.95),
+    Person(
+        "P001", {"sex": "female", "birth_year": 1990, "height_cm": 168, "weight_kg": 62}, 1.0, 0.95
+    ),
     Person(
         "P002",
-        {"sex": "male", "birth_year": 1984, "height_cm": 181, "weight_kg": 83, "activity": "active"},
+        {
+            "sex": "male",
+            "birth_year": 1984,
+            "height_cm": 181,
+            "weight_kg": 83,
+            "activity": "active",
+        },
         1.35,
         0.9,
     ),
-    Person("P003", {"sex": "female", "birth_year": 1972, "height_cm": 161, "weight_kg": 70}, 0.9, 0.85),
-    Person("P004", {"sex": "male", "birth_year": 1998, "height_cm": 176, "weight_kg": 71}, 1.2, 0.5),
-    Person("P005", {"sex": "female", "birth_year": 2001, "height_cm": 170, "weight_kg": 58}, 1.05, 0.9),
-    Person("P006", {"sex": "male", "birth_year": 1961, "height_cm": 174, "weight_kg": 79}, 1.1, 0.8),
+    Person(
+        "P003", {"sex": "female", "birth_year": 1972, "height_cm": 161, "weight_kg": 70}, 0.9, 0.85
+    ),
+    Person(
+        "P004", {"sex": "male", "birth_year": 1998, "height_cm": 176, "weight_kg": 71}, 1.2, 0.5
+    ),
+    Person(
+        "P005", {"sex": "female", "birth_year": 2001, "height_cm": 170, "weight_kg": 58}, 1.05, 0.9
+    ),
+    Person(
+        "P006", {"sex": "male", "birth_year": 1961, "height_cm": 174, "weight_kg": 79}, 1.1, 0.8
+    ),
 )
 
 APPLE = Plate("", (((1092, 620), "apple"),))
@@ -49,7 +65,9 @@ RICE = Plate(
 DOUGHNUT = Plate("doughnut_banana", (((756, 549), "doughnut"), ((647, 756), "banana")))
 SALAD = Plate("salad_pear", (((401, 514), "salad-greens"), ((406, 326), "pear")))
 ORANGE = Plate(
-    "orange_kiwifruit", (((526, 473), "orange"), ((311, 429), "kiwifruit")), left_over=(((1013, 427), "orange"),)
+    "orange_kiwifruit",
+    (((526, 473), "orange"), ((311, 429), "kiwifruit")),
+    left_over=(((1013, 427), "orange"),),
 )
 
 BREAKFASTS: tuple[Dish, ...] = (

@@ -30,7 +30,17 @@ from app.cli.demo import (
     serve_until_interrupted,
     upload,
 )
-from app.cli.demo_menus import APPLE, DOUGHNUT, OCCASIONS, ORANGE, PEOPLE, RICE, SALAD, Person, Plate
+from app.cli.demo_menus import (
+    APPLE,
+    DOUGHNUT,
+    OCCASIONS,
+    ORANGE,
+    PEOPLE,
+    RICE,
+    SALAD,
+    Person,
+    Plate,
+)
 from app.people.access.staff_schemas import SessionIssued
 from app.records.meal_schemas import MealOut
 
@@ -133,10 +143,16 @@ def _browse(admin: httpx2.Client, seed: int) -> None:
         declare_days(study, seed)
         say("Two weeks of days of six participants are entered.")
         rene = next(account for account in study.accounts if account.role == "reviewer")
-        session = checked(admin.post("/v1/sessions", json={"name": rene.name, "password": rene.password}))
-        with client_of(admin.base_url, SessionIssued.model_validate_json(session.content).token) as reviewer:
+        session = checked(
+            admin.post("/v1/sessions", json={"name": rene.name, "password": rene.password})
+        )
+        with client_of(
+            admin.base_url, SessionIssued.model_validate_json(session.content).token
+        ) as reviewer:
             meals_by_status = settle(study, reviewer)
-        measured = ", ".join(f"{count} {status}" for status, count in sorted(meals_by_status.items()))
+        measured = ", ".join(
+            f"{count} {status}" for status, count in sorted(meals_by_status.items())
+        )
         say(f"Photographed meals are measured: {measured}; one waits for its other photograph.")
     finally:
         study.close()
@@ -164,11 +180,16 @@ def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> Sampl
     for vessel in VESSELS:
         checked(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
     accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
-    phones = {person.code: enrol(admin, STUDY, {"code": person.code, "profile": person.profile}) for person in people}
+    phones = {
+        person.code: enrol(admin, STUDY, {"code": person.code, "profile": person.profile})
+        for person in people
+    }
     return SampleStudy(accounts, list(people), phones)
 
 
-def photograph_meals(study: SampleStudy, seed: int, meals: Sequence[Photographed] = PHOTOGRAPHED) -> None:
+def photograph_meals(
+    study: SampleStudy, seed: int, meals: Sequence[Photographed] = PHOTOGRAPHED
+) -> None:
     """Upload these meals, participants taking turns, and add them to `study.measured`."""
     chance = random.Random(seed)  # noqa: S311  draws places of meals, nothing secret
     today = datetime.now(ZoneInfo(ZONE)).date()
@@ -185,19 +206,31 @@ def declare_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
     today = datetime.now(ZoneInfo(ZONE)).date()
     for ago in range(days - 1, -1, -1):
         for person in study.people:
-            declare_day(study.phones[person.code], person, today - timedelta(days=ago), chance, is_over=ago > 0)
+            declare_day(
+                study.phones[person.code],
+                person,
+                today - timedelta(days=ago),
+                chance,
+                is_over=ago > 0,
+            )
 
 
 def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
     """Create an account with this role in the study, or an admin, and a random password."""
     password = secrets.token_urlsafe(12)
-    checked(admin.post("/v1/staff", json={"name": name, "password": password, "is_admin": role == ADMIN}))
+    checked(
+        admin.post(
+            "/v1/staff", json={"name": name, "password": password, "is_admin": role == ADMIN}
+        )
+    )
     if role != ADMIN:
         checked(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
     return Account(name, role, password)
 
 
-def declare_day(phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool) -> None:
+def declare_day(
+    phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool
+) -> None:
     """Enter a participant's meals of a day as text, and close the day with their probability."""
     declared = 0
     for hour, dishes in OCCASIONS:
@@ -213,7 +246,9 @@ def declare_day(phone: httpx2.Client, person: Person, day: date, chance: random.
         checked(phone.post("/v1/declared-meals", json=occasion(at, chance) | {"items": items}))
         declared += 1
     if is_over and declared and chance.random() < person.keeps:
-        checked(phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"}))
+        checked(
+            phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"})
+        )
 
 
 def occasion(at: datetime, chance: random.Random) -> dict[str, object]:
@@ -247,24 +282,35 @@ def send_photographs(
         checked(phone.put(path, json={key: metadata[key] for key in metadata if key != "id"}))
         send_part(phone, path, "left", photograph(meal, "left"))
         return uuid.UUID(str(metadata["id"]))
-    meal_id = upload(phone, metadata, {side: photograph(meal, side) for side in ("left", "right")}).id
+    meal_id = upload(
+        phone, metadata, {side: photograph(meal, side) for side in ("left", "right")}
+    ).id
     if meal.plate.left_over:
         after = at + timedelta(minutes=AFTER_MINUTES)
         hints = hints_at(meal.plate.left_over, names=True)
-        checked(phone.put(f"{path}/after", json={"captured_at": after.isoformat(timespec="seconds"), "hints": hints}))
+        checked(
+            phone.put(
+                f"{path}/after",
+                json={"captured_at": after.isoformat(timespec="seconds"), "hints": hints},
+            )
+        )
         for slot in ("after_left", "after_right"):
             send_part(phone, path, slot, photograph(meal, slot))
     return meal_id
 
 
-def hints_at(points: Sequence[tuple[tuple[int, int], str]], *, names: bool) -> list[dict[str, object]]:
+def hints_at(
+    points: Sequence[tuple[tuple[int, int], str]], *, names: bool
+) -> list[dict[str, object]]:
     """Return a hint per food. names: name the food too."""
     return [{"point": list(point)} | ({"food": food} if names else {}) for point, food in points]
 
 
 def send_part(phone: httpx2.Client, path: str, slot: str, content: bytes) -> None:
     """Upload one photograph."""
-    checked(phone.put(f"{path}/images/{slot}", content=content, headers={"Content-Type": "image/jpeg"}))
+    checked(
+        phone.put(f"{path}/images/{slot}", content=content, headers={"Content-Type": "image/jpeg"})
+    )
 
 
 def photograph(meal: Photographed, slot: str) -> bytes:
@@ -274,7 +320,9 @@ def photograph(meal: Photographed, slot: str) -> bytes:
         return content
     buffer = io.BytesIO()
     with Image.open(io.BytesIO(content)) as image:
-        image.crop((image.width // 2, 0, image.width, image.height)).save(buffer, "JPEG", quality=90)
+        image.crop((image.width // 2, 0, image.width, image.height)).save(
+            buffer, "JPEG", quality=90
+        )
     return buffer.getvalue()
 
 
@@ -290,18 +338,25 @@ def settle(study: SampleStudy, reviewer: httpx2.Client) -> dict[str, int]:
             for item in meal.items:
                 send_event(phone, meal_id, kind="confirm", item=str(item.id))
         elif photographed.then == "ask":
-            send_event(reviewer, meal_id, kind="question", text="Was there anything on the doughnut?")
+            send_event(
+                reviewer, meal_id, kind="question", text="Was there anything on the doughnut?"
+            )
             send_event(phone, meal_id, kind="comment", text="Only the glaze that is on it.")
         status = meal_of(phone.get(f"/v1/meals/{meal_id}")).status
         meals_by_status[status] = meals_by_status.get(status, 0) + 1
     return meals_by_status
 
 
-def wait_for(phone: httpx2.Client, meal_id: uuid.UUID, deadline: float, *, is_after: bool) -> MealOut:
+def wait_for(
+    phone: httpx2.Client, meal_id: uuid.UUID, deadline: float, *, is_after: bool
+) -> MealOut:
     """Return the meal once its estimate has ended. is_after: wait for its after-meal pair too."""
     while time.monotonic() < deadline:
         meal = meal_of(phone.get(f"/v1/meals/{meal_id}", params={"wait": WAIT_SECONDS}))
-        statuses = {meal.status, meal.after.status if is_after and meal.after is not None else "estimated"}
+        statuses = {
+            meal.status,
+            meal.after.status if is_after and meal.after is not None else "estimated",
+        }
         if not statuses & {"queued", "processing", "receiving"}:
             return meal
     raise SystemExit(f"tada: meal {meal_id} was not estimated in {SETTLE_SECONDS} s")

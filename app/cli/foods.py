@@ -21,7 +21,10 @@ foods_cli = typer.Typer(no_args_is_help=True, help="The food table.")
 
 Model = TypeVar("Model", bound="BaseModel")
 KeyArgument = Annotated[
-    str, typer.Argument(metavar="KEY", help="The food's key, or its number in a published table, such as 09003.")
+    str,
+    typer.Argument(
+        metavar="KEY", help="The food's key, or its number in a published table, such as 09003."
+    ),
 ]
 ReasonOption = Annotated[str | None, typer.Option(help="Why, for the history.")]
 
@@ -29,7 +32,9 @@ ReasonOption = Annotated[str | None, typer.Option(help="Why, for the history.")]
 @foods_cli.command("search")
 def foods_search(
     words: list[str],
-    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, ignoring case.")] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Only foods of this group: its exact name, ignoring case.")
+    ] = None,
     limit: Annotated[int, typer.Option(min=1, max=1000, help="How many foods at most.")] = 20,
     as_json: JsonOption = False,
 ) -> None:
@@ -41,7 +46,10 @@ def foods_search(
     if as_json:
         print(json.dumps([asdict(food) for food in foods]))
     else:
-        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in foods) or "No food of that name.")
+        print(
+            "\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in foods)
+            or "No food of that name."
+        )
     raise SystemExit(0 if foods else 1)
 
 
@@ -71,7 +79,9 @@ def foods_show(
         print(f"           {view.density.reason}")
         for rejected in view.density.alternatives:
             density = rejected.density
-            print(f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
+            print(
+                f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}"
+            )
             print(f"           {rejected.reason}")
     for part in value.refuse:
         print(f"  refuse   {part.percent:g} %  {part.part}")
@@ -79,7 +89,9 @@ def foods_show(
         print(f"  recipe   yield {view.recipe.recipe_yield:g}")
         for ingredient in view.recipe.ingredients:
             food = ingredient.food
-            print(f"    of     {ingredient.mass_g:g} g  {food.name} ({food.key}, version {food.version})")
+            print(
+                f"    of     {ingredient.mass_g:g} g  {food.name} ({food.key}, version {food.version})"
+            )
     for portion in value.portions:
         print(f"  portion  {portion.amount:g} {portion.measure}: {portion.mass_g:g} g")
     for row in view.nutrients:
@@ -102,7 +114,11 @@ def foods_import(
 
     print(f"reading {path} ...", file=sys.stderr, flush=True)
     imported = read_food_release(
-        source, path, name=name, version=version, released_on=released_on.date() if released_on else None
+        source,
+        path,
+        name=name,
+        version=version,
+        released_on=released_on.date() if released_on else None,
     )
 
     def report_progress(written: int, total: int) -> None:
@@ -113,7 +129,9 @@ def foods_import(
         report = import_foods(database, imported, author=author(), on_progress=report_progress)
     outcome = "was there already: nothing changed" if report.was_there else "imported and in force"
     table = imported.table
-    print(f"{table.name} {table.version}: {report.foods} foods, {report.values} nutrient values, {outcome}")
+    print(
+        f"{table.name} {table.version}: {report.foods} foods, {report.values} nutrient values, {outcome}"
+    )
     print(f"checksum {table.checksum}")
     for sentence in imported.skipped.sentences():
         print(f"skipped: {sentence}")
@@ -128,14 +146,24 @@ def foods_releases() -> None:
         releases = list_releases(database)
     for listed in releases:
         release = listed.release
-        mark = "in force" if listed.is_in_force else "complete" if release.completed_at else "broken off"
-        print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
+        mark = (
+            "in force"
+            if listed.is_in_force
+            else "complete"
+            if release.completed_at
+            else "broken off"
+        )
+        print(
+            f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}"
+        )
 
 
 @foods_cli.command("use")
 def foods_use(
     name: str,
-    version: Annotated[str | None, typer.Argument(help="Left out: no release of this name is in force.")] = None,
+    version: Annotated[
+        str | None, typer.Argument(help="Left out: no release of this name is in force.")
+    ] = None,
 ) -> None:
     """Put another release of a table in force, or none. Records do not change: see `tada records recompute`."""
     from app.foods.food_releases import use_release
@@ -147,7 +175,9 @@ def foods_use(
 
 @foods_cli.command("create")
 def foods_create(
-    file: Annotated[Path, typer.Argument(help="JSON as POST /v1/foods takes it; - for standard input.")],
+    file: Annotated[
+        Path, typer.Argument(help="JSON as POST /v1/foods takes it; - for standard input.")
+    ],
     reason: ReasonOption = None,
 ) -> None:
     """Create a food, or a dish with its recipe."""
@@ -165,7 +195,8 @@ def foods_create(
 def foods_edit(
     key: KeyArgument,
     file: Annotated[
-        Path | None, typer.Argument(help="JSON as PATCH /v1/foods/KEY takes it; - for standard input.")
+        Path | None,
+        typer.Argument(help="JSON as PATCH /v1/foods/KEY takes it; - for standard input."),
     ] = None,
     changes: Annotated[
         list[str] | None,
@@ -196,19 +227,29 @@ def foods_edit(
 @foods_cli.command("density")
 def foods_density(
     key: KeyArgument,
-    kind: Annotated[str, typer.Option(help="solid: of the piece itself; bulk: with the air in a heap.")],
+    kind: Annotated[
+        str, typer.Option(help="solid: of the piece itself; bulk: with the air in a heap.")
+    ],
     state: Annotated[str, typer.Option(help='State when weighed, such as "raw, sliced".')],
     method: Annotated[str, typer.Option(help="How it was measured.")],
     reason: ReasonOption = None,
     g_per_ml: Annotated[float | None, typer.Option(help="The density, with --sd.")] = None,
-    sd: Annotated[float | None, typer.Option(help="Standard deviation between specimens, g/ml.")] = None,
+    sd: Annotated[
+        float | None, typer.Option(help="Standard deviation between specimens, g/ml.")
+    ] = None,
     specimens: Annotated[
         list[str] | None,
-        typer.Option("--specimen", metavar="ML:G", help="Volume and mass of a specimen; give two or more."),
+        typer.Option(
+            "--specimen", metavar="ML:G", help="Volume and mass of a specimen; give two or more."
+        ),
     ] = None,
-    volume_step: Annotated[float, typer.Option(help="Precision of the specimens' volumes, ml.")] = 1.0,
+    volume_step: Annotated[
+        float, typer.Option(help="Precision of the specimens' volumes, ml.")
+    ] = 1.0,
     weighs: Annotated[str, typer.Option(help="What was weighed: as_seen or edible.")] = "as_seen",
-    study: Annotated[str | None, typer.Option(help="Only for this study, where it takes precedence.")] = None,
+    study: Annotated[
+        str | None, typer.Option(help="Only for this study, where it takes precedence.")
+    ] = None,
 ) -> None:
     """Add a measured density to a food, or to one study's own."""
     from app.foods.edits.api import measured_density
@@ -228,7 +269,9 @@ def foods_density(
             _print_version(add_density(database, key, density, editor))
             return
         row = add_study_density(database, study, Measurement(key, density, weighed), editor)
-    print(f"{row.food_key}: {row.g_per_ml:.3f} +- {row.sd_g_per_ml:.3f} g/ml in study {study}, density {row.id}")
+    print(
+        f"{row.food_key}: {row.g_per_ml:.3f} +- {row.sd_g_per_ml:.3f} g/ml in study {study}, density {row.id}"
+    )
 
 
 @foods_cli.command("restore")
@@ -260,7 +303,9 @@ def foods_changes(key: KeyArgument, as_json: JsonOption = False) -> None:
     if not changes.items:
         print("It is as it was imported.")
     for change in changes.items:
-        print(f"version {change.version}  {change.changed_at:%Y-%m-%d %H:%M} UTC  {change.author}: {change.reason}")
+        print(
+            f"version {change.version}  {change.changed_at:%Y-%m-%d %H:%M} UTC  {change.author}: {change.reason}"
+        )
         for field, (old, new) in change.differences.items():
             print(f"  {field}: {_short(old)} -> {_short(new)}")
 
@@ -315,5 +360,7 @@ def _body(model: type[Model], document: dict[str, object], reason: str | None) -
     try:
         return model.model_validate(document if reason is None else document | {"reason": reason})
     except ValidationError as error:
-        problems = [f"{'.'.join(map(str, item['loc'])) or 'it'}: {item['msg']}" for item in error.errors()]
+        problems = [
+            f"{'.'.join(map(str, item['loc'])) or 'it'}: {item['msg']}" for item in error.errors()
+        ]
         raise InvalidInputError(f"This cannot be accepted: {'; '.join(problems[:5])}.") from None

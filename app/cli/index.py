@@ -18,11 +18,15 @@ index_cli = typer.Typer(no_args_is_help=True, help="The index of how foods look.
 
 @index_cli.command("build")
 def index_build(
-    folder: Annotated[Path, typer.Argument(help="FOLDER/<label>/<specimen>/*.jpg; see docs/identification.md.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The index; its labels go beside it as .csv.")] = Path(
-        "index.npz"
-    ),
-    name: Annotated[str | None, typer.Option(help="Its name in `index_version`; default: the folder's.")] = None,
+    folder: Annotated[
+        Path, typer.Argument(help="FOLDER/<label>/<specimen>/*.jpg; see docs/identification.md.")
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The index; its labels go beside it as .csv.")
+    ] = Path("index.npz"),
+    name: Annotated[
+        str | None, typer.Option(help="Its name in `index_version`; default: the folder's.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Build an index of how foods look from labelled photographs. TADA_FOOD_INDEX makes the server use it."""
@@ -35,10 +39,15 @@ def index_build(
     if not output.parent.is_dir():
         raise InvalidInputError(f"{output.parent} is not a folder.")
     for path in (output, labels_path(output)):
-        if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):  # before minutes of work
+        if path.is_dir() or not os.access(
+            path if path.exists() else path.parent, os.W_OK
+        ):  # before minutes of work
             raise InvalidInputError(f"{path} cannot be written.")
     built = build_from_folder(
-        folder, name or folder.resolve().name, max_pixels=Settings().max_photo_pixels, on_photo=_show_progress
+        folder,
+        name or folder.resolve().name,
+        max_pixels=Settings().max_photo_pixels,
+        on_photo=_show_progress,
     )
     write_index(output, built)
     write_labels(labels_path(output), built.foods)
@@ -52,18 +61,27 @@ def index_build(
     if as_json:
         print(json.dumps(report))
     else:
-        print(f"{len(built.vectors)} photographs, {report['specimens']} specimens, {len(built.foods)} foods: {output}")
+        print(
+            f"{len(built.vectors)} photographs, {report['specimens']} specimens, {len(built.foods)} foods: {output}"
+        )
 
 
 def _show_progress(number: int, count: int) -> None:
     """Count on a terminal's standard error."""
     if sys.stderr.isatty():
-        print(f"\r{number} of {count}", end="\n" if number == count else "", file=sys.stderr, flush=True)
+        print(
+            f"\r{number} of {count}",
+            end="\n" if number == count else "",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 @index_cli.command("rebuild")
 def index_rebuild(
-    study: Annotated[str | None, typer.Option(metavar="CODE", help="Only this study's items.")] = None,
+    study: Annotated[
+        str | None, typer.Option(metavar="CODE", help="Only this study's items.")
+    ] = None,
     check: Annotated[bool, typer.Option("--check", help="Only count; change nothing.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -89,5 +107,7 @@ def index_rebuild(
     else:
         action = "to describe" if check else "described"
         print(f"{report.described} regions {action}, {report.kept} kept")
-        print(f"{report.gone} whose photograph is gone, {report.unreadable} unreadable (see the log)")
+        print(
+            f"{report.gone} whose photograph is gone, {report.unreadable} unreadable (see the log)"
+        )
     raise SystemExit(1 if report.unreadable or (check and report.described) else 0)

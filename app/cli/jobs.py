@@ -15,12 +15,18 @@ from app.core.errors import InvalidInputError, TadaError
 
 jobs_cli = typer.Typer(no_args_is_help=True, help="Estimates that wait, run or failed.")
 
-MealsArgument = Annotated[list[uuid.UUID] | None, typer.Argument(metavar="MEAL...", help="Ids made by the phones.")]
+MealsArgument = Annotated[
+    list[uuid.UUID] | None, typer.Argument(metavar="MEAL...", help="Ids made by the phones.")
+]
 StudyOption = Annotated[str | None, typer.Option(metavar="CODE", help="Only of this study.")]
-CodeOption = Annotated[str | None, typer.Option(metavar="CODE", help="Only failures with this code.")]
+CodeOption = Annotated[
+    str | None, typer.Option(metavar="CODE", help="Only failures with this code.")
+]
 SinceOption = Annotated[
     str | None,
-    typer.Option(metavar="TIME", help="Only failures since this time: 2026-11-22 or 2026-11-22T08:00+01:00."),
+    typer.Option(
+        metavar="TIME", help="Only failures since this time: 2026-11-22 or 2026-11-22T08:00+01:00."
+    ),
 ]
 ParticipantOption = Annotated[
     str | None, typer.Option(metavar="CODE", help="The participant, if the id is not unique.")
@@ -55,7 +61,9 @@ def jobs_list(
     for row in rows:
         at = row.since.isoformat(timespec="seconds") if row.since is not None else "-"
         participant = f"{row.study}/{row.participant}"
-        print(f"{at}  {row.state:10}  {row.purpose:9}  {row.meal}  {participant}  {row.code or ''}".rstrip())
+        print(
+            f"{at}  {row.state:10}  {row.purpose:9}  {row.meal}  {participant}  {row.code or ''}".rstrip()
+        )
     if len(rows) == limit:
         print(f"The first {limit}: --limit shows more.", file=sys.stderr)
 
@@ -86,13 +94,18 @@ def jobs_retry(
                 print(f"{count} not queued: {reason}")
             return
         _apply_to_each(
-            meals, lambda meal: retry_named(database, queue, meal, participant), "queued again", "waits already"
+            meals,
+            lambda meal: retry_named(database, queue, meal, participant),
+            "queued again",
+            "waits already",
         )
 
 
 @jobs_cli.command("cancel")
 def jobs_cancel(
-    meals: Annotated[list[uuid.UUID], typer.Argument(metavar="MEAL...", help="Ids made by the phones.")],
+    meals: Annotated[
+        list[uuid.UUID], typer.Argument(metavar="MEAL...", help="Ids made by the phones.")
+    ],
     participant: ParticipantOption = None,
 ) -> None:
     """Cancel estimates that have not finished: the meals fail with the code cancelled and can be retried."""
@@ -100,11 +113,16 @@ def jobs_cancel(
 
     with opened_database() as database:
         _apply_to_each(
-            meals, lambda meal: cancel_named(database, meal, participant), "cancelled", "was cancelled before"
+            meals,
+            lambda meal: cancel_named(database, meal, participant),
+            "cancelled",
+            "was cancelled before",
         )
 
 
-def _apply_to_each(meals: list[uuid.UUID], act: Callable[[uuid.UUID], bool], done: str, done_before: str) -> NoReturn:
+def _apply_to_each(
+    meals: list[uuid.UUID], act: Callable[[uuid.UUID], bool], done: str, done_before: str
+) -> NoReturn:
     """Apply an action to each meal, print the results and exit. act: returns whether it changed anything."""
     refused = 0
     for meal in meals:
@@ -125,5 +143,7 @@ def _instant(text: str | None) -> datetime | None:
     try:
         instant = datetime.fromisoformat(text)
     except ValueError:
-        raise InvalidInputError(f"{text!r} is not a time: write it like 2026-11-22T08:00+01:00.") from None
+        raise InvalidInputError(
+            f"{text!r} is not a time: write it like 2026-11-22T08:00+01:00."
+        ) from None
     return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)

@@ -70,7 +70,10 @@ cli.command()(sql)
 MIN_SHOWN_PROBABILITY = 0.05  # of candidates printed with an estimate
 MIN_LISTED_PROBABILITY = 0.001  # of candidates printed by `tada identify`, as in a meal
 MarkerOption = Annotated[
-    str, typer.Option("--marker", metavar="M", help="Such as plain:9x7:11; aruco and charuco boards: docs/cli.md.")
+    str,
+    typer.Option(
+        "--marker", metavar="M", help="Such as plain:9x7:11; aruco and charuco boards: docs/cli.md."
+    ),
 ]
 
 
@@ -84,7 +87,11 @@ def main() -> None:
     except ValidationError as error:
         if error.title != Settings.__name__:
             raise
-        fail(" ".join(f"{_variable(item)}: {item['msg']}." for item in error.errors(include_input=False)))
+        fail(
+            " ".join(
+                f"{_variable(item)}: {item['msg']}." for item in error.errors(include_input=False)
+            )
+        )
 
 
 def _variable(error: "ErrorDetails") -> str:
@@ -107,8 +114,12 @@ def version() -> None:
 
 @cli.command()
 def serve(
-    worker: Annotated[bool, typer.Option(help="Run a worker too, if the database is embedded.")] = True,
-    processes: Annotated[int, typer.Option(min=1, max=64, help="Processes that answer requests together.")] = 1,
+    worker: Annotated[
+        bool, typer.Option(help="Run a worker too, if the database is embedded.")
+    ] = True,
+    processes: Annotated[
+        int, typer.Option(min=1, max=64, help="Processes that answer requests together.")
+    ] = 1,
 ) -> None:
     """Run the HTTP server and, with the embedded database, a worker."""
     from app.metrics.shared_metrics import share_metrics
@@ -131,13 +142,19 @@ def worker() -> None:
 
 @cli.command()
 def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path("demo-output"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
+        "demo-output"
+    ),
     browse: Annotated[
-        bool, typer.Option("--browse", help="Fill a sample study instead, and serve it to a browser until Ctrl-C.")
+        bool,
+        typer.Option(
+            "--browse", help="Fill a sample study instead, and serve it to a browser until Ctrl-C."
+        ),
     ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the sample study.")] = 1,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the sample study's server; 0: any free one.")
+        int,
+        typer.Option(min=0, max=65535, help="Port of the sample study's server; 0: any free one."),
     ] = 0,
 ) -> None:
     """Run through server, upload, estimate and records on throwaway data; print records and write pictures."""
@@ -153,11 +170,18 @@ def demo(
 @cli.command()
 def sandbox(
     server: Annotated[
-        str | None, typer.Option(help="Address of a server, with an admin's TADA_TOKEN; default: a throwaway one.")
+        str | None,
+        typer.Option(
+            help="Address of a server, with an admin's TADA_TOKEN; default: a throwaway one."
+        ),
     ] = None,
     study: Annotated[str, typer.Option(help="Code of the sandbox study.")] = "sandbox",
-    send: Annotated[bool, typer.Option("--send", help="Send the bundled meals, from a phone of its own.")] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the throwaway server; 0: any free one.")] = 0,
+    send: Annotated[
+        bool, typer.Option("--send", help="Send the bundled meals, from a phone of its own.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the throwaway server; 0: any free one.")
+    ] = 0,
 ) -> None:
     """Open a sandbox study for trying an app: its address, an enrolment code and the answers that can be asked for."""
     from app.cli.sandbox import run_sandbox
@@ -169,36 +193,59 @@ def sandbox(
 def estimate(
     photographs: Annotated[
         list[Path],
-        typer.Argument(help="Photographs from the left, from the right, then up to six others; or one alone."),
+        typer.Argument(
+            help="Photographs from the left, from the right, then up to six others; or one alone."
+        ),
     ],
     marker: Annotated[
-        str | None, typer.Option(metavar="M", help=f"Such as {DEFAULT_MARKER}, which holds where nothing is given.")
+        str | None,
+        typer.Option(
+            metavar="M", help=f"Such as {DEFAULT_MARKER}, which holds where nothing is given."
+        ),
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
-    rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")
+    ] = None,
     poses: Annotated[
-        Path | None, typer.Option(help="File of the cameras' poses (JSON), with --camera: no marker is needed.")
+        Path | None,
+        typer.Option(help="File of the cameras' poses (JSON), with --camera: no marker is needed."),
     ] = None,
     depth: Annotated[
-        list[str] | None, typer.Option(metavar="VIEW=FILE", help="Depth map of a photograph: 16 bit PNG or TIFF.")
+        list[str] | None,
+        typer.Option(metavar="VIEW=FILE", help="Depth map of a photograph: 16 bit PNG or TIFF."),
     ] = None,
-    depth_camera: Annotated[Path | None, typer.Option(help="Intrinsics of the depth map (JSON).")] = None,
+    depth_camera: Annotated[
+        Path | None, typer.Option(help="Intrinsics of the depth map (JSON).")
+    ] = None,
     depth_confidence: Annotated[
-        list[str] | None, typer.Option(metavar="VIEW=FILE", help="Confidence of a depth map: 8 bit PNG.")
+        list[str] | None,
+        typer.Option(metavar="VIEW=FILE", help="Confidence of a depth map: 8 bit PNG."),
     ] = None,
-    method: Annotated[str, typer.Option(help="Method of volume estimation: shape, paper or paper-strict.")] = "shape",
+    method: Annotated[
+        str, typer.Option(help="Method of volume estimation: shape, paper or paper-strict.")
+    ] = "shape",
     hint: Annotated[
-        list[str] | None, typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".')
+        list[str] | None,
+        typer.Option(help='JSON: {"point": \\[x, y], "food": KEY}, "box", "polygon".'),
     ] = None,
-    complete: Annotated[bool, typer.Option("--complete", help="The hints cover all foods.")] = False,
-    vessels: Annotated[Path | None, typer.Option(help="Vessel library (JSON): measured mugs and bowls.")] = None,
+    complete: Annotated[
+        bool, typer.Option("--complete", help="The hints cover all foods.")
+    ] = False,
+    vessels: Annotated[
+        Path | None, typer.Option(help="Vessel library (JSON): measured mugs and bowls.")
+    ] = None,
     debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the volumes of the foods in one or more photographs of a meal, without a server."""
     from app.children.cores import THREAD_VARIABLES
 
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))  # before libraries are loaded, which would only compete
+    os.environ.update(
+        dict.fromkeys(THREAD_VARIABLES, "1")
+    )  # before libraries are loaded, which would only compete
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(
@@ -212,7 +259,9 @@ def estimate(
         vessels=vessels,
         has_depth=bool(depth),
     )
-    announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
+    announce = (
+        None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
+    )
     settings = Settings()
     estimated = estimate_files(
         photographs,
@@ -240,10 +289,14 @@ def identify(
         typer.Option(metavar="X,Y,W,H", help="Box around the food, px upright; default: detected."),
     ] = None,
     marker: Annotated[
-        str | None, typer.Option(metavar="M", help="A marker in the photograph, to correct its colours.")
+        str | None,
+        typer.Option(metavar="M", help="A marker in the photograph, to correct its colours."),
     ] = None,
     index: Annotated[
-        Path | None, typer.Option(help="An index by `tada index build`; default: TADA_FOOD_INDEX, or the shipped one.")
+        Path | None,
+        typer.Option(
+            help="An index by `tada index build`; default: TADA_FOOD_INDEX, or the shipped one."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -256,7 +309,10 @@ def identify(
     spec = parse_marker(marker) if marker is not None else None
     identified = identified_to_json(
         identify_photo(
-            read_photo_or_fail(photo, least_short_side_px=SIDE_PX), food_box, spec, index or Settings().food_index
+            read_photo_or_fail(photo, least_short_side_px=SIDE_PX),
+            food_box,
+            spec,
+            index or Settings().food_index,
         )
     )
     if as_json:
@@ -270,18 +326,25 @@ def identify(
 
 @cli.command()
 def calibrate(
-    photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different angles.")],
+    photos: Annotated[
+        list[Path], typer.Argument(help="Photographs of the board, at different angles.")
+    ],
     marker: MarkerOption = DEFAULT_MARKER,
     is_rig: Annotated[
         bool,
-        typer.Option("--rig", help="A stereo rig: the left camera's photographs, then as many of the right one."),
+        typer.Option(
+            "--rig",
+            help="A stereo rig: the left camera's photographs, then as many of the right one.",
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compute a camera's intrinsics from photographs of a board, or a rig's: the file's keys and rms_px."""
     from app.estimates.calibrate_files import calibrate_camera_files, calibrate_rig_files
 
-    calibrated = (calibrate_rig_files if is_rig else calibrate_camera_files)(photos, marker, read_photo_or_fail)
+    calibrated = (calibrate_rig_files if is_rig else calibrate_camera_files)(
+        photos, marker, read_photo_or_fail
+    )
     if isinstance(calibrated, Failure):
         return fail(f"{calibrated.message} {calibrated.advice}".strip(), 1)
     if as_json:
@@ -308,19 +371,28 @@ def marker_command(
 
     spec = parse_marker(marker)
     if (output is None) == (find is None):
-        raise InvalidInputError("Give either -o FILE.pdf to write the board or --find PHOTO to find it.")
+        raise InvalidInputError(
+            "Give either -o FILE.pdf to write the board or --find PHOTO to find it."
+        )
     if output is not None:
         from app.people.print_marker import render_marker_pdf
 
         output.write_bytes(render_marker_pdf(spec))
-        print(f"{output}: print at 100 % (no fitting to the page) and check the ruler.", file=sys.stderr)
+        print(
+            f"{output}: print at 100 % (no fitting to the page) and check the ruler.",
+            file=sys.stderr,
+        )
         return
     if find is None:
         return
     photo = read_photo_or_fail(find)
     marker_view = find_marker(photo, spec)
     corners = None if isinstance(marker_view, Failure) else marker_view.corners_px.round(3).tolist()
-    colour = None if isinstance(marker_view, Failure) else colour_to_json(measure_colour(photo, marker_view))
+    colour = (
+        None
+        if isinstance(marker_view, Failure)
+        else colour_to_json(measure_colour(photo, marker_view))
+    )
     point_ids = None if isinstance(marker_view, Failure) else marker_view.point_ids
     document: dict[str, object] = {
         "found": corners is not None,
@@ -330,16 +402,24 @@ def marker_command(
         "colour": colour,
     }
     if isinstance(marker_view, Failure):
-        document["failure"] = {"code": marker_view.code, "message": marker_view.message, "advice": marker_view.advice}
+        document["failure"] = {
+            "code": marker_view.code,
+            "message": marker_view.message,
+            "advice": marker_view.advice,
+        }
     if as_json:
         print(json.dumps(document))
     elif isinstance(marker_view, Failure):
-        print(f"{find}: not found ({marker_view.code}). {marker_view.message} {marker_view.advice}".strip())
+        print(
+            f"{find}: not found ({marker_view.code}). {marker_view.message} {marker_view.advice}".strip()
+        )
     else:
         points = "corners of tags" if spec.kind == "aruco" else "inner corners"
         print(f"{find}: {spec} found, {len(marker_view.corners_px)} {points}.")
         if colour is not None and colour["delta_e_worst"] is not None:
-            print(f"{find}: after correction its worst square has a CIEDE2000 of {colour['delta_e_worst']}.")
+            print(
+                f"{find}: after correction its worst square has a CIEDE2000 of {colour['delta_e_worst']}."
+            )
     raise SystemExit(0 if corners is not None else 1)
 
 
@@ -352,7 +432,10 @@ def records_rebuild(
 
     with opened_database() as database:
         records = rebuild_records(database, write=not check)
-    print(f"{records.compared} records compared, {records.different} differ" + ("" if check else ", rebuilt"))
+    print(
+        f"{records.compared} records compared, {records.different} differ"
+        + ("" if check else ", rebuilt")
+    )
     raise SystemExit(1 if check and records.different else 0)
 
 
@@ -361,10 +444,14 @@ def records_recompute(
     nutrients: Annotated[
         bool, typer.Option("--nutrients", help="Grams and nutrients, by the tables now in force.")
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would change.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only show what would change.")
+    ] = False,
     study: Annotated[str | None, typer.Option(help="Only this study's records.")] = None,
     reason: Annotated[str, typer.Option(help="Why, for the history.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line, the summary last.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object per line, the summary last.")
+    ] = False,
 ) -> None:
     """Create new records where foods or figures have changed; volumes, chosen foods and old records stay."""
     from app.records.recompute_records import RecordDifference, recompute_nutrients
@@ -374,36 +461,62 @@ def records_recompute(
 
     def print_difference(difference: RecordDifference) -> None:
         if as_json:
-            columns = {name: {"before": before, "after": after} for name, (before, after) in difference.columns.items()}
-            document = {"item": str(difference.item_id), "meal": str(difference.meal_id), "food": difference.food_key}
+            columns = {
+                name: {"before": before, "after": after}
+                for name, (before, after) in difference.columns.items()
+            }
+            document = {
+                "item": str(difference.item_id),
+                "meal": str(difference.meal_id),
+                "food": difference.food_key,
+            }
             print(json.dumps(document | {"changes": columns}))
             return
         shown = ", ".join(
-            f"{name} {_figure(before)} -> {_figure(after)}" for name, (before, after) in difference.columns.items()
+            f"{name} {_figure(before)} -> {_figure(after)}"
+            for name, (before, after) in difference.columns.items()
         )
-        print(f"meal {difference.meal_id}  {difference.food_key}: {shown or 'other components, or their source'}")
+        print(
+            f"meal {difference.meal_id}  {difference.food_key}: {shown or 'other components, or their source'}"
+        )
 
     with opened_database() as database:
         report = recompute_nutrients(
-            database, write=not dry_run, author=author(), reason=reason, study_code=study, tell=print_difference
+            database,
+            write=not dry_run,
+            author=author(),
+            reason=reason,
+            study_code=study,
+            tell=print_difference,
         )
     if as_json:
         print(
             json.dumps(
-                {"compared": report.compared, "changed": report.changed, "dry_run": dry_run, "gone": report.gone}
+                {
+                    "compared": report.compared,
+                    "changed": report.changed,
+                    "dry_run": dry_run,
+                    "gone": report.gone,
+                }
             )
         )
         return
-    print(f"{report.compared} records compared, {report.changed} {'would change' if dry_run else 'recomputed'}")
+    print(
+        f"{report.compared} records compared, {report.changed} {'would change' if dry_run else 'recomputed'}"
+    )
     if report.gone:
         shown = ", ".join(f"{key} ({count})" for key, count in report.gone.most_common(5))
         more = ", ..." if len(report.gone) > 5 else ""
-        print(f"not changed: {report.gone.total()} records of foods in no table in force: {shown}{more}")
+        print(
+            f"not changed: {report.gone.total()} records of foods in no table in force: {shown}{more}"
+        )
 
 
 @db_cli.command("upgrade")
 def db_upgrade(
-    revision: Annotated[str | None, typer.Option(help="Only migrate the schema, up to this revision.")] = None,
+    revision: Annotated[
+        str | None, typer.Option(help="Only migrate the schema, up to this revision.")
+    ] = None,
 ) -> None:
     """Migrate the schema and load the starter food table."""
     from app.db.migrate import upgrade
@@ -430,9 +543,14 @@ def db_current() -> None:
 
 @cli.command()
 def doctor(
-    requeue: Annotated[bool, typer.Option("--requeue", help="Also queue stuck meals again.")] = False,
+    requeue: Annotated[
+        bool, typer.Option("--requeue", help="Also queue stuck meals again.")
+    ] = False,
     trusts_clock: Annotated[
-        bool, typer.Option("--trust-clock", help="Trust the clock as it is now, without waiting for a day.")
+        bool,
+        typer.Option(
+            "--trust-clock", help="Trust the clock as it is now, without waiting for a day."
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -490,12 +608,17 @@ def print_estimate(estimated: dict[str, Any], debug: Path | None) -> None:
         if item["mass_g"] is not None:
             line += f": {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
         print(line + (f"  [{', '.join(item['flags'])}]" if item["flags"] else ""))
-        likely = [match for match in item["candidates"] if match["probability"] >= MIN_SHOWN_PROBABILITY][:3]
+        likely = [
+            match for match in item["candidates"] if match["probability"] >= MIN_SHOWN_PROBABILITY
+        ][:3]
         if likely:
             print(
-                "        looks like " + ", ".join(f"{match['food']} ({match['probability']:.0%})" for match in likely)
+                "        looks like "
+                + ", ".join(f"{match['food']} ({match['probability']:.0%})" for match in likely)
             )
-    print(f"{estimated['seconds']:.2f} s, method {estimated['method']} {estimated['pipeline_version']}")
+    print(
+        f"{estimated['seconds']:.2f} s, method {estimated['method']} {estimated['pipeline_version']}"
+    )
     if debug is not None:
         print(f"pictures in {debug}")
 

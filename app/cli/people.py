@@ -23,7 +23,8 @@ staff_cli = typer.Typer(no_args_is_help=True, help="People who sign in with a pa
 PasswordFile = Annotated[
     Path | None,
     typer.Option(
-        "--password-file", help="File whose first line is the password; -: standard input. Default: a prompt."
+        "--password-file",
+        help="File whose first line is the password; -: standard input. Default: a prompt.",
     ),
 ]
 LONGEST_PASSWORD_BYTES = 4096
@@ -37,13 +38,17 @@ def admin_create(name: str) -> None:
     with opened_database() as database:
         token = create_admin(database, name)
     print(token)
-    print("Keep it: it is not shown again. Send it as `Authorization: Bearer TOKEN`.", file=sys.stderr)
+    print(
+        "Keep it: it is not shown again. Send it as `Authorization: Bearer TOKEN`.", file=sys.stderr
+    )
 
 
 @staff_cli.command("create")
 def staff_create(
     name: str,
-    admin: Annotated[bool, typer.Option("--admin", help="May do everything in every study.")] = False,
+    admin: Annotated[
+        bool, typer.Option("--admin", help="May do everything in every study.")
+    ] = False,
     password_file: PasswordFile = None,
 ) -> None:
     """Create a staff member with a password. An owner gives them a role in a study."""
@@ -93,7 +98,9 @@ def staff_list() -> None:
         while True:
             page = list_staff(database, cursor=cursor, limit=1000)
             for row in page.rows:
-                disabled = f", disabled {row.disabled_at:%Y-%m-%d}" if row.disabled_at is not None else ""
+                disabled = (
+                    f", disabled {row.disabled_at:%Y-%m-%d}" if row.disabled_at is not None else ""
+                )
                 by = "password" if row.password_hash is not None else "token only"
                 print(f"{row.name}: {'admin' if row.is_admin else 'staff'}, {by}{disabled}")
             cursor = page.cursor

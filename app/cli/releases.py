@@ -29,7 +29,9 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
 
     settings = Settings()
     with opened_database() as database:
-        comparison = compare_release(database, open_blob_store(settings.resolved_blob_url, settings), study, name)
+        comparison = compare_release(
+            database, open_blob_store(settings.resolved_blob_url, settings), study, name
+        )
     checked = comparison.checked
     if as_json:
         document = {
@@ -39,10 +41,17 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
             "checksum_now": comparison.checksum_now,
             "altered_at": checked.release.altered_at,
             "files": [
-                {"name": file.name, "blob_key": file.blob_key, "sha256": file.sha256, "found": file.state}
+                {
+                    "name": file.name,
+                    "blob_key": file.blob_key,
+                    "sha256": file.sha256,
+                    "found": file.state,
+                }
                 for file in checked.files
             ],
-            "tables": None if comparison.tables is None else [asdict(table) for table in comparison.tables],
+            "tables": None
+            if comparison.tables is None
+            else [asdict(table) for table in comparison.tables],
         }
         print(json.dumps(document, default=str))
     else:
@@ -60,10 +69,19 @@ def releases_list(study: StudyArgument, as_json: JsonOption = False) -> None:
         releases = releases_of_study(database, study)
     if as_json:
         names = ("name", "state", "checksum", "frozen_at", "altered_at", "note")
-        print(json.dumps([{name: getattr(release, name) for name in names} for release in releases], default=str))
+        print(
+            json.dumps(
+                [{name: getattr(release, name) for name in names} for release in releases],
+                default=str,
+            )
+        )
         return
     for release in releases:
-        at = release.frozen_at.isoformat(timespec="seconds") if release.frozen_at is not None else "-"
+        at = (
+            release.frozen_at.isoformat(timespec="seconds")
+            if release.frozen_at is not None
+            else "-"
+        )
         print(f"{at}  {release.state:8}  {release.checksum or '-':64}  {release.name}")
 
 
@@ -72,9 +90,13 @@ def _print_comparison(comparison: "Comparison") -> None:
     for file in checked.files:
         if file.state != "whole":
             print(f"{file.name}: {file.state}, {file.blob_key}")
-    print(f"files: {'whole' if checked.is_whole else 'NOT as frozen'}, checksum {checked.release.checksum}")
+    print(
+        f"files: {'whole' if checked.is_whole else 'NOT as frozen'}, checksum {checked.release.checksum}"
+    )
     if checked.release.altered_at is not None:
-        print(f"last altered by an erasure on {checked.release.altered_at.isoformat(timespec='seconds')}")
+        print(
+            f"last altered by an erasure on {checked.release.altered_at.isoformat(timespec='seconds')}"
+        )
     if comparison.is_reproduced:
         print("frozen now, it would be the same")
         return
@@ -90,6 +112,8 @@ def _print_comparison(comparison: "Comparison") -> None:
             f"release, {table.only_now} only now"
         )
         if table.columns:
-            print(f"    {', '.join(f'{name} ({count})' for name, count in sorted(table.columns.items()))}")
+            print(
+                f"    {', '.join(f'{name} ({count})' for name, count in sorted(table.columns.items()))}"
+            )
     if all(table.is_same and not table.columns for table in comparison.tables):
         print("  every row is the same, but this version of the program writes other bytes")

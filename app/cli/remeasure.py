@@ -24,14 +24,24 @@ Works = dict[str, uuid.UUID]  # study's code -> its remeasurement
 
 
 def remeasure(
-    targets: Annotated[list[str], typer.Argument(metavar="STUDY|MEAL...", help="Studies' codes, or ids of meals.")],
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be measured, and why not.")] = False,
+    targets: Annotated[
+        list[str], typer.Argument(metavar="STUDY|MEAL...", help="Studies' codes, or ids of meals.")
+    ],
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only list what would be measured, and why not.")
+    ] = False,
     limit: Annotated[
-        int | None, typer.Option(min=1, max=2**31 - 1, help="Only so many meals of each study, the first eaten.")
+        int | None,
+        typer.Option(
+            min=1, max=2**31 - 1, help="Only so many meals of each study, the first eaten."
+        ),
     ] = None,
-    wait: Annotated[bool, typer.Option(help="Show the progress until it is done; Ctrl-C stops it.")] = True,
+    wait: Annotated[
+        bool, typer.Option(help="Show the progress until it is done; Ctrl-C stops it.")
+    ] = True,
     participant: Annotated[
-        str | None, typer.Option(metavar="CODE", help="The participant, if a meal's id is not unique.")
+        str | None,
+        typer.Option(metavar="CODE", help="The participant, if a meal's id is not unique."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -54,7 +64,11 @@ def remeasure(
             _stop(database, works)
             print("Stopped. The same command continues it.", file=sys.stderr)
         views = _read(database, works)
-        _print_views(views, as_json=as_json, rows={study: list(_rows(database, study, works)) for study in works})
+        _print_views(
+            views,
+            as_json=as_json,
+            rows={study: list(_rows(database, study, works)) for study in works},
+        )
     raise SystemExit(0 if all(view.remeasurement.state == "done" for view in views.values()) else 1)
 
 
@@ -76,15 +90,22 @@ def _selections(
             whole.add(target)
             continue
         with database.read() as session:
-            matches = meals.find_meals(session, meal, participant_id=None, participant_code=participant, study_ids=None)
+            matches = meals.find_meals(
+                session, meal, participant_id=None, participant_code=participant, study_ids=None
+            )
         if not matches:
             raise NotFoundError(f"There is no meal {meal}.")
         if len(matches) > 1:
             raise ConflictError(
-                "More than one participant has a meal of this id: add --participant CODE.", code="meal_id_ambiguous"
+                "More than one participant has a meal of this id: add --participant CODE.",
+                code="meal_id_ambiguous",
             )
         chosen.setdefault(matches[0][2], set()).add(meal)
-    named = {study: Selection(frozenset(ids), limit) for study, ids in chosen.items() if study not in whole}
+    named = {
+        study: Selection(frozenset(ids), limit)
+        for study, ids in chosen.items()
+        if study not in whole
+    }
     return {study: Selection(limit=limit) for study in sorted(whole)} | named
 
 
@@ -95,7 +116,9 @@ def _meal_id(target: str) -> uuid.UUID | None:
         return None
 
 
-def _print_plan(database: "Database", selections: Mapping[str, "Selection"], *, as_json: bool) -> None:
+def _print_plan(
+    database: "Database", selections: Mapping[str, "Selection"], *, as_json: bool
+) -> None:
     from app.remeasurements.remeasurements import Requester, plan_remeasurement
     from app.remeasurements.render import render_plan
 
@@ -105,13 +128,20 @@ def _print_plan(database: "Database", selections: Mapping[str, "Selection"], *, 
         numbers = render_plan(pairs)
         if as_json:
             rows = [
-                {"participant": pair.participant, "meal": str(pair.meal), "pair": pair.pair, "skip": pair.skip}
+                {
+                    "participant": pair.participant,
+                    "meal": str(pair.meal),
+                    "pair": pair.pair,
+                    "skip": pair.skip,
+                }
                 for pair in pairs
             ]
             documents.append({"study": study, **numbers.model_dump(), "rows": rows})
             continue
         for pair in pairs:
-            print(f"{study}/{pair.participant}  {pair.meal}  {pair.pair:5}  {pair.skip or 'would be measured'}")
+            print(
+                f"{study}/{pair.participant}  {pair.meal}  {pair.pair:5}  {pair.skip or 'would be measured'}"
+            )
         print(f"{study}: {numbers.would_measure} of {numbers.pairs} pairs would be measured")
     if as_json:
         print(json.dumps(documents))
@@ -125,7 +155,10 @@ def _start(database: "Database", selections: Mapping[str, "Selection"]) -> Works
         view, is_new = start_remeasurement(database, Requester(author()), study, selection)
         works[study] = view.remeasurement.id
         if not is_new:
-            print(f"{study}: continued, {view.progress.waiting} of {view.progress.pairs} pairs left", file=sys.stderr)
+            print(
+                f"{study}: continued, {view.progress.waiting} of {view.progress.pairs} pairs left",
+                file=sys.stderr,
+            )
     return works
 
 
@@ -143,7 +176,10 @@ def _stop(database: "Database", works: Works) -> None:
 def _read(database: "Database", works: Works) -> dict[str, "RemeasurementView"]:
     from app.remeasurements.remeasurements import Requester, read_remeasurement
 
-    return {study: read_remeasurement(database, Requester(author()), study, each) for study, each in works.items()}
+    return {
+        study: read_remeasurement(database, Requester(author()), study, each)
+        for study, each in works.items()
+    }
 
 
 def _follow(database: "Database", works: Works) -> None:
@@ -170,7 +206,9 @@ def _follow(database: "Database", works: Works) -> None:
 
 def _progress(view: "RemeasurementView") -> str:
     progress = view.progress
-    states = ", ".join(f"{progress.states.get(state, 0)} {state}" for state in ("measured", "kept", "skipped"))
+    states = ", ".join(
+        f"{progress.states.get(state, 0)} {state}" for state in ("measured", "kept", "skipped")
+    )
     return f"{progress.pairs - progress.waiting} of {progress.pairs} pairs ({states})"
 
 
@@ -186,7 +224,9 @@ def _rows(database: "Database", study: str, works: Works) -> Iterator["ComparedI
 
     cursor = None
     while True:
-        page = list_compared(database, Requester(author()), study, works[study], cursor=cursor, limit=1000)
+        page = list_compared(
+            database, Requester(author()), study, works[study], cursor=cursor, limit=1000
+        )
         yield from (render_row(row) for row in page.rows)
         cursor = page.cursor
         if cursor is None:

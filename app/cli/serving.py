@@ -85,7 +85,9 @@ def serve(
     return 0
 
 
-def _serve_in_several(settings: Settings, processes: int, embedded_worker: WorkerProcess | None) -> int:
+def _serve_in_several(
+    settings: Settings, processes: int, embedded_worker: WorkerProcess | None
+) -> int:
     """Prepare, so that what prevents a start is told once, then let uvicorn's workers serve."""
     with explained_errors():
         database = open_database(settings)
@@ -212,7 +214,9 @@ def listen(host: str, port: int) -> list[socket.socket]:
     except OSError as error:
         for listening in sockets:
             listening.close()
-        raise UnavailableError(f"TADA_HOST, TADA_PORT: {host}, port {port}: {error.strerror}.") from None
+        raise UnavailableError(
+            f"TADA_HOST, TADA_PORT: {host}, port {port}: {error.strerror}."
+        ) from None
     return sockets
 
 
@@ -255,7 +259,9 @@ def return_freed_memory() -> None:
     By default it keeps the memory of many simultaneous uploads, in a pool per thread, for good. asyncio's buffers of
     256 KiB are reused: returning each of them cost an upload a quarter of its time in this process.
     """
-    with contextlib.suppress(OSError, AttributeError):  # other C libraries have no mallopt and need none
+    with contextlib.suppress(
+        OSError, AttributeError
+    ):  # other C libraries have no mallopt and need none
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(M_ARENA_MAX, 4)
         mallopt(M_MMAP_THRESHOLD, 512 * 1024)  # a fixed value also disables its automatic growth
@@ -307,7 +313,14 @@ def check_public_url(url: str | None) -> None:
         is_valid = parts.scheme in ("https", "http") and bool(parts.hostname) and parts.port != 0
     except ValueError:
         is_valid = False
-    if not is_valid or parts.username or parts.password or parts.query or parts.fragment or url.endswith("/"):
+    if (
+        not is_valid
+        or parts.username
+        or parts.password
+        or parts.query
+        or parts.fragment
+        or url.endswith("/")
+    ):
         raise InvalidInputError(
             "TADA_PUBLIC_URL must be like https://tada.example.org: http or https, a host, and no slash at the end.",
             code="settings_invalid",

@@ -11,7 +11,9 @@ import typer
 
 def sql(
     query: Annotated[str, typer.Argument(metavar="QUERY", help="A SELECT, in DuckDB's SQL.")],
-    study: Annotated[str | None, typer.Option("--study", metavar="CODE", help="Only this study's rows.")] = None,
+    study: Annotated[
+        str | None, typer.Option("--study", metavar="CODE", help="Only this study's rows.")
+    ] = None,
 ) -> None:
     """Query records, meals, days, photographs, participants and components; nothing is changed.
 

@@ -24,11 +24,19 @@ def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
     if as_json:
         from app.vessels.api import render_vessel
 
-        print(json.dumps([render_vessel(view).model_dump(mode="json") for view in views], ensure_ascii=False))
+        print(
+            json.dumps(
+                [render_vessel(view).model_dump(mode="json") for view in views], ensure_ascii=False
+            )
+        )
         return
     for view in views:
         model = view.model
-        capacity = f"{view.held_ml:.0f} ml by its {view.held_by}" if view.held_ml is not None else "not known"
+        capacity = (
+            f"{view.held_ml:.0f} ml by its {view.held_by}"
+            if view.held_ml is not None
+            else "not known"
+        )
         retired = "  retired" if view.version.is_retired else ""
         print(
             f"{model.name:<32} {model.kind:<10} rim {model.rim_diameter_mm:g} mm, height {model.height_mm:g} mm, "
@@ -38,7 +46,8 @@ def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
 
 @vessels_cli.command("import")
 def vessels_import(
-    study: StudyArgument, path: Annotated[Path, typer.Argument(metavar="FILE.json", help="A list of vessels.")]
+    study: StudyArgument,
+    path: Annotated[Path, typer.Argument(metavar="FILE.json", help="A list of vessels.")],
 ) -> None:
     """Add the vessels of a file, or change those of the same name; all or none (docs/vessels.md)."""
     from app.vessels.study_vessels import VesselAuthor, import_vessels
@@ -61,7 +70,9 @@ def vessels_export(study: StudyArgument) -> None:
 
 
 @vessels_cli.command("remove")
-def vessels_remove(study: StudyArgument, name: Annotated[str, typer.Argument(help="The vessel's name.")]) -> None:
+def vessels_remove(
+    study: StudyArgument, name: Annotated[str, typer.Argument(help="The vessel's name.")]
+) -> None:
     """Retire a vessel: new estimates do not use it. It remains visible."""
     from app.vessels.study_vessels import VesselAuthor, retire_vessel
 

@@ -5,7 +5,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Fault = Literal["lost_answer", "lost_request", "unavailable", "rate_limited", "not_durable", "stale"]
+Fault = Literal[
+    "lost_answer", "lost_request", "unavailable", "rate_limited", "not_durable", "stale"
+]
 
 GRACE_SECONDS = 60.0  # an app that goes on talking for so long without what is expected of it has failed to do it
 _MEAL = re.compile(r"^/v1/meals/([^/]+)")
@@ -52,14 +54,20 @@ class Exchange:
         match = _MEAL.match(self.path)
         if match is not None:
             return match[1].lower()
-        name = (self.metadata or {}).get("id") if self.path == "/v1/meals" and self.method == "POST" else None
+        name = (
+            (self.metadata or {}).get("id")
+            if self.path == "/v1/meals" and self.method == "POST"
+            else None
+        )
         return str(name).lower() if name is not None else None
 
     @property
     def content(self) -> tuple[str, str] | None:
         """The meal and the part of it that is sent: `metadata`, or a photograph's slot."""
         image, meal = _IMAGE.match(self.path), self.meal
-        is_creation = self.method == "POST" and self.path.endswith("/upload")  # of an upload in pieces
+        is_creation = self.method == "POST" and self.path.endswith(
+            "/upload"
+        )  # of an upload in pieces
         if meal is None or is_creation or self.method not in {"PUT", "POST", "PATCH"}:
             return None
         if image is not None:
@@ -81,7 +89,11 @@ class Exchange:
     def durable(self) -> frozenset[str]:
         """The slots that the answer calls durable."""
         images = self.answer.get("images") if self.is_ok else None
-        return frozenset(slot for slot, image in images.items() if image.get("durable")) if images else frozenset()
+        return (
+            frozenset(slot for slot, image in images.items() if image.get("durable"))
+            if images
+            else frozenset()
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,14 +24,22 @@ from app.photos.slots import PHOTOGRAPH_SLOTS, VIEW_SLOTS
 from app.sandbox.answers import HEADER
 
 UNKNOWN_FIELD = "conformance_kit"
-PLAN: tuple[Fault, ...] = ("lost_answer", "lost_request", "unavailable", "rate_limited", "not_durable")
+PLAN: tuple[Fault, ...] = (
+    "lost_answer",
+    "lost_request",
+    "unavailable",
+    "rate_limited",
+    "not_durable",
+)
 INJECTIONS: Mapping[Fault, str] = {
     "lost_answer": "lose_answer=0",
     "lost_request": "lose_request=1000",
     "unavailable": "status=503 retry_after=3",
     "rate_limited": "status=429 retry_after=2",
 }
-OF_METADATA: frozenset[Fault] = frozenset({"lost_answer", "rate_limited"})  # the others are of photographs
+OF_METADATA: frozenset[Fault] = frozenset(
+    {"lost_answer", "rate_limited"}
+)  # the others are of photographs
 MOST_EXCHANGES = 5_000  # of a phone: the oldest go
 EXIF = b"Exif\0\0"
 _TOKEN = re.compile(r"tada_[A-Za-z0-9_-]{20,}")
@@ -61,14 +69,19 @@ class Observer:
         """Return the conversation of each phone, the last enrolled first."""
         now = self._clock()
         return [
-            Conversation(phone.device_name, tuple(phone.exchanges), now) for phone in reversed(self._phones.values())
+            Conversation(phone.device_name, tuple(phone.exchanges), now)
+            for phone in reversed(self._phones.values())
         ]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a call on, recorded and perhaps disturbed; answer calls of the report."""
         if scope["type"] == "http" and scope["path"] in PATHS:
             await respond(scope, receive, send, app_report(self.conversations()))
-        elif scope["type"] != "http" or not scope["path"].startswith("/v1/") or scope["method"] == "OPTIONS":
+        elif (
+            scope["type"] != "http"
+            or not scope["path"].startswith("/v1/")
+            or scope["method"] == "OPTIONS"
+        ):
             await self._app(scope, receive, send)
         else:
             await self._observe(scope, receive, send)
@@ -82,11 +95,22 @@ class Observer:
         body = _Body(receive)
         if is_whole:
             await body.read()  # it names the meal
-        request = Exchange(began, began, scope["method"], scope["path"], None, metadata=await _metadata(scope, body))
+        request = Exchange(
+            began,
+            began,
+            scope["method"],
+            scope["path"],
+            None,
+            metadata=await _metadata(scope, body),
+        )
         fault = _fault_of(phone, request) if phone is not None else None
         answer = _Answer(send)
-        if fault == "not_durable" and scope["method"] == "PATCH":  # the server loses the pieces that it had
-            await self._app({**scope, "method": "DELETE", "headers": _plain_headers(scope)}, _nothing, _unheard)
+        if (
+            fault == "not_durable" and scope["method"] == "PATCH"
+        ):  # the server loses the pieces that it had
+            await self._app(
+                {**scope, "method": "DELETE", "headers": _plain_headers(scope)}, _nothing, _unheard
+            )
             await self._app(scope, body.replay, answer)
         elif fault == "not_durable":
             await body.read()
@@ -103,11 +127,14 @@ class Observer:
             request.path,
             answer.status,
             is_authorised=phone is not None,
-            has_secret_in_url=bool(_TOKEN.search(target)) or any(code in target for code in self._codes),
+            has_secret_in_url=bool(_TOKEN.search(target))
+            or any(code in target for code in self._codes),
             if_match=headers.get("if-match"),
             metadata=await _metadata(scope, body),
             photographs=await _photographs(scope, body),
-            upload_offset=int(offset) if (offset := headers.get("upload-offset", "")).isdecimal() else None,
+            upload_offset=int(offset)
+            if (offset := headers.get("upload-offset", "")).isdecimal()
+            else None,
             retry_after=answer.retry_after,
             answer=heard,
             fault=fault,
@@ -119,17 +146,23 @@ class Observer:
             del phone.exchanges[:-MOST_EXCHANGES]
 
     def _phone(self, token: str) -> ObservedPhone:
-        return self._phones.setdefault(hashlib.sha256(token.encode()).hexdigest(), ObservedPhone("a phone"))
+        return self._phones.setdefault(
+            hashlib.sha256(token.encode()).hexdigest(), ObservedPhone("a phone")
+        )
 
     def _enrolled(self, exchange: Exchange) -> ObservedPhone | None:
         """Note the phone that was enrolled, and forget its token's text."""
         body, token = exchange.metadata or {}, exchange.answer.get("token")
         if not isinstance(token, str):
             return None
-        self._codes.add(str(body.get("code")))  # one that works: any other text may stand in an address by chance
+        self._codes.add(
+            str(body.get("code"))
+        )  # one that works: any other text may stand in an address by chance
         phone = self._phone(token)
         phone.device_name = str(body.get("device_name"))
-        phone.exchanges.append(Exchange(exchange.at, exchange.ended_at, "POST", exchange.path, exchange.status))
+        phone.exchanges.append(
+            Exchange(exchange.at, exchange.ended_at, "POST", exchange.path, exchange.status)
+        )
         return None
 
 
@@ -181,7 +214,9 @@ class _Answer:
         """Send a message, as ASGI's `send` does."""
         if message["type"] == "http.response.start":
             headers = Headers(raw=message["headers"])
-            self._is_json = headers.get("content-type", "").startswith(("application/json", "application/problem+json"))
+            self._is_json = headers.get("content-type", "").startswith(
+                ("application/json", "application/problem+json")
+            )
             after = headers.get("retry-after", "")
             self.retry_after = float(after) if after.isdecimal() else None
             self._start = message
@@ -200,7 +235,11 @@ class _Answer:
 
     def document(self) -> dict[str, object]:
         """The JSON object that was answered, or an empty one."""
-        document = json.loads(self._content) if self._is_json and self._content and self.status is not None else None
+        document = (
+            json.loads(self._content)
+            if self._is_json and self._content and self.status is not None
+            else None
+        )
         return document if isinstance(document, dict) else {}
 
     async def _send_extended(self, start: Message) -> None:
@@ -208,8 +247,12 @@ class _Answer:
         content = bytes(self._content)
         if isinstance(document, dict):
             content = json.dumps(document | {UNKNOWN_FIELD: {"ignore": "this"}}).encode()
-        headers = [(name, value) for name, value in start["headers"] if name.lower() != b"content-length"]
-        await self._send({**start, "headers": [*headers, (b"content-length", str(len(content)).encode())]})
+        headers = [
+            (name, value) for name, value in start["headers"] if name.lower() != b"content-length"
+        ]
+        await self._send(
+            {**start, "headers": [*headers, (b"content-length", str(len(content)).encode())]}
+        )
         await self._send({"type": "http.response.body", "body": content, "more_body": False})
 
 
@@ -234,7 +277,10 @@ def _disturbed(scope: Scope, fault: Fault | None) -> Scope:
     """The request as the server is to see it."""
     headers: list[tuple[bytes, bytes]] = scope["headers"]
     if fault == "stale":
-        return {**scope, "headers": [(n, b'"0"' if n == b"if-match" else value) for n, value in headers]}
+        return {
+            **scope,
+            "headers": [(n, b'"0"' if n == b"if-match" else value) for n, value in headers],
+        }
     if fault is not None and fault in INJECTIONS:
         asked = (HEADER.lower().encode(), INJECTIONS[fault].encode())
         return {**scope, "headers": [*(pair for pair in headers if pair[0] != asked[0]), asked]}
@@ -261,8 +307,13 @@ async def _without_photographs(scope: Scope, body: _Body) -> tuple[Scope, Receiv
     headers = _plain_headers(scope)
     if scope["method"] == "POST" and metadata is not None:
         path, method = f"/v1/meals/{metadata.get('id')}", "PUT"
-        content = json.dumps({name: value for name, value in metadata.items() if name != "id"}).encode()
-        headers += [(b"content-type", b"application/json"), (b"content-length", str(len(content)).encode())]
+        content = json.dumps(
+            {name: value for name, value in metadata.items() if name != "id"}
+        ).encode()
+        headers += [
+            (b"content-type", b"application/json"),
+            (b"content-length", str(len(content)).encode()),
+        ]
     else:
         path, method, content = scope["path"].partition("/images/")[0], "GET", b""
 
@@ -288,7 +339,9 @@ async def _metadata(scope: Scope, body: _Body) -> dict[str, object] | None:
     if content_type.startswith("multipart/form-data"):
         part = (await _parts(scope, body)).get("metadata")
         return _json_object(part) if part is not None else None
-    return _json_object(bytes(body.content)) if content_type.startswith("application/json") else None
+    return (
+        _json_object(bytes(body.content)) if content_type.startswith("application/json") else None
+    )
 
 
 async def _photographs(scope: Scope, body: _Body) -> tuple[SentPhotograph, ...]:
@@ -298,7 +351,9 @@ async def _photographs(scope: Scope, body: _Body) -> tuple[SentPhotograph, ...]:
         return ()
     if scope["method"] == "POST" and path == "/v1/meals":
         parts = await _parts(scope, body)
-        return tuple(_sent(slot, content) for slot, content in parts.items() if slot in PHOTOGRAPH_SLOTS)
+        return tuple(
+            _sent(slot, content) for slot, content in parts.items() if slot in PHOTOGRAPH_SLOTS
+        )
     slot = path.rpartition("/images/")[2]
     if scope["method"] == "PUT" and path.startswith("/v1/meals/") and slot in PHOTOGRAPH_SLOTS:
         return (_sent(slot, bytes(body.content)),)
@@ -309,7 +364,9 @@ async def _parts(scope: Scope, body: _Body) -> dict[str, bytes]:
     async def receive() -> Message:
         return {"type": "http.request", "body": bytes(body.content), "more_body": False}
 
-    parser = MultiPartParser(Headers(scope=scope), Request(scope, receive).stream(), max_part_size=2**20)
+    parser = MultiPartParser(
+        Headers(scope=scope), Request(scope, receive).stream(), max_part_size=2**20
+    )
     parts = {}
     try:
         form = await parser.parse()

@@ -25,7 +25,9 @@ Report = list[dict[str, object]]
 def app_report(conversations: Sequence[Conversation]) -> Report:
     """Return the verdicts on each phone."""
     return [
-        report_of(conversation.device_name, judge(conversation), requests=len(conversation.exchanges))
+        report_of(
+            conversation.device_name, judge(conversation), requests=len(conversation.exchanges)
+        )
         for conversation in conversations
     ]
 
@@ -61,4 +63,6 @@ async def respond(scope: Scope, receive: Receive, send: Send, report: Report) ->
     if scope["path"] == JSON:
         await JSONResponse(report, headers=HEADERS)(scope, receive, send)
     else:
-        await HTMLResponse(render_page(report, refresh_seconds=2), headers=HEADERS)(scope, receive, send)
+        await HTMLResponse(render_page(report, refresh_seconds=2), headers=HEADERS)(
+            scope, receive, send
+        )

@@ -12,7 +12,10 @@ from urllib.parse import urlsplit
 
 import httpx2
 
-METADATA: Mapping[str, Any] = {"captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
+METADATA: Mapping[str, Any] = {
+    "captured_at": "2026-11-20T12:30:00+08:00",
+    "time_zone": "Asia/Shanghai",
+}
 JSON_TYPE = "application/json"
 MOST_TRIES = 5
 LONGEST_PAUSE_SECONDS = 60
@@ -47,7 +50,9 @@ class TrialPhone:
         """Send a photograph of the meal. content: default: the pair's."""
         body = content if content is not None else self.pair[slot]
         headers = {"Content-Type": "application/octet-stream"}
-        return self.call("PUT", f"/v1/meals/{self.meal}/images/{slot}", content=body, headers=headers)
+        return self.call(
+            "PUT", f"/v1/meals/{self.meal}/images/{slot}", content=body, headers=headers
+        )
 
     def read(self) -> dict[str, Any]:
         """Return the meal as it is."""
@@ -68,7 +73,9 @@ class TrialPhone:
 
     def _send_raw(self, method: str, path: str, body: bytes, content_type: str, most: int) -> None:
         address = urlsplit(str(self.client.base_url))
-        kind = http.client.HTTPSConnection if address.scheme == "https" else http.client.HTTPConnection
+        kind = (
+            http.client.HTTPSConnection if address.scheme == "https" else http.client.HTTPConnection
+        )
         connection = kind(address.hostname or "", address.port, timeout=CALL_SECONDS)
         try:
             connection.putrequest(method, address.path.rstrip("/") + path)
@@ -81,7 +88,9 @@ class TrialPhone:
             connection.close()
 
 
-def enrol(client: httpx2.Client, code: str, pair: Mapping[str, bytes]) -> tuple[httpx2.Response, TrialPhone | None]:
+def enrol(
+    client: httpx2.Client, code: str, pair: Mapping[str, bytes]
+) -> tuple[httpx2.Response, TrialPhone | None]:
     """Enrol a phone. Returns the answer, and the phone if there is one."""
     device = {"code": code, "device_name": "conformance kit", "app_version": "conformance"}
     answer = client.post("/v1/enrolments", json=device)

@@ -2,7 +2,9 @@
 
 import gc
 
-OBJECTS_PER_COLLECTION = 50_000  # a batch of an export has fewer; Python's 700 cost an export a tenth of its time
+OBJECTS_PER_COLLECTION = (
+    50_000  # a batch of an export has fewer; Python's 700 cost an export a tenth of its time
+)
 
 
 def collect_rarely() -> None:

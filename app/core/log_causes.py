@@ -17,7 +17,9 @@ from structlog.typing import EventDict, WrappedLogger
 
 WINDOW_SECONDS = 60.0
 MAX_LINES = 10  # per window, only for outages: lines of other causes may differ in what they report
-OUTAGE_ERRORS = frozenset({"OperationalError", "InterfaceError"})  # of database drivers, beside all OSErrors
+OUTAGE_ERRORS = frozenset(
+    {"OperationalError", "InterfaceError"}
+)  # of database drivers, beside all OSErrors
 MAX_CAUSES = 200
 
 Cause = tuple[str, str, int]  # the exception's type, and where it was raised
@@ -58,7 +60,9 @@ class OneTracebackPerCause:
                     line["lines_left_out"] = left_out
                 return line
             window.lines += 1
-            if window.lines > MAX_LINES and (isinstance(error, OSError) or cause[0] in OUTAGE_ERRORS):
+            if window.lines > MAX_LINES and (
+                isinstance(error, OSError) or cause[0] in OUTAGE_ERRORS
+            ):
                 window.left_out += 1
                 raise structlog.DropEvent
         del line["exc_info"]
@@ -79,7 +83,9 @@ def _exception_of(exc_info: object) -> BaseException | None:
 
 def _root_of(error: BaseException) -> BaseException:
     """Return the first exception of the chain."""
-    while (cause := error.__cause__ or (None if error.__suppress_context__ else error.__context__)) is not None:
+    while (
+        cause := error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    ) is not None:
         error = cause
     return error
 

@@ -19,12 +19,22 @@ from structlog.typing import EventDict, Processor, WrappedLogger
 from app.core.log_causes import OneTracebackPerCause
 from app.core.settings import Settings
 
-QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")  # they log every step or request
-UUID_PATTERN = re.compile(r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE)
+QUIET = (
+    "python_multipart",
+    "uvicorn.access",
+    "alembic",
+    "PIL",
+    "httpx2",
+)  # they log every step or request
+UUID_PATTERN = re.compile(
+    r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE
+)
 NO_ROUTE = "(no route)"
 
 # one mapping per request or job: its threads copy the context and share the mapping
-_facts: contextvars.ContextVar[dict[str, object] | None] = contextvars.ContextVar("facts", default=None)
+_facts: contextvars.ContextVar[dict[str, object] | None] = contextvars.ContextVar(
+    "facts", default=None
+)
 
 
 def route_name(scope: Mapping[str, object]) -> str:
@@ -108,7 +118,9 @@ def configure_logging(settings: Settings) -> None:
         cache_logger_on_first_use=False,
     )
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(structlog.stdlib.ProcessorFormatter(processor=renderer, foreign_pre_chain=shared))
+    handler.setFormatter(
+        structlog.stdlib.ProcessorFormatter(processor=renderer, foreign_pre_chain=shared)
+    )
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level)

@@ -12,7 +12,12 @@ from typing import Literal
 from urllib.parse import quote, urlsplit
 
 from pydantic import Field, SecretStr
-from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SecretsSettingsSource, SettingsConfigDict
+from pydantic_settings import (
+    BaseSettings,
+    PydanticBaseSettingsSource,
+    SecretsSettingsSource,
+    SettingsConfigDict,
+)
 
 MEBIBYTE = 1024 * 1024
 
@@ -22,33 +27,47 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="TADA_", frozen=True, extra="ignore")
 
-    data_dir: Path = Field(default=Path("data"), description="Folder of the embedded database and blob store.")
-    database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir.")
+    data_dir: Path = Field(
+        default=Path("data"), description="Folder of the embedded database and blob store."
+    )
+    database_url: str | None = Field(
+        default=None, description="SQLAlchemy URL; default: SQLite in data_dir."
+    )
     database_password: SecretStr | None = Field(
-        default=None, description="Password of the database URL's user; default: the one in the URL."
+        default=None,
+        description="Password of the database URL's user; default: the one in the URL.",
     )
     database_pool_size: int = Field(
         default=10, ge=1, description="Connections to the database that a process keeps open."
     )
-    database_pool_overflow: int = Field(default=10, ge=0, description="Additional connections while a process is busy.")
+    database_pool_overflow: int = Field(
+        default=10, ge=0, description="Additional connections while a process is busy."
+    )
     database_statement_seconds: float = Field(
-        default=30.0, gt=0, description="PostgreSQL: maximum time of a statement; migrations have their own limit."
+        default=30.0,
+        gt=0,
+        description="PostgreSQL: maximum time of a statement; migrations have their own limit.",
     )
     blob_url: str | None = Field(
-        default=None, description="file:///path or s3://bucket/prefix; default: a folder in data_dir."
+        default=None,
+        description="file:///path or s3://bucket/prefix; default: a folder in data_dir.",
     )
     erasure_url: str | None = Field(
         default=None,
         description="The ledger of erasures, kept out of backups: file:///path or s3://bucket/prefix; default: a "
         "folder in data_dir; with blobs in S3, .erasures beside them.",
     )
-    s3_endpoint: str | None = Field(default=None, description="http(s)://host:port of an S3 server other than AWS.")
+    s3_endpoint: str | None = Field(
+        default=None, description="http(s)://host:port of an S3 server other than AWS."
+    )
     s3_region: str = Field(default="us-east-1", min_length=1, description="The bucket's region.")
     s3_access_key_id: str | None = Field(
         default=None,
         description="Set together with the secret key; neither: AWS's credentials of the machine or container.",
     )
-    s3_secret_access_key: SecretStr | None = Field(default=None, description="Belongs to the access key's id.")
+    s3_secret_access_key: SecretStr | None = Field(
+        default=None, description="Belongs to the access key's id."
+    )
     secret_key: SecretStr | None = Field(
         default=None,
         min_length=32,
@@ -56,14 +75,20 @@ class Settings(BaseSettings):
     )
 
     host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")
-    port: int = Field(default=8000, ge=0, le=65535, description="Port that `tada serve` listens on; 0: any free one.")
+    port: int = Field(
+        default=8000,
+        ge=0,
+        le=65535,
+        description="Port that `tada serve` listens on; 0: any free one.",
+    )
 
     public_url: str | None = Field(
         default=None,
         description="Address of the server for phones, https://host; default: the one that the caller used.",
     )
     trusted_proxies: str | None = Field(
-        default=None, description="Addresses or networks, separated by commas, whose X-Forwarded-For is trusted."
+        default=None,
+        description="Addresses or networks, separated by commas, whose X-Forwarded-For is trusted.",
     )
 
     web_origins: str | None = Field(
@@ -78,18 +103,27 @@ class Settings(BaseSettings):
         description="Turns reminders by Web Push on: mailto: or https: address at which push services reach you.",
     )
     webhook_allow_loopback: bool = Field(
-        default=False, description="Allow webhooks to 127.0.0.1, also by plain http: for tests only."
+        default=False,
+        description="Allow webhooks to 127.0.0.1, also by plain http: for tests only.",
     )
 
-    max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="Maximum size of a photograph.")
-    max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Maximum width x height of a photograph.")
-    max_uploads: int = Field(default=16, ge=1, description="Uploads written simultaneously in one process.")
+    max_photo_bytes: int = Field(
+        default=30 * MEBIBYTE, ge=1, description="Maximum size of a photograph."
+    )
+    max_photo_pixels: int = Field(
+        default=60_000_000, ge=1, description="Maximum width x height of a photograph."
+    )
+    max_uploads: int = Field(
+        default=16, ge=1, description="Uploads written simultaneously in one process."
+    )
     min_free_bytes: int = Field(
         default=512 * MEBIBYTE, ge=0, description="With less free space, uploads get storage_full."
     )
 
     estimate_seconds: float = Field(
-        default=120.0, gt=0, description="Maximum processor time of an estimate; ten times that by the clock."
+        default=120.0,
+        gt=0,
+        description="Maximum processor time of an estimate; ten times that by the clock.",
     )
     estimate_memory_bytes: int = Field(
         default=3072 * MEBIBYTE, gt=0, description="Maximum address space of an estimate's process."
@@ -100,19 +134,24 @@ class Settings(BaseSettings):
         description="Simultaneous estimates in one worker; default: by its cores and memory.",
     )
     food_index: Path | None = Field(
-        default=None, description="Index of how foods look, made by `tada index build`; default: the shipped one."
+        default=None,
+        description="Index of how foods look, made by `tada index build`; default: the shipped one.",
     )
     classifier: Path | None = Field(
         default=None,
         description="Description (TOML) of an ONNX network whose candidates join the index's; default: none.",
     )
-    export_days: int = Field(default=7, ge=1, description="Days that a file made in the background is kept.")
+    export_days: int = Field(
+        default=7, ge=1, description="Days that a file made in the background is kept."
+    )
     export_min_free_bytes: int = Field(
         default=1024 * MEBIBYTE,
         ge=0,
         description="With less free space, no file is made in the background; uploads continue.",
     )
-    api_children: int = Field(default=2, ge=1, description="Child processes of one server that decode photographs.")
+    api_children: int = Field(
+        default=2, ge=1, description="Child processes of one server that decode photographs."
+    )
     enrolment_attempts_per_minute: int = Field(
         default=20, ge=1, description="Enrolment attempts per minute and address."
     )
@@ -122,12 +161,16 @@ class Settings(BaseSettings):
         description="Password attempts per minute for a name from an address; 3 times per address, 10 times per name.",
     )
     device_uploads_per_minute: int = Field(
-        default=120, ge=0, description="Requests per minute and phone with photographs or metadata; 0: no limit."
+        default=120,
+        ge=0,
+        description="Requests per minute and phone with photographs or metadata; 0: no limit.",
     )
     device_calls_per_minute: int = Field(
         default=600, ge=0, description="Other calls per minute and phone; 0: no limit."
     )
-    staff_calls_per_minute: int = Field(default=1200, ge=0, description="Calls per minute and person; 0: no limit.")
+    staff_calls_per_minute: int = Field(
+        default=1200, ge=0, description="Calls per minute and person; 0: no limit."
+    )
     exports_per_minute: int = Field(
         default=30, ge=0, description="Files requested per minute and phone or person; 0: no limit."
     )
@@ -145,19 +188,30 @@ class Settings(BaseSettings):
         default=60.0, gt=0, description="Maximum time for 16 KiB of a request's body to arrive."
     )
     stop_seconds: int = Field(
-        default=20, ge=1, description="Time that requests in progress get when the server shuts down."
+        default=20,
+        ge=1,
+        description="Time that requests in progress get when the server shuts down.",
     )
     metrics_token: SecretStr | None = Field(
-        default=None, min_length=16, description="Bearer token for /metrics; unset: only callers on the same machine."
+        default=None,
+        min_length=16,
+        description="Bearer token for /metrics; unset: only callers on the same machine.",
     )
-    metrics_host: str = Field(default="127.0.0.1", description="Address that a worker's metrics listen on.")
+    metrics_host: str = Field(
+        default="127.0.0.1", description="Address that a worker's metrics listen on."
+    )
     worker_metrics_port: int | None = Field(
-        default=None, ge=0, le=65535, description="Port of a worker's /metrics and /healthz; unset: none, 0: any free."
+        default=None,
+        ge=0,
+        le=65535,
+        description="Port of a worker's /metrics and /healthz; unset: none, 0: any free.",
     )
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(
         default="INFO", description="Lowest level that is logged."
     )
-    log_format: Literal["json", "console"] = Field(default="json", description="json, or console for reading.")
+    log_format: Literal["json", "console"] = Field(
+        default="json", description="json, or console for reading."
+    )
 
     @classmethod
     def settings_customise_sources(

@@ -63,7 +63,9 @@ def convert(value: float, source: Unit, target: Unit) -> float:
     source_quantity, source_size = _SIZES[source]
     target_quantity, target_size = _SIZES[target]
     if source_quantity != target_quantity:
-        raise UnitMismatchError(f"{source} measures {source_quantity}, {target} measures {target_quantity}")
+        raise UnitMismatchError(
+            f"{source} measures {source_quantity}, {target} measures {target_quantity}"
+        )
     return value * source_size / target_size
 
 
@@ -84,7 +86,9 @@ def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:
     """
     volume_ml = convert(measure, unit, Unit.ML)
     if not (0.0 < mass_g < math.inf and 0.0 < volume_ml < math.inf):
-        raise ValueError(f"a portion has a positive mass and volume, not {mass_g} g in {measure} {unit}")
+        raise ValueError(
+            f"a portion has a positive mass and volume, not {mass_g} g in {measure} {unit}"
+        )
     return mass_g / volume_ml
 
 

@@ -96,7 +96,11 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: Pr
     template = "problem_part.html" if is_fragment else "problem.html"
     if is_fragment:
         kept |= {"HX-Retarget": "#problem", "HX-Reswap": "innerHTML", "HX-Push-Url": "false"}
-    return HTMLResponse(render(template, problem=problem, back=_back(scope)), status_code=start["status"], headers=kept)
+    return HTMLResponse(
+        render(template, problem=problem, back=_back(scope)),
+        status_code=start["status"],
+        headers=kept,
+    )
 
 
 def _back(scope: Scope) -> tuple[str, str] | None:
@@ -109,7 +113,9 @@ def _readable_problem(problem: Problem) -> Problem:
     """Replace schema paths by field names, and the framework's bare titles by sentences."""
     if problem.status == http.HTTPStatus.UNPROCESSABLE_ENTITY:
         sentence = sentence_of_request((problem.model_extra or {}).get("errors", ()))
-        return problem.model_copy(update={"title": NOT_ACCEPTED, "detail": sentence or problem.detail})
+        return problem.model_copy(
+            update={"title": NOT_ACCEPTED, "detail": sentence or problem.detail}
+        )
     if problem.detail == problem.title:
         return problem.model_copy(update={"detail": BARE.get(problem.code, problem.detail)})
     return problem
@@ -121,4 +127,8 @@ def _sign_in_address(scope: Scope, headers: Headers) -> str:
         return f"{PREFIX}/sign-in"
     query = scope["query_string"].decode("latin-1")
     here = scope["path"] + (f"?{query}" if query else "")
-    return f"{PREFIX}/sign-in?next={quote(here, safe='')}" if here not in ("/", PREFIX) else f"{PREFIX}/sign-in"
+    return (
+        f"{PREFIX}/sign-in?next={quote(here, safe='')}"
+        if here not in ("/", PREFIX)
+        else f"{PREFIX}/sign-in"
+    )

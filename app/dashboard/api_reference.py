@@ -11,4 +11,6 @@ PATH = "/docs"
 
 async def api_reference(_request: Request) -> HTMLResponse:
     """Return the page. It is public, as the document is."""
-    return HTMLResponse(render("api_reference.html"), headers=dict(HEADERS) | {"Cache-Control": "no-cache"})
+    return HTMLResponse(
+        render("api_reference.html"), headers=dict(HEADERS) | {"Cache-Control": "no-cache"}
+    )

@@ -19,7 +19,9 @@ MOST_FIELDS = 1000
 Model = TypeVar("Model", bound=BaseModel)
 
 # browsers send an empty field as ""
-Blank = BeforeValidator(lambda value: None if isinstance(value, str) and not value.strip() else value)
+Blank = BeforeValidator(
+    lambda value: None if isinstance(value, str) and not value.strip() else value
+)
 
 
 class WrongFormError(InvalidInputError):
@@ -52,7 +54,9 @@ def take_version(values: dict[str, str]) -> frozenset[int]:
     return frozenset({int(version)}) if version.isdecimal() else frozenset()
 
 
-def read_form(model: type[Model], values: Mapping[str, object], wrong: Mapping[str, str] | None = None) -> Model:
+def read_form(
+    model: type[Model], values: Mapping[str, object], wrong: Mapping[str, str] | None = None
+) -> Model:
     """Validate a form's values; an empty field keeps its default.
 
     wrong: fields whose text could not be parsed. Raises WrongFormError for those and for what the model refuses.

@@ -24,7 +24,13 @@ from app.dashboard.templates import render
 from app.http.public_files import PublicFiles
 
 PATH = "/docs/guide"
-FIRST = ("research", "operations", "apps", "capture", "development")  # what each kind of reader begins with
+FIRST = (
+    "research",
+    "operations",
+    "apps",
+    "capture",
+    "development",
+)  # what each kind of reader begins with
 LONGEST_QUERY = 200
 MOST_HITS, SNIPPET = 30, 160
 LINK = re.compile(r"\[([^\]]*)\]\((?![a-z]+:)([^)#\s]*)(#[^)\s]*)?\)")
@@ -68,7 +74,9 @@ class GuideFiles(PublicFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a page, the list, or a file of docs/."""
         html = await run_in_threadpool(_page_at, path, scope["query_string"].decode("latin-1"))
-        answer: Response = HTMLResponse(html) if html is not None else await super().get_response(path, scope)
+        answer: Response = (
+            HTMLResponse(html) if html is not None else await super().get_response(path, scope)
+        )
         answer.headers.update(HEADERS)
         return answer
 
@@ -82,7 +90,14 @@ def _page_at(path: str, query_string: str) -> str | None:
         return None
     query = parse_qs(query_string).get("q", [""])[0][:LONGEST_QUERY]
     words = query.lower().split()
-    return render("guide_list.html", guide=PATH, pages=listed_pages(), query=query, words=words, hits=search(words))
+    return render(
+        "guide_list.html",
+        guide=PATH,
+        pages=listed_pages(),
+        query=query,
+        words=words,
+        hits=search(words),
+    )
 
 
 def guide_folder() -> Path:
@@ -94,7 +109,9 @@ def guide_folder() -> Path:
 def guide_pages() -> Mapping[str, GuidePage]:
     """Return name -> page."""
     folder = guide_folder()
-    names = [path.relative_to(folder).with_suffix("").as_posix() for path in sorted(folder.rglob("*.md"))]
+    names = [
+        path.relative_to(folder).with_suffix("").as_posix() for path in sorted(folder.rglob("*.md"))
+    ]
     return {name: _page(name, (folder / f"{name}.md").read_text()) for name in names}
 
 
@@ -129,7 +146,9 @@ def _page(name: str, text: str) -> GuidePage:
         return f"[{shown}]({PATH}/{path.removesuffix('.md')}{anchor})"
 
     html = MarkdownIt("commonmark").enable("table").render(LINK.sub(address, text))
-    html = HEADING.sub(lambda found: f'<h{found[1]} id="{_anchor(found[2])}">{found[2]}</h{found[1]}>', html)
+    html = HEADING.sub(
+        lambda found: f'<h{found[1]} id="{_anchor(found[2])}">{found[2]}</h{found[1]}>', html
+    )
     parts = [Markup(part).striptags() for part in SECTION.split(html)]  # noqa: S704 - the program's own pages
     sections = [Section(name, *parts[place : place + 3]) for place in range(1, len(parts), 3)]
     return GuidePage(

@@ -18,7 +18,12 @@ class Entry:
 
 FOODS = Entry(("foods",), "Foods")  # of the whole server
 STUDY: Mapping[str, tuple[Entry, ...]] = {
-    "Data": (Entry((), "Overview"), Entry(("meals",), "Meals"), Entry(("review",), "Review", "reviewer"), FOODS),
+    "Data": (
+        Entry((), "Overview"),
+        Entry(("meals",), "Meals"),
+        Entry(("review",), "Review", "reviewer"),
+        FOODS,
+    ),
     "People": (
         Entry(("participants",), "Participants"),
         Entry(("devices",), "Devices"),
@@ -46,7 +51,10 @@ ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit
 
 def study_menu(role: Role | None) -> dict[str, list[Entry]]:
     """Return group -> the study's pages that this role may see."""
-    return {group: [entry for entry in entries if reaches(role, entry.needs)] for group, entries in STUDY.items()}
+    return {
+        group: [entry for entry in entries if reaches(role, entry.needs)]
+        for group, entries in STUDY.items()
+    }
 
 
 def server_menu(*, is_admin: bool) -> list[Entry]:

@@ -33,7 +33,10 @@ class Page:
     def is_fragment(self) -> bool:
         """Whether htmx requests a part of the page that it already shows."""
         headers = self.request.headers
-        return headers.get("hx-request") == "true" and headers.get("hx-history-restore-request") != "true"
+        return (
+            headers.get("hx-request") == "true"
+            and headers.get("hx-history-restore-request") != "true"
+        )
 
     @property
     def study_code(self) -> str:
@@ -46,7 +49,9 @@ class Page:
         study = self.require_study()
         if self.role is None:
             raise NotFoundError("There is no such study.")
-        return replace(self.caller, is_admin=False, roles={study.id: self.role}, only_study_id=study.id)
+        return replace(
+            self.caller, is_admin=False, roles={study.id: self.role}, only_study_id=study.id
+        )
 
     def require_study(self) -> Study:
         """Return the page's study. Raises NotFoundError if the page belongs to none."""
@@ -62,7 +67,8 @@ class Page:
         """Render the template, which sees the page as `page`; a whole page shows the notice of the last action once."""
         notice = None if self.is_fragment else self.request.cookies.get(NOTICE_COOKIE)
         answer = HTMLResponse(
-            render(template, page=self, notice=unquote(notice) if notice else None, **context), status_code=status
+            render(template, page=self, notice=unquote(notice) if notice else None, **context),
+            status_code=status,
         )
         if notice:
             answer.delete_cookie(NOTICE_COOKIE, path=PREFIX)
@@ -89,7 +95,11 @@ class Page:
 
     def address(self, **changes: object) -> str:
         """Return this page's address with changed parameters; None and "" remove one, a list repeats it."""
-        kept = [(name, value) for name, value in self.request.query_params.multi_items() if name not in changes]
+        kept = [
+            (name, value)
+            for name, value in self.request.query_params.multi_items()
+            if name not in changes
+        ]
         for name, value in changes.items():
             values = value if isinstance(value, list | tuple) else [value]
             kept += [(name, str(part)) for part in values if part is not None and part != ""]
@@ -100,7 +110,9 @@ class Page:
 def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
     """Return the requested page; `authorise` has checked the caller's access."""
     study: Study | None = getattr(request.state, "study", None)
-    return Page(request, state, caller, study, role_in(caller, study.id) if study is not None else None)
+    return Page(
+        request, state, caller, study, role_in(caller, study.id) if study is not None else None
+    )
 
 
 CurrentPage = Annotated[Page, Depends(current_page)]

@@ -98,7 +98,9 @@ def sentence_of_request(errors: Sequence[Mapping[str, object]]) -> str | None:
     if not errors:
         return None
     first = errors[0]
-    parts = [part for part in str(first["at"]).split(".") if part not in _PLACES and not part.isdecimal()]
+    parts = [
+        part for part in str(first["at"]).split(".") if part not in _PLACES and not part.isdecimal()
+    ]
     text = sentence(str(first["type"]), str(first["message"]))
     name = parts[0].replace("_", " ") if parts else ""
     return f"{name[:1].upper()}{name[1:]}: {text}" if name else text

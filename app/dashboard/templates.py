@@ -44,7 +44,12 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.globals |= {"static": static, "prefix": PREFIX, "version": __version__, "study_url": study_url}
+    jinja.globals |= {
+        "static": static,
+        "prefix": PREFIX,
+        "version": __version__,
+        "study_url": study_url,
+    }
     jinja.globals |= {"study_menu": study_menu, "foods_entry": FOODS, "server_menu": server_menu}
     jinja.globals["most_meals"] = MOST_MEALS
     jinja.filters |= {
@@ -141,7 +146,13 @@ def seconds(value: float | None) -> Markup:
             shown = f"{value / unit_seconds:.0f} {unit}"
             break
     else:
-        shown = f"{value:.0f} s" if size >= 10 else f"{value:.1f} s" if size >= 1 else f"{1000 * value:.0f} ms"
+        shown = (
+            f"{value:.0f} s"
+            if size >= 10
+            else f"{value:.1f} s"
+            if size >= 1
+            else f"{1000 * value:.0f} ms"
+        )
     return _number(value, shown)
 
 

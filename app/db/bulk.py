@@ -44,4 +44,6 @@ def refresh_statistics(session: Session, models: Sequence[type[Base]]) -> None:
     connection = session.connection()
     if connection.dialect.name != "sqlite":
         quote = connection.dialect.identifier_preparer.quote
-        connection.execute(sa.text(f"ANALYZE {', '.join(quote(model.__tablename__) for model in models)}"))
+        connection.execute(
+            sa.text(f"ANALYZE {', '.join(quote(model.__tablename__) for model in models)}")
+        )

@@ -37,7 +37,9 @@ POLL_SECONDS = 0.2  # interval at which a waiting migrator tries the lock
 PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of an expired lock_timeout
 PG_DEADLOCK = "40P01"
 PG_INVALID_PARAMETER_VALUE = "22023"
-PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL version that can detect a dead client during a statement
+PG_CHECKS_CLIENTS = (
+    140_000  # the first PostgreSQL version that can detect a dead client during a statement
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +47,9 @@ class Patience:
     """Limits of a migrator's waits, in seconds; tests use others."""
 
     turn_seconds: float = 120.0  # for another migrator; on SQLite for any writer
-    lock_seconds: float = 5.0  # PostgreSQL: for one table's lock; later statements on it queue behind this wait
+    lock_seconds: float = (
+        5.0  # PostgreSQL: for one table's lock; later statements on it queue behind this wait
+    )
     tries: int = 8  # attempts to get the tables' locks; others continue in between
     pause_seconds: float = 2.0
     statement_seconds: float = 3600.0  # PostgreSQL: for an index on the largest table
@@ -74,7 +78,9 @@ def upgrade(database: Database, revision: str = "head", patience: Patience | Non
         state = schema_state(database)
         if state is not SchemaState.OLDER:
             if state is SchemaState.NEWER:
-                log.info("schema_is_newer", revision=current_revision(database), known=head_revision())
+                log.info(
+                    "schema_is_newer", revision=current_revision(database), known=head_revision()
+                )
             return
     _migrate(database, command.upgrade, revision, patience or Patience())
 
@@ -84,9 +90,13 @@ def downgrade(database: Database, revision: str, patience: Patience | None = Non
     _migrate(database, command.downgrade, revision, patience or Patience())
 
 
-def _migrate(database: Database, run: Callable[[Config, str], None], revision: str, patience: Patience) -> None:
+def _migrate(
+    database: Database, run: Callable[[Config, str], None], revision: str, patience: Patience
+) -> None:
     if revision not in {"head", "base", *revisions()}:
-        raise InvalidInputError(f"There is no revision {revision!r}; the revisions are {', '.join(revisions())}.")
+        raise InvalidInputError(
+            f"There is no revision {revision!r}; the revisions are {', '.join(revisions())}."
+        )
     locked = _sqlite_migration_lock if database.is_sqlite else _postgres_migration_lock
     deadline = time.monotonic() + patience.turn_seconds
     for attempt in range(1, patience.tries + 1):
@@ -127,12 +137,16 @@ def _require_newer(revision: str) -> None:
 
 
 @contextmanager
-def _postgres_migration_lock(database: Database, patience: Patience, deadline: float) -> Iterator[sa.Connection]:
+def _postgres_migration_lock(
+    database: Database, patience: Patience, deadline: float
+) -> Iterator[sa.Connection]:
     """Yield a connection in a transaction that holds the migration lock; commit at the end."""
     with database.write_engine.connect() as connection:
         while True:
             with connection.begin():
-                if connection.scalar(sa.text("SELECT pg_try_advisory_xact_lock(:n)"), {"n": ADVISORY_LOCK}):
+                if connection.scalar(
+                    sa.text("SELECT pg_try_advisory_xact_lock(:n)"), {"n": ADVISORY_LOCK}
+                ):
                     _limit(connection, patience)
                     yield connection
                     return
@@ -161,7 +175,9 @@ def _check_client_connection(connection: sa.Connection, every_seconds: float) ->
     """
     try:
         with connection.begin_nested():
-            connection.execute(sa.text(f"SET LOCAL client_connection_check_interval = {int(every_seconds * 1000)}"))
+            connection.execute(
+                sa.text(f"SET LOCAL client_connection_check_interval = {int(every_seconds * 1000)}")
+            )
     except sa.exc.DBAPIError as error:
         if getattr(error.orig, "sqlstate", None) != PG_INVALID_PARAMETER_VALUE:
             raise
@@ -169,7 +185,9 @@ def _check_client_connection(connection: sa.Connection, every_seconds: float) ->
 
 
 @contextmanager
-def _sqlite_migration_lock(database: Database, patience: Patience, _deadline: float) -> Iterator[sa.Connection]:
+def _sqlite_migration_lock(
+    database: Database, patience: Patience, _deadline: float
+) -> Iterator[sa.Connection]:
     """Do the same on SQLite, where BEGIN IMMEDIATE is the lock."""
     with database.write_engine.connect() as connection:
         # SQLite alters a table by recreating it, and dropping the old one would count as deleting its rows. The pragma
@@ -207,7 +225,9 @@ def _check_foreign_keys(connection: sa.Connection) -> None:
     """Raise sa.exc.IntegrityError, before the commit, if a migration left a dangling reference."""
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     if broken:
-        raise sa.exc.IntegrityError("PRAGMA foreign_key_check", None, ValueError(f"dangling references: {broken[:5]}"))
+        raise sa.exc.IntegrityError(
+            "PRAGMA foreign_key_check", None, ValueError(f"dangling references: {broken[:5]}")
+        )
 
 
 def _config(connection: sa.Connection) -> Config:

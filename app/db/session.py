@@ -25,14 +25,23 @@ from app.core.settings import Settings
 
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
 POOL_WAIT_SECONDS = 10.0  # for a free connection; then the request fails with 503
-CONNECTION_LIFE_SECONDS = 1800.0  # PostgreSQL: connections are replaced after this time, to follow a failover
+CONNECTION_LIFE_SECONDS = (
+    1800.0  # PostgreSQL: connections are replaced after this time, to follow a failover
+)
 CONNECT_SECONDS = 10  # PostgreSQL: to connect
 # PostgreSQL: a vanished host (no FIN, no RST) is detected within a minute, even during a statement
-TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
+TCP_LIVENESS = {
+    "keepalives_idle": 30,
+    "keepalives_interval": 10,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 60_000,
+}
 # PostgreSQL: plan each query for its values (a generic plan reads a whole study for one day), and do not compile
 # statements, which takes longer than executing them. Join more than four tables in the order written: for a page of
 # records PostgreSQL would compare all orders for 8 ms, then read the page in 3 ms.
-PG_SESSION = "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off -c join_collapse_limit=4"
+PG_SESSION = (
+    "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off -c join_collapse_limit=4"
+)
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: invalid values
 PG_DEADLOCK = "40P01"
 DEADLOCK_TRIES = 5
@@ -87,8 +96,12 @@ class Database:
         self.is_sqlite = self.url.startswith("sqlite")
         self._writing = threading.Lock()
         if self.is_sqlite:
-            self.write_engine = _sqlite_engine(self.url, limits, begin="BEGIN IMMEDIATE", query_only=False)
-            self.read_engine = _sqlite_engine(self.url, limits, begin="BEGIN DEFERRED", query_only=True)
+            self.write_engine = _sqlite_engine(
+                self.url, limits, begin="BEGIN IMMEDIATE", query_only=False
+            )
+            self.read_engine = _sqlite_engine(
+                self.url, limits, begin="BEGIN DEFERRED", query_only=True
+            )
         else:
             self.write_engine = sa.create_engine(
                 self.url,
@@ -112,7 +125,11 @@ class Database:
     @contextmanager
     def write(self) -> Iterator[Session]:
         """Yield a session in one transaction: committed at the end, rolled back on any exception."""
-        with self._write_lock(), Session(self.write_engine, expire_on_commit=False) as session, session.begin():
+        with (
+            self._write_lock(),
+            Session(self.write_engine, expire_on_commit=False) as session,
+            session.begin(),
+        ):
             yield session
 
     @contextmanager
@@ -219,7 +236,8 @@ def _without_values(context: sa.engine.ExceptionContext) -> None:
     original.args = (reduced,)
     if ours is not None:
         ours.args = tuple(
-            argument.replace(full_text, reduced) if isinstance(argument, str) else argument for argument in ours.args
+            argument.replace(full_text, reduced) if isinstance(argument, str) else argument
+            for argument in ours.args
         )
 
 

@@ -27,7 +27,9 @@ def spent_among(session: Session, keys: Collection[str]) -> set[str]:
 def hold(session: Session, keys: Collection[str]) -> None:
     """Prevent these keys from being spent until this transaction ends; call `spent_among` afterwards."""
     if keys and session.get_bind().dialect.name == "postgresql":
-        locks = (sa.func.pg_advisory_xact_lock_shared(number) for number in sorted(map(_number, keys)))
+        locks = (
+            sa.func.pg_advisory_xact_lock_shared(number) for number in sorted(map(_number, keys))
+        )
         session.execute(sa.select(*locks))
 
 

@@ -19,7 +19,12 @@ from app.diary.closed_amounts import ClosedAmounts, closed_amounts, contents_of_
 from app.diary.day_definition import DaysOf, participants_of
 from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
-from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
+from app.nutrition.components import (
+    COMPONENT_BY_NUMBER,
+    ENERGY_NUMBERS,
+    NUMBER_BY_TAGNAME,
+    Component,
+)
 from app.nutrition.intakes.life_stage import LifeStage
 from app.nutrition.intakes.reference_intakes import Per, ReferenceIntake, reference_intakes
 from app.people.access.caller import Caller
@@ -29,9 +34,13 @@ from app.people.studies import enter_study
 if TYPE_CHECKING:
     from app.nutrition.intakes.usual_intake import Scale
 
-MIN_COVERAGE = 0.9  # of a day's grams; days with less are left out, since they would count as a low intake
+MIN_COVERAGE = (
+    0.9  # of a day's grams; days with less are left out, since they would count as a low intake
+)
 COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
-SUBTRACTED: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: subtract fibre
+SUBTRACTED: Mapping[str, str] = {
+    "205": "291"
+}  # the requirement is of available carbohydrate: subtract fibre
 IRON = "303"
 NIACIN = "406"  # preformed; the need is of equivalents, to which tryptophan adds much (IOM 1998, chapter 6)
 MENSTRUATING = frozenset(  # their requirement of iron is skewed, so the cut-point is not valid (IOM 2001, chapter 9)
@@ -112,7 +121,9 @@ class _Group:
 
 def find_component(name: str) -> Component:
     """Find a component by number, tagname or record column. Raises InvalidInputError (`component_unknown`)."""
-    number = RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
+    number = (
+        RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
+    )
     if number not in COMPONENT_BY_NUMBER:
         raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)
     return COMPONENT_BY_NUMBER[number]
@@ -131,7 +142,9 @@ def judge_study(
     component = find_component(component_name)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        participants = _read_amounts(session, DaysOf(participants_of(study.id), first_day, last_day), component.number)
+        participants = _read_amounts(
+            session, DaysOf(participants_of(study.id), first_day, last_day), component.number
+        )
     groups: dict[LifeStage, _Group] = {}
     persons_without_stage = 0
     for participant in participants:
@@ -144,8 +157,17 @@ def judge_study(
         group.days_left_out += participant.days - len(participant.amounts)
         if participant.amounts:
             group.days.append([amount / divisor for amount in participant.amounts])
-    results = tuple(_judge(stage, groups[stage], component.number) for stage in LifeStage if stage in groups)
-    return Adequacy(component.number, component.tagname, component.name, component.unit, results, persons_without_stage)
+    results = tuple(
+        _judge(stage, groups[stage], component.number) for stage in LifeStage if stage in groups
+    )
+    return Adequacy(
+        component.number,
+        component.tagname,
+        component.name,
+        component.unit,
+        results,
+        persons_without_stage,
+    )
 
 
 def _read_amounts(session: Session, chosen: DaysOf, number: str) -> list[ClosedAmounts]:
@@ -173,8 +195,14 @@ def _assign_stage(
 @cache
 def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
     """Return the reference that a group of this stage is compared with; None if there is no EAR."""
-    with_ear = [intake for intake in reference_intakes(stage) if intake.number == number and intake.ear is not None]
-    return min(with_ear, key=lambda intake: intake.per != "day", default=None)  # prefer per day to per kilogram
+    with_ear = [
+        intake
+        for intake in reference_intakes(stage)
+        if intake.number == number and intake.ear is not None
+    ]
+    return min(
+        with_ear, key=lambda intake: intake.per != "day", default=None
+    )  # prefer per day to per kilogram
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
@@ -208,7 +236,9 @@ def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
     )
 
 
-def _reason_against(stage: LifeStage, reference: ReferenceIntake | None, number: str) -> Reason | None:
+def _reason_against(
+    stage: LifeStage, reference: ReferenceIntake | None, number: str
+) -> Reason | None:
     """Return why the cut-point method is not valid; None if it is."""
     if number in ENERGY_NUMBERS:
         return "energy_follows_need"  # intake and requirement of energy are correlated (IOM 2000)

@@ -20,11 +20,15 @@ def get_adequacy(
     study: StudyCode,
     state: State,
     staff: CurrentStaff,
-    component: Annotated[str, Query(max_length=64, description="Number, tagname or record's column: 401, VITC.")],
+    component: Annotated[
+        str, Query(max_length=64, description="Number, tagname or record's column: 401, VITC.")
+    ],
     first_day: FirstDay = None,
     last_day: LastDay = None,
 ) -> AdequacyOut:
     """Each life stage's persons, days, variances and share below the EAR, or the reason why there is no share."""
     require_order(first_day, last_day)
-    judged = judge_study(state.database, staff, study, component, first_day=first_day, last_day=last_day)
+    judged = judge_study(
+        state.database, staff, study, component, first_day=first_day, last_day=last_day
+    )
     return AdequacyOut.model_validate(judged, from_attributes=True)

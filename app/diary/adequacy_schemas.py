@@ -28,7 +28,9 @@ class StageAdequacyOut(BaseModel):
     )
     persons: int = Field(description="Participants whose days were used.")
     days: int = Field(description="Closed days that were used.")
-    days_left_out: int = Field(description="Closed days that are not measured and final, or whose coverage is too low.")
+    days_left_out: int = Field(
+        description="Closed days that are not measured and final, or whose coverage is too low."
+    )
     ear: float | None = Field(
         description="Estimated Average Requirement in the component's unit, per `per`; null: the source sets none."
     )
@@ -48,7 +50,9 @@ class StageAdequacyOut(BaseModel):
     share_interval: tuple[float, float] | None = Field(
         description="90 % interval of the share, over persons and the adjustment."
     )
-    unadjusted_share: float | None = Field(description="Share from plain means of days: biased, for comparison.")
+    unadjusted_share: float | None = Field(
+        description="Share from plain means of days: biased, for comparison."
+    )
     variances: VariancesOut | None = Field(
         description="Variance within and between persons; null if there is a `reason`."
     )
@@ -62,8 +66,12 @@ class AdequacyOut(BaseModel):
     tagname: str | None = Field(description="INFOODS tagname, such as VITC; null: there is none.")
     name: str = Field(description="The component's name.")
     unit: str = Field(description="Unit of the amounts.")
-    groups: list[StageAdequacyOut] = Field(description="One entry per life stage that has participants.")
+    groups: list[StageAdequacyOut] = Field(
+        description="One entry per life stage that has participants."
+    )
     persons_without_stage: int = Field(
         description="Participants left out because their life stage, or a weight it needs, is unknown."
     )
-    method: str = Field(description="How the shares were computed, with the sources, for a paper's methods section.")
+    method: str = Field(
+        description="How the shares were computed, with the sources, for a paper's methods section."
+    )

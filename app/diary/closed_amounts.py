@@ -47,8 +47,12 @@ def closed_amounts(
 
     column: one of HEADLINE_COLUMNS; or contents: the amounts of any component by day
     """
-    query = sa.select(Participant.id, Participant.profile).where(Participant.id.in_(chosen.participants))
-    people = {row[0]: ClosedAmounts(row[1]) for row in session.execute(query.order_by(Participant.id))}
+    query = sa.select(Participant.id, Participant.profile).where(
+        Participant.id.in_(chosen.participants)
+    )
+    people = {
+        row[0]: ClosedAmounts(row[1]) for row in session.execute(query.order_by(Participant.id))
+    }
     for day in count_days(session, chosen):
         if not day.is_closed:
             continue
@@ -65,7 +69,9 @@ def closed_amounts(
     return [person for person in people.values() if person.days]
 
 
-def contents_of_days(session: Session, chosen: DaysOf, number: str, subtracted: str | None) -> dict[DayKey, Amount]:
+def contents_of_days(
+    session: Session, chosen: DaysOf, number: str, subtracted: str | None
+) -> dict[DayKey, Amount]:
     """Sum a component of the food table over each day's records.
 
     subtracted: number of a component to subtract (fibre from carbohydrate); the difference is unknown where it is.
@@ -78,7 +84,9 @@ def contents_of_days(session: Session, chosen: DaysOf, number: str, subtracted: 
         per_100_g = per_100_g - other.c.per_100_g
         source = source.outerjoin(other, other.c.food_id == record.food_id)
     amount = record.consumed_g * per_100_g / 100.0
-    query = sa.select(record.local_date, record.participant_id, *sum_and_coverage(amount)).select_from(source)
+    query = sa.select(
+        record.local_date, record.participant_id, *sum_and_coverage(amount)
+    ).select_from(source)
     rows = session.execute(group_by_day(query, chosen, record).where(record.status != "rejected"))
     return {(row[0], row[1]): Amount(row[2], row[3]) for row in rows}
 

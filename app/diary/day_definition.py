@@ -61,13 +61,17 @@ class microseconds_between(FunctionElement[int]):  # noqa: N801  # named as the 
 
 
 @compiles(microseconds_between, "postgresql")
-def _microseconds_postgresql(element: microseconds_between, compiler: SQLCompiler, **options: object) -> str:
+def _microseconds_postgresql(
+    element: microseconds_between, compiler: SQLCompiler, **options: object
+) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
     return f"CAST(EXTRACT(EPOCH FROM {second} - {first}) * 1000000 AS BIGINT)"
 
 
 @compiles(microseconds_between, "sqlite")
-def _microseconds_sqlite(element: microseconds_between, compiler: SQLCompiler, **options: object) -> str:
+def _microseconds_sqlite(
+    element: microseconds_between, compiler: SQLCompiler, **options: object
+) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
     seconds = f"strftime('%s', {second}) - strftime('%s', {first})"
     return f"(({seconds}) * 1000000 + substr({second}, 21) - substr({first}, 21))"  # stored with six decimals
@@ -252,8 +256,12 @@ def unseen_leftovers(session: Session, days: DaysOf) -> Mapping[DayKey, int]:
     Declared meals have none, since no photograph shows what is left of them.
     """
     record = EffectiveRecord
-    is_unseen = sa.and_(record.origin.in_(SEEN), record.consumed_g.is_not(None), record.left_g.is_(None))
-    query = sa.select(record.local_date, record.participant_id, sa.func.count()).join(Meal, Meal.id == record.meal_id)
+    is_unseen = sa.and_(
+        record.origin.in_(SEEN), record.consumed_g.is_not(None), record.left_g.is_(None)
+    )
+    query = sa.select(record.local_date, record.participant_id, sa.func.count()).join(
+        Meal, Meal.id == record.meal_id
+    )
     query = query.where(Meal.origin == "photographed", record.status != "rejected", is_unseen)
     return {(row[0], row[1]): row[2] for row in session.execute(group_by_day(query, days, record))}
 
@@ -264,7 +272,9 @@ def has_place() -> sa.ColumnElement[bool]:
     return latitude.is_not(None)
 
 
-def within(local_date: DayColumn, first_day: date | None, last_day: date | None) -> list[sa.ColumnElement[bool]]:
+def within(
+    local_date: DayColumn, first_day: date | None, last_day: date | None
+) -> list[sa.ColumnElement[bool]]:
     """Return the conditions of a range of local days, both ends included; None: no limit."""
     conditions = []
     if first_day is not None:
@@ -305,7 +315,9 @@ def _meals(days: DaysOf) -> AnyQuery:
 
 def _is_unmeasured_meal() -> sa.ColumnElement[bool]:
     """Whether a meal has no known food and is not confirmed to be without food."""
-    has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
+    has_food = sa.exists().where(
+        EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected"
+    )
     return sa.and_(Meal.status != "confirmed", ~has_food)
 
 
@@ -347,7 +359,9 @@ def sum_and_coverage(amount: Grams) -> tuple[AnyColumn, AnyColumn]:
     known for all records, else 0.
     """
     consumed_g = EffectiveRecord.consumed_g
-    zero: sa.ColumnElement[int] = sa.literal_column("0")  # literals, since the same sums are then taken once
+    zero: sa.ColumnElement[int] = sa.literal_column(
+        "0"
+    )  # literals, since the same sums are then taken once
     weight = sa.case((consumed_g > zero, billionths(consumed_g)), else_=zero)
     whole = sa.func.sum(weight)
     unknown = sa.func.sum(sa.case((amount.is_(None), weight)))  # NULL if there is none

@@ -57,7 +57,9 @@ def list_intakes(
     judged = [
         Intake(
             **vars(row),
-            plausibility=judge_days(row.profile, row.last_day, row.whole_energy_kcal, row.whole_days),
+            plausibility=judge_days(
+                row.profile, row.last_day, row.whole_energy_kcal, row.whole_days
+            ),
         )
         for row in page.rows
     ]

@@ -60,22 +60,33 @@ def set_day(
     """
     now = datetime.now(UTC)
     if not EARLIEST.date() <= local_date <= latest_day(now):
-        raise InvalidInputError(f"{local_date} is before 2000 or in the future.", code="day_impossible")
+        raise InvalidInputError(
+            f"{local_date} is before 2000 or in the future.", code="day_impossible"
+        )
     with database.write() as session:
-        participant = diary.lock_participant(session, find_participant(session, caller, participant_ref).id)
+        participant = diary.lock_participant(
+            session, find_participant(session, caller, participant_ref).id
+        )
         if participant is None or participant.withdrawn_at is not None:
             if isinstance(caller, DeviceCaller):
                 raise withdrawn_error()
-            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
+            raise ConflictError(
+                "This participant has left the study.", code="participant_withdrawn"
+            )
         events = diary.events_of(session, participant.id, [local_date])
         layer, author = _author(caller)
         if expected is not None and len(events) not in expected:
             if not _is_repeat(events, kind, layer, author, expected):
                 raise PreconditionFailedError(
-                    f"{local_date} was changed after you read it: read it again, then change it.", version=len(events)
+                    f"{local_date} was changed after you read it: read it again, then change it.",
+                    version=len(events),
                 )
         else:
-            meals = diary.count_meals(session, participant.id, local_date) if kind == "ate_nothing" else 0
+            meals = (
+                diary.count_meals(session, participant.id, local_date)
+                if kind == "ate_nothing"
+                else 0
+            )
             if meals:
                 raise ConflictError(
                     f"There are meals on {local_date}: delete what was not eaten, or close the day.",
@@ -95,7 +106,13 @@ def set_day(
             day = _project(session, participant, local_date, [*events, event])
             if kind == "reopened" or day.status == "closed":
                 announce_day(session, participant, day)
-            note(session, caller, f"day.{kind}", study_id=participant.study_id, subject=participant.alias)
+            note(
+                session,
+                caller,
+                f"day.{kind}",
+                study_id=participant.study_id,
+                subject=participant.alias,
+            )
     with database.read() as session:  # summing the day takes longer than a write transaction should
         row = days.find_day(session, participant.id, local_date)
         if row is None:
@@ -122,37 +139,53 @@ def list_days(
         return days.page_of_days(session, chosen)
 
 
-def day_range(first_day: date | None, last_day: date | None, latest: date, default_days: int) -> tuple[date, date]:
+def day_range(
+    first_day: date | None, last_day: date | None, latest: date, default_days: int
+) -> tuple[date, date]:
     """Complete a range of local days, both included: a missing end follows from the other end, or from `latest`.
 
     Raises InvalidInputError (`days_reversed`, `days_too_many`).
     """
     if last_day is None:
-        last_day = latest if first_day is None else max(first_day, min(latest, _plus(first_day, MAX_RANGE_DAYS - 1)))
+        last_day = (
+            latest
+            if first_day is None
+            else max(first_day, min(latest, _plus(first_day, MAX_RANGE_DAYS - 1)))
+        )
     if first_day is None:
         first_day = _plus(last_day, 1 - default_days)
     require_order(first_day, last_day)
     if (last_day - first_day).days >= MAX_RANGE_DAYS:
         raise InvalidInputError(
-            f"At most {MAX_RANGE_DAYS} days at once.", code="days_too_many", limit_days=MAX_RANGE_DAYS
+            f"At most {MAX_RANGE_DAYS} days at once.",
+            code="days_too_many",
+            limit_days=MAX_RANGE_DAYS,
         )
     return first_day, last_day
 
 
-def find_participant(session: Session, caller: Caller, participant_ref: ParticipantRef | None) -> Participant:
+def find_participant(
+    session: Session, caller: Caller, participant_ref: ParticipantRef | None
+) -> Participant:
     """Return the phone's own participant, or the one that staff refer to. Raises NotFoundError, NotAllowedError."""
     if isinstance(caller, DeviceCaller):
         own = session.get(Participant, caller.participant_id)
         if own is None:  # erased since the token was looked up
             raise withdrawn_error()
         return own
-    study = people.find_study(session, participant_ref.study_code) if participant_ref is not None else None
+    study = (
+        people.find_study(session, participant_ref.study_code)
+        if participant_ref is not None
+        else None
+    )
     if study is None or participant_ref is None:
         raise NotFoundError("There is no such study.")
     require_study(caller, study.id)
     participant = people.find_participant(session, study.id, participant_ref.participant_code)
     if participant is None:
-        raise NotFoundError(f"There is no participant {participant_ref.participant_code!r} in this study.")
+        raise NotFoundError(
+            f"There is no participant {participant_ref.participant_code!r} in this study."
+        )
     return participant
 
 
@@ -162,13 +195,17 @@ def effective_event(events: Sequence[DayEvent]) -> DayEvent:
     return [event for event in events if LAYERS.index(event.layer) == highest][-1]
 
 
-def _project(session: Session, participant: Participant, local_date: date, events: Sequence[DayEvent]) -> DiaryDay:
+def _project(
+    session: Session, participant: Participant, local_date: date, events: Sequence[DayEvent]
+) -> DiaryDay:
     """Write the day's state. Its version is the number of its events."""
     event = effective_event(events)
     change_seq = records.next_change_seq(session, participant.study_id)
     day = session.get(DiaryDay, (participant.id, local_date))
     if day is None:
-        day = DiaryDay(participant_id=participant.id, local_date=local_date, study_id=participant.study_id)
+        day = DiaryDay(
+            participant_id=participant.id, local_date=local_date, study_id=participant.study_id
+        )
         session.add(day)
     day.status = "open" if event.kind == "reopened" else "closed"
     day.ate_nothing = event.kind == "ate_nothing"
@@ -179,7 +216,11 @@ def _project(session: Session, participant: Participant, local_date: date, event
 
 
 def _is_repeat(
-    events: Sequence[DayEvent], kind: DayEventKind, layer: str, author: str, expected: frozenset[int]
+    events: Sequence[DayEvent],
+    kind: DayEventKind,
+    layer: str,
+    author: str,
+    expected: frozenset[int],
 ) -> bool:
     """Whether the request repeats the last event, as a phone does that has not received the response."""
     if not events or len(events) - 1 not in expected:
@@ -206,6 +247,10 @@ def _plus(day: date, days: int) -> date:
 
 def announce_day(session: Session, participant: Participant, day: DiaryDay) -> None:
     """Announce to webhooks that a participant's day was closed or reopened."""
-    data = {"participant": participant.code, "local_date": day.local_date.isoformat(), "ate_nothing": day.ate_nothing}
+    data = {
+        "participant": participant.code,
+        "local_date": day.local_date.isoformat(),
+        "ate_nothing": day.ate_nothing,
+    }
     event: Event = "day.closed" if day.status == "closed" else "day.reopened"
     announce(session, participant.study_id, event, data, participant_id=participant.id)

@@ -13,7 +13,9 @@ from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
 
 
-def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date]) -> list[DayEvent]:
+def events_of(
+    session: Session, participant_id: uuid.UUID, days: Collection[date]
+) -> list[DayEvent]:
     """Return a participant's day events on these days, the oldest first."""
     query = (
         sa.select(DayEvent)
@@ -37,10 +39,13 @@ def meals_of_day(
     session: Session, participant_id: uuid.UUID, local_date: date
 ) -> list[tuple[Meal, list[EffectiveRecord]]]:
     """Return the day's meals in order, each with its records that are not rejected."""
-    query = sa.select(Meal).where(Meal.participant_id == participant_id, Meal.local_date == local_date)
+    query = sa.select(Meal).where(
+        Meal.participant_id == participant_id, Meal.local_date == local_date
+    )
     meals = session.scalars(query.order_by(Meal.captured_at, Meal.id)).all()
     records = sa.select(EffectiveRecord).where(
-        EffectiveRecord.meal_id.in_([meal.id for meal in meals]), EffectiveRecord.status != "rejected"
+        EffectiveRecord.meal_id.in_([meal.id for meal in meals]),
+        EffectiveRecord.status != "rejected",
     )
     by_meal: dict[uuid.UUID, list[EffectiveRecord]] = {meal.id: [] for meal in meals}
     for record in session.scalars(records.order_by(EffectiveRecord.item_id)):

@@ -46,11 +46,18 @@ class Distribution:
 
     def bins(self) -> list[Bin]:
         """Return the bins in order."""
-        return [Bin(self.component, *ends, days) for ends, days in zip(pairwise(self.edges), self.counts, strict=True)]
+        return [
+            Bin(self.component, *ends, days)
+            for ends, days in zip(pairwise(self.edges), self.counts, strict=True)
+        ]
 
 
 def distribution(
-    component: str, values: Iterable[float], person_means: Sequence[float] = (), *, binned: bool = True
+    component: str,
+    values: Iterable[float],
+    person_means: Sequence[float] = (),
+    *,
+    binned: bool = True,
 ) -> Distribution:
     """Compute statistics and count the values in about twenty bins of a round width, outliers separately.
 

@@ -35,7 +35,13 @@ from app.people.access.caller import Caller, DeviceCaller
 from app.people.models import Locale, Participant, Study
 
 WINDOW_DAYS = 14  # two weeks: each weekday twice
-COMPARED = ("protein_g", "fibre_g", "sodium_mg", "potassium_mg", "vitamin_c_mg")  # comparable with a reference as is
+COMPARED = (
+    "protein_g",
+    "fibre_g",
+    "sodium_mg",
+    "potassium_mg",
+    "vitamin_c_mg",
+)  # comparable with a reference as is
 
 NoComparison = Literal["days_needed", "profile_needed"]
 Sentence = tuple[str, dict[str, object]]  # a sentence's code and its values
@@ -107,7 +113,10 @@ class Feedback:
 
 
 def read_feedback(
-    database: Database, caller: Caller, local_date: date | None, participant_ref: ParticipantRef | None = None
+    database: Database,
+    caller: Caller,
+    local_date: date | None,
+    participant_ref: ParticipantRef | None = None,
 ) -> Feedback:
     """Return a day's feedback; without a date, of the last day that has a meal or a diary entry.
 
@@ -118,10 +127,14 @@ def read_feedback(
         participant = find_participant(session, caller, participant_ref)
         study = session.get_one(Study, participant.study_id)
         if isinstance(caller, DeviceCaller) and not study.gives_feedback:
-            raise NotAllowedError("This study gives no feedback while it measures.", code="feedback_off")
+            raise NotAllowedError(
+                "This study gives no feedback while it measures.", code="feedback_off"
+            )
         day = local_date or days.latest_day_of(session, participant.id)
         if day is None:
-            raise InvalidInputError("There is no day with a meal yet: name a date.", code="no_day_yet")
+            raise InvalidInputError(
+                "There is no day with a meal yet: name a date.", code="no_day_yet"
+            )
         return _feedback(session, participant, study, day)
 
 
@@ -139,7 +152,9 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDay
         for column, (reference, kind) in _references(stage).items():
             day_amounts = [row.amount(column) for row in whole]
             amounts = [max(amount.value, 0.0) for amount in day_amounts if amount.value is not None]
-            coverages = [amount.coverage or 0.0 for amount in day_amounts if amount.value is not None]
+            coverages = [
+                amount.coverage or 0.0 for amount in day_amounts if amount.value is not None
+            ]
             if len(amounts) >= MIN_DAYS:
                 is_covered = len(amounts) == len(whole) and min(coverages) >= FULL
                 comparison = compare_intake(amounts, reference, kind, is_covered=is_covered)
@@ -148,7 +163,9 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDay
     return ComparedDays(WINDOW_DAYS, len(closed), len(whole), compared, why_not)
 
 
-def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> dict[str, EatenAmount]:
+def sum_amounts(
+    records: Iterable[EffectiveRecord], *, is_all: bool = True
+) -> dict[str, EatenAmount]:
     """Sum records by column, with an interval that is valid however the items' errors are correlated.
 
     Each end is the sum of the items' ends, as if all errors were fully correlated: the interval may be too wide, never
@@ -156,7 +173,11 @@ def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> d
     """
     eaten = list(records)
     sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}
-    return sums if is_all else {column: replace(amount, coverage=None) for column, amount in sums.items()}
+    return (
+        sums
+        if is_all
+        else {column: replace(amount, coverage=None) for column, amount in sums.items()}
+    )
 
 
 def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
@@ -189,17 +210,24 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     )
     sentences = (*_day_sentences(feedback), *_comparison_sentences(feedback))
     return replace(
-        feedback, sentences=tuple(feedback_sentence(code, study.locale, **values) for code, values in sentences)
+        feedback,
+        sentences=tuple(
+            feedback_sentence(code, study.locale, **values) for code, values in sentences
+        ),
     )
 
 
 def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMeal:
     unmeasured = sum(record.consumed_g is None for record in records)
-    return EatenMeal(meal.client_id, meal.captured_at, len(records), unmeasured, sum_amounts(records))
+    return EatenMeal(
+        meal.client_id, meal.captured_at, len(records), unmeasured, sum_amounts(records)
+    )
 
 
 def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
-    amounts = [(getattr(record, column), record) for record in eaten if getattr(record, column) is not None]
+    amounts = [
+        (getattr(record, column), record) for record in eaten if getattr(record, column) is not None
+    ]
     if not amounts:
         return EatenAmount(None, None, None)
     ends = [_ends(amount, record) for amount, record in amounts]
@@ -207,7 +235,10 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
     if None not in ends:
         low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
         if high > 0.0 or all(record.eaten_g == NOTHING for _, record in amounts):
-            interval = (low, high)  # otherwise the foods contain none of it, and the grams' interval does not apply
+            interval = (
+                low,
+                high,
+            )  # otherwise the foods contain none of it, and the grams' interval does not apply
     coverage = None
     if all(record.consumed_g is not None for record in eaten):
         whole_g = sum(_positive_g(record) for record in eaten)
@@ -231,7 +262,9 @@ def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
 
 def _references(stage: LifeStage) -> dict[str, tuple[float, Kind]]:
     """Return each column's reference and its kind: the CDRR if there is one, else the RDA, else the AI."""
-    by_number = {intake.number: intake for intake in reference_intakes(stage) if intake.per == "day"}
+    by_number = {
+        intake.number: intake for intake in reference_intakes(stage) if intake.per == "day"
+    }
     references: dict[str, tuple[float, Kind]] = {}
     for column in COMPARED:
         intake = by_number.get(RECORD_COLUMNS[column][0])
@@ -276,7 +309,10 @@ def _day_sentences(feedback: Feedback) -> Iterator[Sentence]:
 def _comparison_sentences(feedback: Feedback) -> Iterator[Sentence]:
     comparison, locale = feedback.comparison, feedback.locale
     if comparison.why_not is not None:
-        yield comparison.why_not, {"needed": MIN_DAYS, "window": WINDOW_DAYS, "days": comparison.whole_days}
+        yield (
+            comparison.why_not,
+            {"needed": MIN_DAYS, "window": WINDOW_DAYS, "days": comparison.whole_days},
+        )
         return
     yield "basis", {"days": comparison.closed_days, "window": WINDOW_DAYS}
     if comparison.whole_days < comparison.closed_days:

@@ -77,7 +77,9 @@ def page_of_intakes(
     if not participant_ids:
         return []
 
-    days_of: dict[uuid.UUID, list[DayRow]] = {participant_id: [] for participant_id in participant_ids}
+    days_of: dict[uuid.UUID, list[DayRow]] = {
+        participant_id: [] for participant_id in participant_ids
+    }
     for day in read_days(session, DaysOf(participant_ids, first_day, last_day)):
         days_of[day.participant_id].append(day)
     return [_intake(days) for days in days_of.values()]

@@ -76,12 +76,15 @@ def get_overview(
         Literal["json", "csv", "ndjson"],
         Query(alias="format", description="csv, ndjson: one table, which `part` names, as a file."),
     ] = "json",
-    part: Annotated[Part | None, Query(description="Which table, with format=csv or ndjson.")] = None,
+    part: Annotated[
+        Part | None, Query(description="Which table, with format=csv or ndjson.")
+    ] = None,
 ) -> Response:
     """People, days, waiting meals, nutrients and places; without a range, the last 28 days with data."""
     if output != "json" and part is None:
         raise InvalidInputError(
-            f"A file contains one table: part={', '.join(get_args(Part))}.", code="overview_part_missing"
+            f"A file contains one table: part={', '.join(get_args(Part))}.",
+            code="overview_part_missing",
         )
     figures = study_overview(state.database, staff, study, first_day=first_day, last_day=last_day)
     overview = OverviewOut.model_validate(figures, from_attributes=True)

@@ -28,7 +28,13 @@ from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
 from app.records.review.queries import count_meals_to_look_at
 
 CountedStatus = Literal[MealStatus, "needs_look", "after_awaited", "after_failed"]
-WAITING: tuple[MealStatus, ...] = ("receiving", "queued", "processing", "needs_review", "failed")  # need an action
+WAITING: tuple[MealStatus, ...] = (
+    "receiving",
+    "queued",
+    "processing",
+    "needs_review",
+    "failed",
+)  # need an action
 NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status
 AFTER_PENDING = ("receiving", "queued", "processing")
@@ -87,18 +93,26 @@ class MealsOfDay(NamedTuple):
 
 def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | None:
     """Return the last local day, `until` at the latest, that has a meal or a diary entry."""
-    return max(edge_days(session, sa.func.max, lambda table: _is_of_study(table, study_id, None, until)), default=None)
+    return max(
+        edge_days(session, sa.func.max, lambda table: _is_of_study(table, study_id, None, until)),
+        default=None,
+    )
 
 
 def first_day_of(session: Session, study_id: uuid.UUID) -> date | None:
     """Return the first local day that has a meal or a diary entry."""
-    return min(edge_days(session, sa.func.min, lambda table: _is_of_study(table, study_id, None, None)), default=None)
+    return min(
+        edge_days(session, sa.func.min, lambda table: _is_of_study(table, study_id, None, None)),
+        default=None,
+    )
 
 
 class Window:
     """A study's days from one day to another, both included, read in one session."""
 
-    def __init__(self, session: Session, study_id: uuid.UUID, first_day: date, last_day: date) -> None:
+    def __init__(
+        self, session: Session, study_id: uuid.UUID, first_day: date, last_day: date
+    ) -> None:
         self._session, self._study_id = session, study_id
         self._first_day, self._last_day = first_day, last_day
         self._meals = _is_of_study(Meal, study_id, first_day, last_day)
@@ -106,7 +120,8 @@ class Window:
     def people(self) -> PeopleCounts:
         """Count the participants."""
         has_meal = sa.exists().where(
-            Meal.participant_id == Participant.id, *within(Meal.local_date, self._first_day, self._last_day)
+            Meal.participant_id == Participant.id,
+            *within(Meal.local_date, self._first_day, self._last_day),
         )
         active = sa.func.count(sa.case((has_meal, 1)))
         rows, active_rows, withdrawn_rows = self._session.execute(
@@ -122,7 +137,13 @@ class Window:
         participant = Participant
         first_day = _first_expected_day(self._first_day)
         query = (
-            sa.select(participant.id, participant.code, participant.starts_on, first_day, participant.withdrawn_at)
+            sa.select(
+                participant.id,
+                participant.code,
+                participant.starts_on,
+                first_day,
+                participant.withdrawn_at,
+            )
             .where(participant.study_id == self._study_id)
             .order_by(participant.code)
         )
@@ -136,21 +157,41 @@ class Window:
     def meals(self) -> dict[date, MealsOfDay]:
         """Count the meals of each local day."""
         statuses = [count_where(Meal.status == status) for status in MEAL_STATUSES]
-        is_late = microseconds_between(Meal.captured_at, Meal.received_at) > LATE / timedelta(microseconds=1)
-        columns: list[AnyColumn] = [count_where(is_late), count_where(has_place()), delays_text(), *statuses]
+        is_late = microseconds_between(Meal.captured_at, Meal.received_at) > LATE / timedelta(
+            microseconds=1
+        )
+        columns: list[AnyColumn] = [
+            count_where(is_late),
+            count_where(has_place()),
+            delays_text(),
+            *statuses,
+        ]
         query = sa.select(Meal.local_date, *columns).where(*self._meals).group_by(Meal.local_date)
         return {
-            local_date: MealsOfDay(dict(zip(MEAL_STATUSES, counts, strict=True)), late, located, delays)
+            local_date: MealsOfDay(
+                dict(zip(MEAL_STATUSES, counts, strict=True)), late, located, delays
+            )
             for local_date, late, located, delays, *counts in self._session.execute(query)
         }
 
     def places(self, limit: int) -> list[Place]:
         """Return the newest places, by (captured_at, id)."""
-        latitude, longitude = (Meal.details["location"][name].as_float() for name in ("latitude", "longitude"))
-        first, last = (min(max(day, CALENDAR[0]), CALENDAR[1]) for day in (self._first_day, self._last_day))
+        latitude, longitude = (
+            Meal.details["location"][name].as_float() for name in ("latitude", "longitude")
+        )
+        first, last = (
+            min(max(day, CALENDAR[0]), CALENDAR[1]) for day in (self._first_day, self._last_day)
+        )
         begins, ends = (datetime.combine(day, time.min, UTC) for day in (first, last))
         query = (
-            sa.select(Meal.client_id, Participant.code, Meal.captured_at, Meal.local_date, latitude, longitude)
+            sa.select(
+                Meal.client_id,
+                Participant.code,
+                Meal.captured_at,
+                Meal.local_date,
+                latitude,
+                longitude,
+            )
             .join(Participant, Participant.id == Meal.participant_id)
             .where(*self._meals, has_place())
             .where(Meal.captured_at >= begins - EASTERNMOST, Meal.captured_at < ends + LATEST_END)
@@ -205,12 +246,18 @@ def _first_expected_day(first_day: date) -> sa.ColumnElement[date | None]:
 
     If they have a meal before the window, it returns the window's first day: one lookup instead of two.
     """
-    has_earlier_meal = sa.exists().where(Meal.participant_id == Participant.id, Meal.local_date < first_day)
-    first_meal = sa.select(sa.func.min(Meal.local_date).label("day")).where(Meal.participant_id == Participant.id)
+    has_earlier_meal = sa.exists().where(
+        Meal.participant_id == Participant.id, Meal.local_date < first_day
+    )
+    first_meal = sa.select(sa.func.min(Meal.local_date).label("day")).where(
+        Meal.participant_id == Participant.id
+    )
     first_closed = sa.select(sa.func.min(DiaryDay.local_date).label("day")).where(
         DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed"
     )
-    first_days = sa.union_all(first_meal.correlate(Participant), first_closed.correlate(Participant)).subquery()
+    first_days = sa.union_all(
+        first_meal.correlate(Participant), first_closed.correlate(Participant)
+    ).subquery()
     return sa.func.coalesce(
         Participant.starts_on,
         sa.case(

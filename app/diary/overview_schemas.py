@@ -10,7 +10,9 @@ from app.diary.overview_queries import CountedStatus
 from app.diary.schemas import UNMEASURED_MEALS
 from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
 
-WHOLE = "Closed days that are measured and final, or on which nothing was eaten, with all energy known."
+WHOLE = (
+    "Closed days that are measured and final, or on which nothing was eaten, with all energy known."
+)
 LATE = "Meals that arrived more than 24 hours after they were eaten."
 
 
@@ -19,28 +21,36 @@ class OverviewPeopleOut(BaseModel):
 
     everybody: int = Field(description="All participants, including those who have left.")
     active: int = Field(description="Participants with a meal in the window.")
-    withdrawn: int = Field(description="Participants who have left, whatever was done with their data.")
+    withdrawn: int = Field(
+        description="Participants who have left, whatever was done with their data."
+    )
     erased: int = Field(description="Of the withdrawn: those whose data were erased.")
 
 
 class CompletenessOut(BaseModel):
     """Participant-days of the window."""
 
-    expected: int = Field(description="From each participant's first day until they left, today at the latest.")
+    expected: int = Field(
+        description="From each participant's first day until they left, today at the latest."
+    )
     told: int = Field(description="Expected days with a meal or closed.")
     silent: int = Field(description="Expected days without a meal that are not closed.")
     closed: int = Field(description="Participant-days that are closed.")
     whole: int = Field(description=WHOLE)
     meals: int = Field(description="Meals of the window.")
     late_meals: int = Field(description=LATE)
-    median_delay_seconds: float | None = Field(description="From eating to arrival, of the window's meals.")
+    median_delay_seconds: float | None = Field(
+        description="From eating to arrival, of the window's meals."
+    )
 
 
 class OverviewDayOut(BaseModel):
     """A local day of the window: numbers of participants, unless the name says meals or items."""
 
     local_date: date = Field(description="The local day.")
-    expected: int = Field(description="Participants expected: from their first day until they left.")
+    expected: int = Field(
+        description="Participants expected: from their first day until they left."
+    )
     told: int = Field(description="Expected participants with a meal or a closed day.")
     told_closed: int = Field(description="Expected participants with a closed day.")
     told_open: int = Field(description="Expected participants with a meal whose day is not closed.")
@@ -51,9 +61,13 @@ class OverviewDayOut(BaseModel):
         description="Participants whose day is closed with the entry that nothing was eaten, and has no meal."
     )
     whole: int = Field(description=WHOLE)
-    whole_energy_kcal: float | None = Field(description="Mean energy of the whole days; null: there is none.")
+    whole_energy_kcal: float | None = Field(
+        description="Mean energy of the whole days; null: there is none."
+    )
     open_days: int = Field(description="Days that are not closed, with some energy known.")
-    open_energy_kcal: float | None = Field(description="Mean energy of the open days: a lower bound.")
+    open_energy_kcal: float | None = Field(
+        description="Mean energy of the open days: a lower bound."
+    )
     meals: int = Field(description="Meals of the day.")
     receiving_meals: int = Field(description="Meals of status receiving.")
     queued_meals: int = Field(description="Meals of status queued.")
@@ -64,7 +78,9 @@ class OverviewDayOut(BaseModel):
     confirmed_meals: int = Field(description="Meals of status confirmed.")
     late_meals: int = Field(description=LATE)
     late_share: float | None = Field(description="Share of late meals; null without meals.")
-    median_delay_seconds: float | None = Field(description="From eating to arrival, of the day's meals.")
+    median_delay_seconds: float | None = Field(
+        description="From eating to arrival, of the day's meals."
+    )
     located_meals: int = Field(description="Meals whose place is kept.")
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     items: int = Field(description="Items that count (not rejected).")
@@ -90,7 +106,9 @@ class FailureCountOut(BaseModel):
 
 def _rows(name: str) -> BeforeValidator:
     """Let a mapping of counts validate as a list of rows: {name: key, meals: count}."""
-    return BeforeValidator(lambda counts: [{name: key, "meals": meals} for key, meals in counts.items()])
+    return BeforeValidator(
+        lambda counts: [{name: key, "meals": meals} for key, meals in counts.items()]
+    )
 
 
 StatusCounts = Annotated[list[OverviewStatusOut], _rows("status")]
@@ -100,7 +118,9 @@ FailureCounts = Annotated[list[FailureCountOut], _rows("failure_code")]
 class BinOut(BaseModel):
     """Whole days whose amount lies in [from, to); the last bin includes its end."""
 
-    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    component: str = Field(
+        description="The record's column, such as energy_kcal: its unit is in its name."
+    )
     from_amount: float = Field(description="Lower end of the bin, included.")
     to_amount: float = Field(description="Upper end of the bin, included in the last one only.")
     days: int = Field(description="Whole days whose amount lies in the bin.")
@@ -109,10 +129,14 @@ class BinOut(BaseModel):
 class OverviewNutrientOut(BaseModel):
     """The distribution of an amount over whole participant-days on which all of it is known."""
 
-    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    component: str = Field(
+        description="The record's column, such as energy_kcal: its unit is in its name."
+    )
     days: int = Field(description="Whole participant-days on which all of it is known.")
     mean: float | None = Field(description="Mean over the days; null: there are none.")
-    sd: float | None = Field(description="Sample standard deviation of the days; null for fewer than two.")
+    sd: float | None = Field(
+        description="Sample standard deviation of the days; null for fewer than two."
+    )
     sd_between_persons: float | None = Field(
         description="The same of the participants' means over these days; null for fewer than two."
     )
@@ -128,7 +152,9 @@ class PersonDayOut(BaseModel):
 
     participant: str = Field(description=PARTICIPANT)
     local_date: date = Field(description="The participant's local day.")
-    expected: bool = Field(description="Whether the day lies between their first day and the day on which they left.")
+    expected: bool = Field(
+        description="Whether the day lies between their first day and the day on which they left."
+    )
     closed: bool = Field(description="Whether the day is closed.")
     meals: int = Field(description="Meals of the day.")
 

@@ -92,7 +92,9 @@ def read_days(session: Session, days: DaysOf) -> list[DayRow]:
     counted = count_days(session, days)
     people_query = sa.select(Participant, Study).join(Study, Study.id == Participant.study_id)
     people_query = people_query.where(Participant.id.in_(days.participants))
-    people = {participant.id: (participant, study) for participant, study in session.execute(people_query)}
+    people = {
+        participant.id: (participant, study) for participant, study in session.execute(people_query)
+    }
     expects_leftovers = any(study.expects_after_pair for _, study in people.values())
     leftovers = unseen_leftovers(session, days) if expects_leftovers else {}
     reviewed = _reviewed_days(session, days)
@@ -132,7 +134,10 @@ def _entries(session: Session, days: DaysOf) -> dict[DayKey, tuple[int, datetime
     """Return the diary entries' version and time."""
     entry = DiaryDay
     query = sa.select(entry.local_date, entry.participant_id, entry.version, entry.changed_at)
-    return {(row[0], row[1]): (row[2], row[3]) for row in session.execute(query.where(*days.rows(entry)))}
+    return {
+        (row[0], row[1]): (row[2], row[3])
+        for row in session.execute(query.where(*days.rows(entry)))
+    }
 
 
 def _reviewed_days(session: Session, days: DaysOf) -> set[DayKey]:
@@ -144,9 +149,13 @@ def _reviewed_days(session: Session, days: DaysOf) -> set[DayKey]:
 
 def _arrivals(session: Session, days: DaysOf) -> dict[DayKey, tuple[int, str]]:
     """Return the number of meals that arrived after the day was closed, and all meals' delays as a text."""
-    is_entry = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+    is_entry = sa.and_(
+        DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date
+    )
     is_after_closing = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
-    query = sa.select(Meal.local_date, Meal.participant_id, count_where(is_after_closing), delays_text())
+    query = sa.select(
+        Meal.local_date, Meal.participant_id, count_where(is_after_closing), delays_text()
+    )
     rows = session.execute(group_by_day(query.outerjoin(DiaryDay, is_entry), days, Meal))
     return {(row[0], row[1]): (row[2], row[3]) for row in rows}
 
@@ -171,11 +180,16 @@ def edge_days(
     selection: DaySelection,
 ) -> list[date]:
     """Return the first or last day with a meal and with a diary entry. edge: sa.func.min or sa.func.max."""
-    days = [session.scalar(sa.select(edge(table.local_date)).where(*selection(table))) for table in (Meal, DiaryDay)]
+    days = [
+        session.scalar(sa.select(edge(table.local_date)).where(*selection(table)))
+        for table in (Meal, DiaryDay)
+    ]
     return [day for day in days if day is not None]
 
 
-def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit: int | None) -> AnyQuery | None:
+def _page_keys(
+    session: Session, chosen: RowFilter, after: DayKey | None, limit: int | None
+) -> AnyQuery | None:
     """Select the first days after `after`; None if the filter names a study or participant that does not exist.
 
     The days of each study, or participant, are read from an index that has this order.

@@ -175,10 +175,14 @@ def study_overview(
         window = overview.Window(session, study.id, first, last)
         persons, counted, meals = window.persons(), window.days(), window.meals()
         people_counts = window.people()
-        is_small = people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
+        is_small = (
+            people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
+        )
         amounts, person_means = _amounts(counted)
         shown = _overview_days(counted, meals, persons, _days_until(first, last), today)
-        keeps_places = study.location_policy != "drop"  # places kept under an earlier policy are not shown either
+        keeps_places = (
+            study.location_policy != "drop"
+        )  # places kept under an earlier policy are not shown either
         located_meals = sum(day.located_meals for day in shown)
         return StudyOverview(
             study=study.code,
@@ -187,16 +191,23 @@ def study_overview(
             participants=people_counts,
             completeness=_completeness(shown, meals.values()),
             days=shown,
-            statuses={status: sum(getattr(day, f"{status}_meals") for day in shown) for status in MEAL_STATUSES},
+            statuses={
+                status: sum(getattr(day, f"{status}_meals") for day in shown)
+                for status in MEAL_STATUSES
+            },
             waiting=overview.count_waiting(session, study.id),
             failures=overview.count_failures(session, study.id),
             nutrients=tuple(
                 distribution(name, amounts[name], person_means[name], binned=binned in (None, name))
                 for name in HEADLINE_COLUMNS
             ),
-            person_days=tuple(_days_of_persons(counted, persons, _days_until(first, last), today)) if is_small else (),
+            person_days=tuple(_days_of_persons(counted, persons, _days_until(first, last), today))
+            if is_small
+            else (),
             located_meals=located_meals if keeps_places else None,
-            places=_places(window, min(located_meals, MAX_PLACES)) if keeps_places and located_meals else (),
+            places=_places(window, min(located_meals, MAX_PLACES))
+            if keeps_places and located_meals
+            else (),
         )
 
 
@@ -209,7 +220,9 @@ def study_waiting(
         return overview.count_waiting(session, study.id), overview.count_failures(session, study.id)
 
 
-def note_overview_export(database: Database, caller: StaffCaller, study_code: str, part: str, output: str) -> None:
+def note_overview_export(
+    database: Database, caller: StaffCaller, study_code: str, part: str, output: str
+) -> None:
     """Note in the audit log who downloaded a table of an overview. Raises NotFoundError."""
     with database.write() as session:
         study = people.find_study(session, study_code)
@@ -270,9 +283,13 @@ def _overview_day(
     told = [
         day
         for day in days
-        if expected is not None and (day.meals or day.is_closed) and _could_tell(person_of[day.participant_id], day)
+        if expected is not None
+        and (day.meals or day.is_closed)
+        and _could_tell(person_of[day.participant_id], day)
     ]
-    whole_kcal = [amount for amount in (day.whole_amount("energy_kcal") for day in days) if amount is not None]
+    whole_kcal = [
+        amount for amount in (day.whole_amount("energy_kcal") for day in days) if amount is not None
+    ]
     open_amounts = [day.amount("energy_kcal").value for day in days if not day.is_closed]
     open_kcal = [amount for amount in open_amounts if amount is not None]
     statuses = {f"{status}_meals": count for status, count in meals.statuses.items()}
@@ -304,10 +321,14 @@ def _overview_day(
 def _could_tell(person: Person, day: CountedDay) -> bool:
     """Whether the day is between the participant's start, if one is set, and the day on which they left."""
     has_begun = person.starts_on is None or person.starts_on <= day.local_date
-    return has_begun and (person.withdrawn_at is None or _left_on(person.withdrawn_at) >= day.local_date)
+    return has_begun and (
+        person.withdrawn_at is None or _left_on(person.withdrawn_at) >= day.local_date
+    )
 
 
-def _expected(persons: Sequence[Person], window: Sequence[date], today: date) -> dict[date, int | None]:
+def _expected(
+    persons: Sequence[Person], window: Sequence[date], today: date
+) -> dict[date, int | None]:
     """Return the number of participants expected on each day; None: in the future."""
     changes: dict[date, int] = defaultdict(int)  # from the day before
     for person in persons:

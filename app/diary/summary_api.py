@@ -16,17 +16,24 @@ router = APIRouter(prefix="/v1", tags=["feedback"])
 
 Day = Annotated[
     LocalDay | None,
-    Query(alias="date", description="A local day; default: the last one with a meal or a diary entry."),
+    Query(
+        alias="date", description="A local day; default: the last one with a meal or a diary entry."
+    ),
 ]
 
 
 @router.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
 def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
     """A day's amounts and, from three closed days on, a comparison; only if the study gives feedback."""
-    return SummaryOut.model_validate(read_feedback(state.database, device, day), from_attributes=True)
+    return SummaryOut.model_validate(
+        read_feedback(state.database, device, day), from_attributes=True
+    )
 
 
-@router.get("/studies/{study}/participants/{participant}/summary", responses=problem_responses(401, 403, 404, 422))
+@router.get(
+    "/studies/{study}/participants/{participant}/summary",
+    responses=problem_responses(401, 403, 404, 422),
+)
 def get_summary_of_participant(
     study: StudyCode,
     participant: ParticipantCode,

@@ -23,7 +23,9 @@ class CalibratedFiles:
     left_out: tuple[tuple[str, Failure], ...]
 
 
-def calibrate_camera_files(photos: Sequence[Path], marker: str, read: PhotoReader) -> CalibratedFiles | Failure:
+def calibrate_camera_files(
+    photos: Sequence[Path], marker: str, read: PhotoReader
+) -> CalibratedFiles | Failure:
     """The camera that took the photographs. Raises InvalidInputError (the marker's text)."""
     calibration = calibrate([read(path) for path in photos], parse_marker(marker))
     if isinstance(calibration, Failure):
@@ -32,10 +34,14 @@ def calibrate_camera_files(photos: Sequence[Path], marker: str, read: PhotoReade
         "rms_px": round(calibration.rms_px, 4),
         "photographs": len(calibration.used),
     }
-    return CalibratedFiles(document, tuple((str(photos[each.index]), each.failure) for each in calibration.rejected))
+    return CalibratedFiles(
+        document, tuple((str(photos[each.index]), each.failure) for each in calibration.rejected)
+    )
 
 
-def calibrate_rig_files(photos: Sequence[Path], marker: str, read: PhotoReader) -> CalibratedFiles | Failure:
+def calibrate_rig_files(
+    photos: Sequence[Path], marker: str, read: PhotoReader
+) -> CalibratedFiles | Failure:
     """The rig whose left camera took the first half of the photographs and whose right one the second, pair by pair.
 
     Raises InvalidInputError (the marker's text, an odd number of photographs).
@@ -46,7 +52,9 @@ def calibrate_rig_files(photos: Sequence[Path], marker: str, read: PhotoReader) 
             "in the same order."
         )
     left, right = photos[: len(photos) // 2], photos[len(photos) // 2 :]
-    calibration = calibrate_rig([read(path) for path in left], [read(path) for path in right], parse_marker(marker))
+    calibration = calibrate_rig(
+        [read(path) for path in left], [read(path) for path in right], parse_marker(marker)
+    )
     if isinstance(calibration, Failure):
         return calibration
     document = rig_to_json(calibration.rig) | {
@@ -55,4 +63,6 @@ def calibrate_rig_files(photos: Sequence[Path], marker: str, read: PhotoReader) 
         "pairs": len(calibration.used),
     }
     names = [f"{first}, {second}" for first, second in zip(left, right, strict=True)]
-    return CalibratedFiles(document, tuple((names[each.index], each.failure) for each in calibration.rejected))
+    return CalibratedFiles(
+        document, tuple((names[each.index], each.failure) for each in calibration.rejected)
+    )

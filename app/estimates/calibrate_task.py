@@ -40,7 +40,9 @@ def calibrate_task(arguments: Arguments, _: StageListener) -> Json:
         "reach": fit.reach,
         "model": photos[0].model,
         "used": list(fit.used),
-        "left_out": [{"photo": each.index, **failure_to_json(each.failure)} for each in fit.rejected],
+        "left_out": [
+            {"photo": each.index, **failure_to_json(each.failure)} for each in fit.rejected
+        ],
     }
 
 
@@ -78,5 +80,7 @@ class _PhotosOnDisk(Sequence[Photo]):
             photo = read_photo(path.read_bytes(), max_pixels=self._max_pixels)
             if isinstance(photo, Failure):
                 raise _UnreadablePhotoError(index, photo)
-            self._held = {place: held for place, held in self._held.items() if place == 0} | {index: photo}
+            self._held = {place: held for place, held in self._held.items() if place == 0} | {
+                index: photo
+            }
         return self._held[index]

@@ -44,7 +44,10 @@ class ChosenCamera:
             answer.parameters["rig"] = rig_to_json(self.rig)
         for camera in (answer.camera, answer.camera_right):
             if camera is not None:
-                camera |= {"chosen_from": self.chosen_from, "calibrations": [str(each) for each in self.calibrations]}
+                camera |= {
+                    "chosen_from": self.chosen_from,
+                    "calibrations": [str(each) for each in self.calibrations],
+                }
 
 
 def choose_camera(
@@ -82,8 +85,19 @@ def choose_rig(
     has_poses = meal.details.get("poses") is not None
     if study.marker is not None and (has_poses or meal.details["camera"] is not None):
         return None
-    rigs = list(stored_rigs(session, meal.device_id, study.id, meal.received_at if study.marker is not None else None))
-    fitting = (each for each in rigs if each.rig is not None and not isinstance(adapt_rig(each.rig, *sizes), Failure))
+    rigs = list(
+        stored_rigs(
+            session,
+            meal.device_id,
+            study.id,
+            meal.received_at if study.marker is not None else None,
+        )
+    )
+    fitting = (
+        each
+        for each in rigs
+        if each.rig is not None and not isinstance(adapt_rig(each.rig, *sizes), Failure)
+    )
     is_only_scale = study.marker is None and not has_poses and not has_depth
     return next(fitting, rigs[0] if rigs and is_only_scale else None)
 
@@ -109,10 +123,16 @@ def _chosen_rig(row: CameraCalibration, chosen_from: ChosenFrom) -> ChosenCamera
 
 def median_camera(cameras: Sequence[Camera], size: Size) -> Camera | None:
     """Return the component-wise median of the cameras that can be adapted to this size; None if none can."""
-    adapted = [each for each in (adapt_camera(camera, *size) for camera in cameras) if not isinstance(each, Failure)]
+    adapted = [
+        each
+        for each in (adapt_camera(camera, *size) for camera in cameras)
+        if not isinstance(each, Failure)
+    ]
     if not adapted:
         return None
-    k1, k2, p1, p2, k3 = (median(camera.distortion[place] for camera in adapted) for place in range(5))
+    k1, k2, p1, p2, k3 = (
+        median(camera.distortion[place] for camera in adapted) for place in range(5)
+    )
     return Camera(
         *size,
         fx=median(camera.fx for camera in adapted),
@@ -124,7 +144,9 @@ def median_camera(cameras: Sequence[Camera], size: Size) -> Camera | None:
     )
 
 
-def _stored(session: Session, device_id: uuid.UUID, study: Study, sizes: Sequence[Size]) -> Iterator[ChosenCamera]:
+def _stored(
+    session: Session, device_id: uuid.UUID, study: Study, sizes: Sequence[Size]
+) -> Iterator[ChosenCamera]:
     own = calibrations.newest_of_device(session, device_id)
     if own is not None:
         yield ChosenCamera(camera_from_mapping(own.camera), "device", (own.id,))

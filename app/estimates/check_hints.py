@@ -18,7 +18,10 @@ from app.vessels.meal_vessels import require_known_vessels
 
 
 def require_valid_hints(
-    session: Session, study_id: uuid.UUID, hints: Sequence[HintDetails], photo: SealablePhoto | MealImage | None
+    session: Session,
+    study_id: uuid.UUID,
+    hints: Sequence[HintDetails],
+    photo: SealablePhoto | MealImage | None,
 ) -> None:
     """Raise InvalidInputError (`vessel_unknown`, `food_unknown`, `hint_outside`) for the first hint that cannot be.
 

@@ -30,7 +30,9 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
 
     def read(path: Path) -> ReducedPhoto | Failure:
         return read_reduced_photo(
-            path.read_bytes(), max_pixels=request.max_pixels, least_long_side_px=precheck.LEAST_LONG_SIDE_PX
+            path.read_bytes(),
+            max_pixels=request.max_pixels,
+            least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
         )
 
     with ThreadPoolExecutor(2) as threads:  # decoders let go of the interpreter
@@ -39,6 +41,9 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
     judged = precheck.check_pair(left, right, parse_marker(request.marker), camera)
     return {
         "ok": judged.is_ok,
-        "problems": [{"code": each.code, "severity": each.severity, "side": each.side} for each in judged.problems],
+        "problems": [
+            {"code": each.code, "severity": each.severity, "side": each.side}
+            for each in judged.problems
+        ],
         "measures": dict(judged.measures),
     }

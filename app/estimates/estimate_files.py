@@ -35,15 +35,21 @@ def read_options(
 ) -> EstimateOptions:
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
-        raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
+        raise InvalidInputError(
+            f"There is no method {method!r}; there is {', '.join(get_args(Method))}."
+        )
     if rig is not None and (marker is not None or camera is not None):
-        raise InvalidInputError("--rig has its own cameras and scale: leave --marker and --camera out.")
+        raise InvalidInputError(
+            "--rig has its own cameras and scale: leave --marker and --camera out."
+        )
     if rig is not None and method == "paper-strict":
         raise InvalidInputError(
             "The method paper-strict needs a marker for its tie points: measure a rig by another one."
         )
     if poses is not None and (camera is None or rig is not None or method == "paper-strict"):
-        raise InvalidInputError("--poses needs --camera and takes the place of --rig; paper-strict needs a marker.")
+        raise InvalidInputError(
+            "--poses needs --camera and takes the place of --rig; paper-strict needs a marker."
+        )
     is_marker_usual = marker is None and rig is None and poses is None and not has_depth
     value = {
         "marker": DEFAULT_MARKER if is_marker_usual else marker,
@@ -74,13 +80,17 @@ def estimate_files(
     """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
     _require_number(len(photographs), options)
     names = VIEW_SLOTS[: len(photographs)]
-    depth_files = _read_depths(depths, depth_camera, confidences, dict(zip(names, photographs, strict=True)))
+    depth_files = _read_depths(
+        depths, depth_camera, confidences, dict(zip(names, photographs, strict=True))
+    )
     if depth_files:
         _require_scale(depth_files, options)
     table = {food.key: food for food in load_starter_table().foods}
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
-        raise InvalidInputError(f"The food table has no {', '.join(unknown)}: see `tada foods search`.")
+        raise InvalidInputError(
+            f"The food table has no {', '.join(unknown)}: see `tada foods search`."
+        )
     options = with_forms(options, table)
     try:
         found, estimate = run_estimate(
@@ -109,12 +119,16 @@ def estimate_files(
 
 def _require_number(count: int, options: EstimateOptions) -> None:
     if count > MAX_VIEWS:
-        raise InvalidInputError(f"{count} photographs were given; of one meal {MAX_VIEWS} are the most.")
+        raise InvalidInputError(
+            f"{count} photographs were given; of one meal {MAX_VIEWS} are the most."
+        )
     needs_pair = options.rig is not None or (options.poses is not None and options.marker is None)
     if needs_pair or options.method != "shape":
         hint = "give both" if count < PAIR else "leave the others out"
         if count != PAIR:
-            raise InvalidInputError(f"A rig, poses and the methods of the paper measure by two photographs: {hint}.")
+            raise InvalidInputError(
+                f"A rig, poses and the methods of the paper measure by two photographs: {hint}."
+            )
 
 
 def _require_scale(depths: Mapping[str, object], options: EstimateOptions) -> None:
@@ -128,7 +142,10 @@ def _require_scale(depths: Mapping[str, object], options: EstimateOptions) -> No
 
 
 def _read_depths(
-    depths: Sequence[str], camera: Path | None, confidences: Sequence[str], photographs: Mapping[str, Path]
+    depths: Sequence[str],
+    camera: Path | None,
+    confidences: Sequence[str],
+    photographs: Mapping[str, Path],
 ) -> dict[str, DepthFiles]:
     """Depth maps by the name of their photograph, left, right, view3 ..., with their confidence maps."""
     maps = _files_by_view("--depth", depths, photographs)
@@ -141,17 +158,23 @@ def _read_depths(
         raise InvalidInputError("--depth needs --depth-camera FILE.", code="depth_camera_invalid")
     intrinsics = _read_object(_text_of(camera), str(camera))
     depth_camera_from_mapping(intrinsics)
-    return {view: DepthFiles(path, intrinsics, confidence_maps.get(view)) for view, path in maps.items()}
+    return {
+        view: DepthFiles(path, intrinsics, confidence_maps.get(view)) for view, path in maps.items()
+    }
 
 
-def _files_by_view(option: str, texts: Sequence[str], photographs: Mapping[str, Path]) -> dict[str, Path]:
+def _files_by_view(
+    option: str, texts: Sequence[str], photographs: Mapping[str, Path]
+) -> dict[str, Path]:
     """Files given as VIEW=FILE. VIEW: a photograph's name, or its file's name without the ending."""
     files = {}
     for text in texts:
         view, _, file = text.partition("=")
         names = [name for name, path in photographs.items() if view in (name, path.stem)]
         if not file or not names:
-            raise InvalidInputError(f"{option} {text}: VIEW=FILE, VIEW being one of the photographs.")
+            raise InvalidInputError(
+                f"{option} {text}: VIEW=FILE, VIEW being one of the photographs."
+            )
         files[names[0]] = Path(file)
     return files
 
@@ -160,14 +183,20 @@ def _read_hint(text: str) -> dict[str, Any]:
     value = _read_object(text, "--hint")
     unknown = set(value) - HINT_KEYS
     if unknown:
-        raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
+        raise InvalidInputError(
+            f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}."
+        )
     for key in ("lies_as", "form"):
         if value.get(key) not in (None, *FOOD_FORMS):
-            raise InvalidInputError(f"--hint: {key} is one of {', '.join(FOOD_FORMS)}, not {value[key]!r}.")
+            raise InvalidInputError(
+                f"--hint: {key} is one of {', '.join(FOOD_FORMS)}, not {value[key]!r}."
+            )
     try:
         hint_from_json(value)
     except (TypeError, ValueError):
-        raise InvalidInputError(f"--hint {text} does not fit: see `tada estimate --help`.") from None
+        raise InvalidInputError(
+            f"--hint {text} does not fit: see `tada estimate --help`."
+        ) from None
     return value
 
 

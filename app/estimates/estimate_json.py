@@ -66,7 +66,9 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
     Raises InvalidInputError for a marker, camera, rig or poses that cannot be, and if none of them gives the scale.
     """
     if not value.get("depth") and all(value.get(key) is None for key in ("marker", "rig", "poses")):
-        raise InvalidInputError("Neither a marker nor a rig gives the scale: name one.", code="marker_missing")
+        raise InvalidInputError(
+            "Neither a marker nor a rig gives the scale: name one.", code="marker_missing"
+        )
     return EstimateOptions(
         marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
@@ -88,7 +90,9 @@ def hint_to_json(hint: Hint) -> Json:
 def hint_from_json(value: Mapping[str, Any]) -> Hint:
     """The reverse of hint_to_json; an outline may also be one ring. Raises ValueError, TypeError."""
     polygon = value.get("polygon")
-    return HINT.validate_python({**value, "polygon": rings_of(polygon) if polygon is not None else None})
+    return HINT.validate_python(
+        {**value, "polygon": rings_of(polygon) if polygon is not None else None}
+    )
 
 
 def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
@@ -100,8 +104,12 @@ def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
         failure=estimate.failure,
         marker=str(options.marker) if options.marker is not None else None,
         camera=camera_to_json(views[0].camera) if views is not None else None,
-        camera_right=camera_to_json(views[1].camera) if views is not None and views[1] is not None else None,
-        colour={"left": colour_to_json(colours[0]), second: colour_to_json(colours[1])} if colours else None,
+        camera_right=camera_to_json(views[1].camera)
+        if views is not None and views[1] is not None
+        else None,
+        colour={"left": colour_to_json(colours[0]), second: colour_to_json(colours[1])}
+        if colours
+        else None,
         second=second,
         stages={name: round(seconds, 4) for name, seconds in estimate.stages.items()},
         seconds=round(sum(estimate.stages.values()), 4),
@@ -117,7 +125,9 @@ def colour_to_json(colour: ColourCorrection) -> Json:
         "kind": colour.kind,
         "matrix": np.round(colour.matrix, MATRIX_DECIMALS).tolist(),
         "delta_e_mean": round(colour.delta_e_mean, 2) if colour.delta_e_mean is not None else None,
-        "delta_e_worst": round(colour.delta_e_worst, 2) if colour.delta_e_worst is not None else None,
+        "delta_e_worst": round(colour.delta_e_worst, 2)
+        if colour.delta_e_worst is not None
+        else None,
         "flags": list(colour.flags),
     }
 
@@ -140,7 +150,9 @@ def failure_to_json(failure: Failure) -> Json:
 
 def with_forms(options: EstimateOptions, foods: Mapping[str, FormedFood]) -> EstimateOptions:
     """Options whose hints know how their food usually lies and how its slices are fitted. foods: by key."""
-    return replace(options, hints=tuple(_with_form(hint, foods.get(hint.food or "")) for hint in options.hints))
+    return replace(
+        options, hints=tuple(_with_form(hint, foods.get(hint.food or "")) for hint in options.hints)
+    )
 
 
 def _with_form(hint: Hint, food: FormedFood | None) -> Hint:
@@ -157,7 +169,9 @@ def _item(item: ItemEstimate) -> ItemAnswer:
     return ItemAnswer(
         polygon=rings[0] if len(rings) == 1 else rings,
         volume_ml=round(volume_ml, 3) if volume_ml is not None else None,
-        volume_interval_ml=[round(bound, 3) for bound in interval_ml] if interval_ml is not None else None,
+        volume_interval_ml=[round(bound, 3) for bound in interval_ml]
+        if interval_ml is not None
+        else None,
         relative_sd={part: round(sd, 5) for part, sd in item.relative_sd.items()},
         candidates=[],
         hint=item.hint,
@@ -169,7 +183,9 @@ def _item(item: ItemEstimate) -> ItemAnswer:
 
 def _traits(traits: ItemTraits) -> Json:
     return {
-        "centre_mm": [round(each, 1) for each in traits.centre_mm] if traits.centre_mm is not None else None,
+        "centre_mm": [round(each, 1) for each in traits.centre_mm]
+        if traits.centre_mm is not None
+        else None,
         "radius_mm": round(traits.radius_mm, 1) if traits.radius_mm is not None else None,
         "lab": [round(each, 1) for each in traits.lab] if traits.lab is not None else None,
     }

@@ -60,7 +60,18 @@ log = structlog.get_logger()
 
 # of the pipeline; a child has decoded hostile bytes, and each invented name would be a time series for ever
 STAGES = frozenset(
-    {"read", "marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"}
+    {
+        "read",
+        "marker",
+        "camera",
+        "match",
+        "rectify",
+        "disparity",
+        "depth",
+        "segment",
+        "volume",
+        "describe",
+    }
 )
 
 AWAITS_ROOM = "waits_for_room"  # stage of a meal between two tries of an estimate that was killed or took too long
@@ -122,16 +133,26 @@ class EstimateMeal:
             outcome = meal.details.get("sandbox") if job.purpose == "meal" else None
             if outcome is not None and outcome != NEEDS_REVIEW:
                 raise JobFailure(injected_failure(outcome))
-            slots, maps = (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
-            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in (*slots, *maps)}
+            slots, maps = (
+                (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
+            )
+            images = {
+                image.slot: image
+                for image in meals.images_of(session, meal.id)
+                if image.slot in (*slots, *maps)
+            }
             depth_camera = meal.details.get("depth_camera")
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
-            hints, is_complete = (regions.hints, True) if regions is not None else _stated_hints(job, meal)
+            hints, is_complete = (
+                (regions.hints, True) if regions is not None else _stated_hints(job, meal)
+            )
             sizes = [  # of further views, those that the camera does not fit are left out
                 (images[slot].width_px, images[slot].height_px) for slot in slots
             ]
             has_depth = "left_depth" in maps
-            chosen = choose_rig(session, meal=meal, study=study, sizes=sizes, has_depth=has_depth) or choose_camera(
+            chosen = choose_rig(
+                session, meal=meal, study=study, sizes=sizes, has_depth=has_depth
+            ) or choose_camera(
                 session,
                 meal_camera=_meal_camera(job, meal),
                 device_id=meal.device_id,
@@ -140,14 +161,21 @@ class EstimateMeal:
             )
             library = vessels_of_meal(session, study.id, hints)
             options = self._options(
-                session, _scale(job, meal, study, chosen.rig, has_depth=has_depth), library.in_hints(hints)
+                session,
+                _scale(job, meal, study, chosen.rig, has_depth=has_depth),
+                library.in_hints(hints),
             )
-            options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
+            options = replace(
+                options, camera=chosen.camera, vessels=library.models, is_complete=is_complete
+            )
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
-            paths = {view: self._fetch(images[slot], folder) for view, slot in zip(VIEW_SLOTS, slots, strict=False)}
+            paths = {
+                view: self._fetch(images[slot], folder)
+                for view, slot in zip(VIEW_SLOTS, slots, strict=False)
+            }
             maps_by_slot = {slot: str(self._fetch(images[slot], folder)) for slot in maps}
             depths = {
                 view: {
@@ -161,7 +189,9 @@ class EstimateMeal:
             answer = self._estimate(job, paths, depths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer.parameters)
-            if regions is not None:  # the item of each hint: the meal may have changed when it is saved
+            if (
+                regions is not None
+            ):  # the item of each hint: the meal may have changed when it is saved
                 answer.regions = list(regions.items)
             if outcome is not None:  # it needs a review: nothing says which foods these are
                 for item in answer.items:
@@ -175,7 +205,9 @@ class EstimateMeal:
         result = answer.write()
         result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
         self._blobs.put_bytes(result_key, result)
-        self._delete_results_if_erased(meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)])
+        self._delete_results_if_erased(
+            meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)]
+        )
         return result_key
 
     def load(self, result_key: str) -> SealedAnswer:
@@ -187,7 +219,9 @@ class EstimateMeal:
         save_estimate(session, job_id, result.answer, result.key)
         if result.answer.failure is not None:
             bind_log_context(outcome=result.answer.failure.code)
-        log.info("estimate_saved", result_key=result.key)  # it begins with the study's and the meal's id
+        log.info(
+            "estimate_saved", result_key=result.key
+        )  # it begins with the study's and the meal's id
 
     def abandon(self, job_id: uuid.UUID) -> None:
         """End the child that works on the job."""
@@ -207,7 +241,9 @@ class EstimateMeal:
             privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(self, session: Session, scale: EstimateOptions, hints: Sequence[Mapping[str, Any]]) -> EstimateOptions:
+    def _options(
+        self, session: Session, scale: EstimateOptions, hints: Sequence[Mapping[str, Any]]
+    ) -> EstimateOptions:
         options = replace(scale, hints=tuple(hint_from_json(hint) for hint in hints))
         keys = {hint.food for hint in options.hints if hint.food}
         return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
@@ -254,13 +290,18 @@ class EstimateMeal:
                 "options": options_to_json(options),
                 "output_dir": str(folder),
                 "max_pixels": self._settings.max_photo_pixels,
-                "food_index": str(self._settings.food_index) if self._settings.food_index is not None else None,
+                "food_index": str(self._settings.food_index)
+                if self._settings.food_index is not None
+                else None,
             },
             is_costly=job.is_background,
         )
         try:
             done = self._children.run(
-                request, lambda stage: self._tell_stage(job, stage), name=str(job.id), is_alone=is_alone
+                request,
+                lambda stage: self._tell_stage(job, stage),
+                name=str(job.id),
+                is_alone=is_alone,
             )
         except ChildCancelledError:
             raise JobFailure(CANCELLED) from None
@@ -268,12 +309,24 @@ class EstimateMeal:
             answer = RunAnswer.model_validate(done.result)
             _note_times(answer)
             return answer
-        log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
-        if done.errno is not None:  # such as a full disk, no bug: faults.py tells which of these pass
+        log.error(
+            "estimate_ended_badly",
+            meal_id=str(job.meal_id),
+            outcome=done.outcome,
+            message=done.message,
+        )
+        if (
+            done.errno is not None
+        ):  # such as a full disk, no bug: faults.py tells which of these pass
             raise OSError(done.errno, done.message)
         if done.is_passing:
             raise BrokenOff(done.failure)
-        ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
+        ended = MealEstimate(
+            method=options.method,
+            pipeline_version=PIPELINE_VERSION,
+            stages={},
+            failure=done.failure,
+        )
         answer = answer_of(ended, options)
         answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
         return answer
@@ -303,16 +356,24 @@ def _pair_details(job: Job, meal: Meal) -> PairDetails | None:
 def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
     """Return the hints of the job's pair, and whether they are complete."""
     details = _pair_details(job, meal)
-    return (details["hints"], details.get("complete", False)) if details is not None else ((), False)
+    return (
+        (details["hints"], details.get("complete", False)) if details is not None else ((), False)
+    )
 
 
 def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
     """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
-    own = meal.after_details["camera"] if _is_of_after(job) and meal.after_details is not None else None
+    own = (
+        meal.after_details["camera"]
+        if _is_of_after(job) and meal.after_details is not None
+        else None
+    )
     return own if own is not None else meal.details["camera"]
 
 
-def _scale(job: Job, meal: Meal, study: Study, rig: StereoRig | None, *, has_depth: bool) -> EstimateOptions:
+def _scale(
+    job: Job, meal: Meal, study: Study, rig: StereoRig | None, *, has_depth: bool
+) -> EstimateOptions:
     """Return options with what the scale may come from: the rig, or the marker and the poses of the job's pair."""
     if rig is not None:
         return EstimateOptions(None, rig=rig)

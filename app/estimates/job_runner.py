@@ -48,7 +48,9 @@ class Computed:
 class JobRunner:
     """One per worker process."""
 
-    def __init__(self, database: Database, lease: Lease, estimate: EstimateMeal, times: WorkerTimes) -> None:
+    def __init__(
+        self, database: Database, lease: Lease, estimate: EstimateMeal, times: WorkerTimes
+    ) -> None:
         self._database = database
         self._lease = lease
         self._estimate = estimate
@@ -90,7 +92,10 @@ class JobRunner:
             self._running[job_id] += 1
             instruments.JOBS_RUNNING.set(len(self._running))
         try:
-            with structlog.contextvars.bound_contextvars(job_id=str(job_id)), log_context() as facts:
+            with (
+                structlog.contextvars.bound_contextvars(job_id=str(job_id)),
+                log_context() as facts,
+            ):
                 self._log_begin(job_id)
                 yield facts
         finally:
@@ -119,7 +124,9 @@ class JobRunner:
     def _log_end(self, facts: Mapping[str, object]) -> None:
         """Log and count the job, after its end is committed."""
         outcome = str(facts.get("outcome", "ok"))
-        instruments.ESTIMATES.labels(facts.get("purpose", "unknown"), instruments.outcome_label(outcome)).inc()
+        instruments.ESTIMATES.labels(
+            facts.get("purpose", "unknown"), instruments.outcome_label(outcome)
+        ).inc()
         log.info("job_ended", outcome=outcome)
 
     def _compute(self, job_id: uuid.UUID) -> Computed | None:
@@ -132,7 +139,9 @@ class JobRunner:
                 if result_key is None:
                     with self._database.write() as session:
                         self._lease.guard(session)
-                        job = jobs.start_attempt(session, job_id, self._lease.executor_id, datetime.now(UTC))
+                        job = jobs.start_attempt(
+                            session, job_id, self._lease.executor_id, datetime.now(UTC)
+                        )
                         if job is None:
                             return None
                         result_key, is_background = job.result_key, job.is_background
@@ -148,7 +157,9 @@ class JobRunner:
                 return Computed(None, error.failure)
             except BrokenOff as error:
                 self._raise_if_leaving()  # this worker killed it, because it stops
-                if is_background or broken_off >= TRIES_ALONE:  # tried alone, it would make meals wait
+                if (
+                    is_background or broken_off >= TRIES_ALONE
+                ):  # tried alone, it would make meals wait
                     return Computed(None, _after_tries(error.failure, 1 + broken_off))
                 self._estimate.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)
@@ -190,7 +201,11 @@ class JobRunner:
             waits += 1
 
     def _finish(
-        self, session: Session, job_id: uuid.UUID, result: SealedAnswer | None, failure: Failure | None
+        self,
+        session: Session,
+        job_id: uuid.UUID,
+        result: SealedAnswer | None,
+        failure: Failure | None,
     ) -> bool:
         self._lease.guard(session)
         live = jobs.lock_live_job(session, job_id)
@@ -232,7 +247,9 @@ class JobRunner:
         try:
             with self._database.write() as session:
                 self._lease.guard(session)
-                jobs.put_off(session, job_id, self._lease.executor_id, datetime.now(UTC), self._times)
+                jobs.put_off(
+                    session, job_id, self._lease.executor_id, datetime.now(UTC), self._times
+                )
         except sqlalchemy.exc.SQLAlchemyError:
             return False
         return True

@@ -99,7 +99,9 @@ class JobWorker:
             with self._database.write() as session:
                 idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
                 jobs.release_claims(session, self.executor_id, idle, is_takeover=False)
-        except Exception as error:  # the worker's edge: others take the jobs over once the lease is gone
+        except (
+            Exception
+        ) as error:  # the worker's edge: others take the jobs over once the lease is gone
             log.warning("hand_back_failed", exc_info=error)
 
     def _start_thread(self, work: Callable[[], None], name: str) -> None:
@@ -164,8 +166,12 @@ class JobWorker:
         """Release claimed jobs that are not running: the claim's answer was lost, or the run broke off."""
         with self._database.read() as session:
             idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
-        self._claimed_but_idle = Counter({job_id: self._claimed_but_idle[job_id] + 1 for job_id in idle})
-        lost = [job_id for job_id, looks in self._claimed_but_idle.items() if looks >= LOOKS_BEFORE_LOST]
+        self._claimed_but_idle = Counter(
+            {job_id: self._claimed_but_idle[job_id] + 1 for job_id in idle}
+        )
+        lost = [
+            job_id for job_id, looks in self._claimed_but_idle.items() if looks >= LOOKS_BEFORE_LOST
+        ]
         if not lost or self._ending.is_set():
             return
         with self._database.write() as session:

@@ -31,7 +31,8 @@ def picture_task(arguments: Arguments, _: StageListener) -> Json:
     read = read_reduced_photo(
         request.photo.read_bytes(),
         max_pixels=request.max_pixels,
-        least_long_side_px=2 * request.width_px,  # so that even the short side of most is as wide as the picture
+        least_long_side_px=2
+        * request.width_px,  # so that even the short side of most is as wide as the picture
     )
     if isinstance(read, Failure):
         return {"failure": failure_to_json(read)}
@@ -41,12 +42,16 @@ def picture_task(arguments: Arguments, _: StageListener) -> Json:
     return {"failure": None, "width": width, "height": height}
 
 
-def encode_jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None) -> tuple[bytes, int, int]:
+def encode_jpeg(
+    pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None
+) -> tuple[bytes, int, int]:
     """At most so wide, never enlarged, corrected; with its height and width, px."""
     height, width = pixels_bgr.shape[:2]
     if width > width_px:
         size = (width_px, max(1, round(height * width_px / width)))
-        pixels_bgr = np.asarray(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+        pixels_bgr = np.asarray(
+            cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8
+        )
     if colour is not None:
         pixels_bgr = apply_colour(pixels_bgr, colour)
     encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]

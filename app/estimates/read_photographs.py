@@ -76,7 +76,9 @@ def read_photographs(
             photo = replace(photo, depth=depth)
         if options.poses is not None:  # they are of the picture as it is stored
             facts = inspect_photo(path)
-            photo = replace(photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1)
+            photo = replace(
+                photo, orientation=facts.orientation if isinstance(facts, PhotoFacts) else 1
+            )
         photos.append(photo)
     return photos, unused
 

@@ -22,7 +22,13 @@ from app.photos.webp import LOSSLESS_PICTURE, read_webp_layout
 from app.vision.depth_camera import depth_camera_from_mapping
 from app.vision.depth_map import read_confidence, read_depth
 from app.vision.model import Photo
-from app.vision.photo import ReducedPhoto, encode_photo, read_photo, read_reduced_photo, read_taken_at
+from app.vision.photo import (
+    ReducedPhoto,
+    encode_photo,
+    read_photo,
+    read_reduced_photo,
+    read_taken_at,
+)
 
 SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
 
@@ -86,7 +92,9 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
     location = read_location(request.file, facts) if request.reads_location else None
     media_type = facts.media_type
     is_reencoded = (
-        request.cuts_location and remove_location(request.file, facts) and not _is_only_cut(request, facts, picture)
+        request.cuts_location
+        and remove_location(request.file, facts)
+        and not _is_only_cut(request, facts, picture)
     )
     if is_reencoded:
         photo = read_photo(original, max_pixels=request.max_pixels)
@@ -94,7 +102,9 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
             return photo
         is_lossless = _is_lossless(original, media_type)
         taken_at = read_taken_at(original)
-        encoded = encode_photo(photo, is_lossless=is_lossless, orientation=facts.orientation, taken_at=taken_at)
+        encoded = encode_photo(
+            photo, is_lossless=is_lossless, orientation=facts.orientation, taken_at=taken_at
+        )
         request.file.write_bytes(encoded)
         media_type = PNG if is_lossless else JPEG
     position: Json = {}
@@ -118,7 +128,8 @@ def _is_only_cut(request: _ReceiveRequest, facts: PhotoFacts, picture: Photo) ->
 
 def _is_lossless(data: bytes, media_type: str) -> bool:
     return media_type == PNG or (
-        media_type == WEBP and any(part.kind == LOSSLESS_PICTURE for part in read_webp_layout(data).parts)
+        media_type == WEBP
+        and any(part.kind == LOSSLESS_PICTURE for part in read_webp_layout(data).parts)
     )
 
 
@@ -159,15 +170,27 @@ def _receive_note(request: _ReceiveRequest) -> Json | Failure:
 def _facts(path: Path, media_type: str, size: tuple[int, int], **more: int) -> Json:
     """Return the fields of a SealablePhoto, as "facts"."""
     content = path.read_bytes()
-    facts: Json = {"media_type": media_type, "width_px": size[0], "height_px": size[1], "bytes": len(content), **more}
+    facts: Json = {
+        "media_type": media_type,
+        "width_px": size[0],
+        "height_px": size[1],
+        "bytes": len(content),
+        **more,
+    }
     facts["stored_sha256"] = hashlib.sha256(content).hexdigest()
     return {"facts": facts}
 
 
 def _upright(facts: PhotoFacts) -> tuple[int, int]:
-    return (facts.height, facts.width) if facts.orientation in SIDEWAYS else (facts.width, facts.height)
+    return (
+        (facts.height, facts.width)
+        if facts.orientation in SIDEWAYS
+        else (facts.width, facts.height)
+    )
 
 
 def _too_many_pixels(facts: PhotoFacts, limit: int) -> Failure:
     message = f"It has {facts.pixels_to_decode} pixels; at most {limit} are allowed."
-    return Failure("image_too_many_pixels", message, "Choose a smaller picture size in the camera's settings.")
+    return Failure(
+        "image_too_many_pixels", message, "Choose a smaller picture size in the camera's settings."
+    )

@@ -29,7 +29,11 @@ log = structlog.get_logger()
 
 
 def retry_meal(
-    database: Database, queue: JobQueue, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
+    database: Database,
+    queue: JobQueue,
+    caller: Caller,
+    client_id: uuid.UUID,
+    participant_code: str | None = None,
 ) -> tuple[MealView, bool]:
     """Return the meal, and whether a job was queued: a second call while the meal waits changes nothing.
 
@@ -67,14 +71,20 @@ def retry_locked_meal(
     for purpose in purposes:
         _queue_again(session, queue, meal, purpose)
     project_meal(session, meal)
-    audit.note(session, caller, "meal.retry", study_id=meal.study_id, subject=meal.alias, purposes=purposes)
+    audit.note(
+        session, caller, "meal.retry", study_id=meal.study_id, subject=meal.alias, purposes=purposes
+    )
     return purposes
 
 
 def _failed_pairs(meal: Meal, code: str | None) -> dict[PairPurpose, tuple[str, ...]]:
     """Return purpose -> the slots of the photographs that it needs."""
     failed: dict[PairPurpose, tuple[str, ...]] = {}
-    if meal.status == "failed" and meal.origin == "photographed" and code in (None, meal.failure_code):
+    if (
+        meal.status == "failed"
+        and meal.origin == "photographed"
+        and code in (None, meal.failure_code)
+    ):
         failed["meal"] = meal.announced_slots
     if meal.after_status == "failed" and code in (None, meal.after_failure_code):
         failed["after"] = AFTER_SLOTS

@@ -84,11 +84,15 @@ def run_estimate(
     """
     started = time.perf_counter()
     on_stage("read")
-    read = read_photographs(photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed)
+    read = read_photographs(
+        photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed
+    )
     read_seconds = time.perf_counter() - started
     if isinstance(read, Failure):
         stages = {"read": read_seconds}
-        return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=read), options), None
+        return answer_of(
+            MealEstimate(options.method, PIPELINE_VERSION, stages, failure=read), options
+        ), None
     photos, unused = read
     has_used_index = False
 
@@ -100,7 +104,9 @@ def run_estimate(
     options = replace(options, forms_by_looks=forms_by_looks)
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
-    items = tuple(replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items)
+    items = tuple(
+        replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items
+    )
     estimate = replace(estimate, items=items)
     answer = answer_of(estimate, options)
     if has_used_index:
@@ -108,7 +114,9 @@ def run_estimate(
     answer.stages = {"read": round(read_seconds, 4), **answer.stages}
     answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:
-        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos[:2], estimate)])
+        estimate = replace(
+            estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos[:2], estimate)]
+        )
     return answer, estimate
 
 
@@ -117,6 +125,12 @@ def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefac
     left, second = estimate.colours or (None, None)
     colours = left, second if estimate.second_place == 1 else None
     return [
-        Artefact(thumbnail_name(side), "image/jpeg", encode_jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
-        for side, photo, colour in zip(PAIR_SLOTS, photos, colours, strict=False)  # there may be one photograph only
+        Artefact(
+            thumbnail_name(side),
+            "image/jpeg",
+            encode_jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0],
+        )
+        for side, photo, colour in zip(
+            PAIR_SLOTS, photos, colours, strict=False
+        )  # there may be one photograph only
     ]

@@ -39,12 +39,16 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result
             method=answer.method,
             pipeline_version=answer.pipeline_version,
             marker=answer.marker,
-            camera={"left": answer.camera, answer.second: answer.camera_right} if answer.camera else None,
+            camera={"left": answer.camera, answer.second: answer.camera_right}
+            if answer.camera
+            else None,
             parameters=answer.parameters,
             colour=answer.colour,
             stages=answer.stages,
             seconds=answer.seconds,
-            food_releases=[f"{release.name} {release.version}" for release in foods.releases_in_force(session)],
+            food_releases=[
+                f"{release.name} {release.version}" for release in foods.releases_in_force(session)
+            ],
             failure_code=failure.code if failure is not None else None,
             failure_message=failure.message if failure is not None else None,
             result_key=result_key,
@@ -52,7 +56,9 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result
         )
     )
     session.flush()
-    session.add_all(RunArtefact(run_id=job_id, **artefact.model_dump()) for artefact in answer.artefacts)
+    session.add_all(
+        RunArtefact(run_id=job_id, **artefact.model_dump()) for artefact in answer.artefacts
+    )
     if rerun is not None:
         save_rerun(session, rerun, meal, job_id, answer)
         return
@@ -69,7 +75,11 @@ def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswe
     save_served(session, meal, run_id, list(enumerate(answer.items)))
     failure = answer.failure
     if failure is not None:
-        meal.failure_code, meal.failure_message, meal.failure_advice = failure.code, failure.message, failure.advice
+        meal.failure_code, meal.failure_message, meal.failure_advice = (
+            failure.code,
+            failure.message,
+            failure.advice,
+        )
     meal.stage = None
 
 

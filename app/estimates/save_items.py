@@ -15,7 +15,9 @@ from app.meals.record_models import HintedLeftover, Item, ItemCandidate, ItemFoo
 from app.meals.run_answer import ItemAnswer
 from app.records.item_foods import item_food, weighing_for
 
-ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
+ITEM_NAMESPACE = uuid.UUID(
+    "3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e"
+)  # drawn once; item ids are derived under it
 
 Numbered = Sequence[tuple[int, ItemAnswer]]  # items of an answer with their positions in it
 
@@ -28,7 +30,11 @@ def save_served(session: Session, meal: Meal, run_id: uuid.UUID, answers: Number
     seen = [(item, answer) for item, (_, answer) in zip(items, answers, strict=True)]
     likely = save_candidates(session, run_id, seen)
     for item, hint, food in zip(items, hints, likely, strict=True):
-        row = _food_assignment(session, meal, item, food, hint.get("lies_as")) if "food" not in hint else None
+        row = (
+            _food_assignment(session, meal, item, food, hint.get("lies_as"))
+            if "food" not in hint
+            else None
+        )
         if row is not None:
             session.add(row)
 
@@ -48,7 +54,11 @@ def after_hints(meal: Meal) -> list[HintDetails]:
 
 
 def _item_row(
-    meal_id: uuid.UUID, run_id: uuid.UUID, position: int, answer: ItemAnswer, origin: ItemOrigin = "pipeline"
+    meal_id: uuid.UUID,
+    run_id: uuid.UUID,
+    position: int,
+    answer: ItemAnswer,
+    origin: ItemOrigin = "pipeline",
 ) -> Item:
     """Return the row of an item of the answer. Its id follows from run and position, so a rebuilt row has the same."""
     low_ml, high_ml = answer.interval_ml
@@ -82,13 +92,17 @@ def _hint_of_each(answers: Numbered, hints: Sequence[HintDetails]) -> list[HintD
     return [hints[item.hint] if item.hint is not None else {} for _, item in answers]
 
 
-def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[HintDetails]) -> None:
+def _save_items(
+    session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[HintDetails]
+) -> None:
     """Save items with the foods of their hints."""
     session.add_all(items)
     session.flush()
     chosen = _chosen_foods(session, hints)
     session.add_all(
-        ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
+        ItemCandidate(
+            item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT
+        )
         for item, food in zip(items, chosen, strict=True)
         if food is not None
     )

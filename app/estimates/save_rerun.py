@@ -52,7 +52,10 @@ class Rerun:
         """The purpose of its run: that of a kept one makes it count for nothing."""
         if self.items.keep is None:
             return self.row.pair
-        return cast("JobPurpose", next(purpose for purpose, pair in RERUN_OF.items() if pair == self.row.pair))
+        return cast(
+            "JobPurpose",
+            next(purpose for purpose, pair in RERUN_OF.items() if pair == self.row.pair),
+        )
 
 
 def judge_rerun(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> Rerun:
@@ -69,9 +72,13 @@ def judge_rerun(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> Re
     return Rerun(row, parts, items)
 
 
-def save_rerun(session: Session, rerun: Rerun, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
+def save_rerun(
+    session: Session, rerun: Rerun, meal: Meal, run_id: uuid.UUID, answer: RunAnswer
+) -> None:
     """Save what was judged; the run is in the session. A kept run changes nothing of the meal."""
-    rerun.row.state, rerun.row.reason = ("measured", None) if rerun.items.keep is None else ("kept", rerun.items.keep)
+    rerun.row.state, rerun.row.reason = (
+        ("measured", None) if rerun.items.keep is None else ("kept", rerun.items.keep)
+    )
     rerun.row.ended_at = datetime.now(UTC)
     if rerun.items.keep is not None:
         return
@@ -92,7 +99,12 @@ def save_rerun(session: Session, rerun: Rerun, meal: Meal, run_id: uuid.UUID, an
     touched = {item.id for item, _ in matched} | {item.id for item in rerun.items.replaced}
     touched |= after.keys() - before.keys()
     session.add_all(
-        _compared(rerun.remeasurement_id, item_id, before.get(item_id, NOTHING), after.get(item_id, NOTHING))
+        _compared(
+            rerun.remeasurement_id,
+            item_id,
+            before.get(item_id, NOTHING),
+            after.get(item_id, NOTHING),
+        )
         for item_id in sorted(touched)
     )
 
@@ -100,7 +112,11 @@ def save_rerun(session: Session, rerun: Rerun, meal: Meal, run_id: uuid.UUID, an
 def failure_of_after(meal: Meal, answer: RunAnswer) -> Failure | None:
     """Return the failure of an after-meal pair's run; an empty plate is none, unless the phone hinted at leftovers."""
     failure = answer.failure
-    return None if failure is None or (failure.code == NOTHING_THERE and not after_hints(meal)) else failure
+    return (
+        None
+        if failure is None or (failure.code == NOTHING_THERE and not after_hints(meal))
+        else failure
+    )
 
 
 def settle_after(meal: Meal) -> None:
@@ -138,7 +154,9 @@ def _figures(session: Session, parts: MealParts) -> dict[uuid.UUID, _Figures]:
     return figures
 
 
-def _compared(remeasurement_id: uuid.UUID, item_id: uuid.UUID, old: _Figures, new: _Figures) -> RemeasuredItem:
+def _compared(
+    remeasurement_id: uuid.UUID, item_id: uuid.UUID, old: _Figures, new: _Figures
+) -> RemeasuredItem:
     return RemeasuredItem(
         remeasurement_id=remeasurement_id,
         item_id=item_id,
@@ -155,4 +173,6 @@ def _compared(remeasurement_id: uuid.UUID, item_id: uuid.UUID, old: _Figures, ne
 
 
 def _replaced(item: Item, run_id: uuid.UUID) -> ItemMeasure:
-    return ItemMeasure(item_id=item.id, run_id=run_id, rings=item.rings, relative_sd={}, flags=[REPLACED])
+    return ItemMeasure(
+        item_id=item.id, run_id=run_id, rings=item.rings, relative_sd={}, flags=[REPLACED]
+    )

@@ -21,11 +21,16 @@ router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
     "",
     status_code=202,
     responses={
-        200: {"model": ExportOut, "description": "The same export was requested before and is not finished yet."},
+        200: {
+            "model": ExportOut,
+            "description": "The same export was requested before and is not finished yet.",
+        },
         **problem_responses(401, 403, 404, 422, 429),
     },
 )
-def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
+def post_export(
+    study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response
+) -> ExportOut:
     """Request a file of any size, which a worker makes from one snapshot. Poll `Location` until its state is done."""
     row, is_new = background_exports.request_export(state.database, caller, study, body.as_spec())
     response.headers["Location"] = f"/v1/studies/{study}/exports/{row.export.id}"
@@ -36,15 +41,26 @@ def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentS
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
 def get_exports(
-    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request,
+    study: StudyCode,
+    state: State,
+    caller: CurrentStaff,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> ExportList:
     """The study's exports of all staff members, the newest first."""
-    page = background_exports.list_exports(state.database, caller, study, cursor=cursor, limit=limit)
-    return ExportList(items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor))
+    page = background_exports.list_exports(
+        state.database, caller, study, cursor=cursor, limit=limit
+    )
+    return ExportList(
+        items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
-def get_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> ExportOut:
+def get_export(
+    study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
+) -> ExportOut:
     """An export and its progress."""
     return _out(study, background_exports.read_export(state.database, caller, study, export_id))
 
@@ -52,7 +68,8 @@ def get_export(study: StudyCode, export_id: ExportId, state: State, caller: Curr
 @router.get(
     "/{export_id}/file",
     response_class=Response,
-    responses=stored_file_responses(FILES) | problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
+    responses=stored_file_responses(FILES)
+    | problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
 )
 def get_export_file(
     request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
@@ -63,7 +80,9 @@ def get_export_file(
 
 
 @router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> Response:
+def delete_export(
+    study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
+) -> Response:
     """Cancel an unfinished export, or remove a finished one with its file: your own, or as an owner any."""
     background_exports.remove_export(state.database, caller, study, export_id)
     return Response(status_code=204)
@@ -78,7 +97,11 @@ def _out(study: str, row: RequestedExport) -> ExportOut:
         format=spec.output,
         components=spec.components,
         provenance=spec.provenance,
-        filters={WIRE_NAMES[name]: value for name, value in export.spec["filters"].items() if name != "study_code"},
+        filters={
+            WIRE_NAMES[name]: value
+            for name, value in export.spec["filters"].items()
+            if name != "study_code"
+        },
         asked_by=row.requested_by,
         change_seq=export.at_change_seq,
         failure=export.failure_code,
@@ -86,7 +109,15 @@ def _out(study: str, row: RequestedExport) -> ExportOut:
         **{
             name: getattr(export, name)
             for name in (
-                *("id", "state", "requested_at", "started_at", "finished_at", "rows_written", "rows_estimated"),
+                *(
+                    "id",
+                    "state",
+                    "requested_at",
+                    "started_at",
+                    "finished_at",
+                    "rows_written",
+                    "rows_estimated",
+                ),
                 *("bytes", "sha256", "expires_at"),
             )
         },

@@ -14,7 +14,13 @@ from datetime import UTC, datetime
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, GoneError, NotAllowedError, NotFoundError, RateLimitedError
+from app.core.errors import (
+    ConflictError,
+    GoneError,
+    NotAllowedError,
+    NotFoundError,
+    RateLimitedError,
+)
 from app.db.session import Database
 from app.exports import queries as exports
 from app.exports.export_spec import ExportSpec, check_spec, spec_as_json, spec_of_json
@@ -100,13 +106,17 @@ def list_exports(
     return page_of(listed, rows, limit, lambda row: (row.export.requested_at, row.export.id))
 
 
-def read_export(database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID) -> RequestedExport:
+def read_export(
+    database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID
+) -> RequestedExport:
     """Return an export. Raises NotFoundError."""
     with database.read() as session:
         return _find(session, caller, study_code, export_id)
 
 
-def open_export(database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID) -> StoredFile:
+def open_export(
+    database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID
+) -> StoredFile:
     """Return an export's file and record the download in the audit log.
 
     Raises NotFoundError, ConflictError (`export_not_ready`, `export_failed`, `export_cancelled`), GoneError
@@ -117,7 +127,9 @@ def open_export(database: Database, caller: StaffCaller, study_code: str, export
         _require_done(export)
         if export.blob_key is None or export.sha256 is None:
             raise NotFoundError("There is no such export.")
-        audit.note(session, caller, "export.download", study_id=export.study_id, subject=str(export.id))
+        audit.note(
+            session, caller, "export.download", study_id=export.study_id, subject=str(export.id)
+        )
         return StoredFile(
             name=spec_of_json(export.spec).file_name,
             length=export.bytes,
@@ -126,13 +138,16 @@ def open_export(database: Database, caller: StaffCaller, study_code: str, export
         )
 
 
-def remove_export(database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID) -> None:
+def remove_export(
+    database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID
+) -> None:
     """Cancel an unfinished export; remove a finished one with its file. Raises NotFoundError, NotAllowedError."""
     with database.write() as session:
         export = _find(session, caller, study_code, export_id, lock=True).export
         if export.staff_id != caller.staff_id and role_in(caller, export.study_id) != "owner":
             raise NotAllowedError(
-                "Only the person who requested the export, or an owner, can do this.", code="export_of_another"
+                "Only the person who requested the export, or an owner, can do this.",
+                code="export_of_another",
             )
         now, was = datetime.now(UTC), export.state
         if was in UNDER_WAY:
@@ -141,11 +156,23 @@ def remove_export(database: Database, caller: StaffCaller, study_code: str, expo
             if export.blob_key is not None:
                 privacy.schedule_deletion(session, [export.blob_key], now)
             session.delete(export)
-        audit.note(session, caller, "export.remove", study_id=export.study_id, subject=str(export.id), was=was)
+        audit.note(
+            session,
+            caller,
+            "export.remove",
+            study_id=export.study_id,
+            subject=str(export.id),
+            was=was,
+        )
 
 
 def _find(
-    session: Session, caller: StaffCaller, study_code: str, export_id: uuid.UUID, *, lock: bool = False
+    session: Session,
+    caller: StaffCaller,
+    study_code: str,
+    export_id: uuid.UUID,
+    *,
+    lock: bool = False,
 ) -> RequestedExport:
     study = enter_study(session, caller, study_code)
     row = exports.find_export(session, study.id, export_id, lock=lock)
@@ -172,9 +199,13 @@ def _require_room(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) ->
 def _require_done(export: Export) -> None:
     match export.state:
         case "queued" | "running":
-            raise ConflictError("The file is not ready yet: try again later.", code="export_not_ready")
+            raise ConflictError(
+                "The file is not ready yet: try again later.", code="export_not_ready"
+            )
         case "failed":
-            raise ConflictError("The file could not be made: request another export.", code="export_failed")
+            raise ConflictError(
+                "The file could not be made: request another export.", code="export_failed"
+            )
         case "cancelled":
             raise ConflictError("The export was cancelled.", code="export_cancelled")
         case "expired":

@@ -24,7 +24,10 @@ router = APIRouter(prefix="/v1", tags=["exports"])
     "/data-dictionary",
     response_model=DataDictionary | TableSchema,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "As JSON or CSV."},
+        200: {
+            "content": {"text/csv": {"schema": {"type": "string"}}},
+            "description": "As JSON or CSV.",
+        },
         **problem_responses(401, 422),
     },
 )
@@ -34,15 +37,22 @@ def get_data_dictionary(
     rows: Annotated[Rows, Query(description="Which table.")] = "items",
     layout: LayoutIn = "wide",
     components: ComponentsIn = "headline",
-    study: Annotated[str | None, Query(max_length=64, description="Of all components, those of its foods.")] = None,
+    study: Annotated[
+        str | None, Query(max_length=64, description="Of all components, those of its foods.")
+    ] = None,
     output: Annotated[
         Literal["json", "csv", "table-schema"],
-        Query(alias="format", description="table-schema: Frictionless Data's, to check a CSV file with."),
+        Query(
+            alias="format",
+            description="table-schema: Frictionless Data's, to check a CSV file with.",
+        ),
     ] = "json",
     provenance: ProvenanceIn = True,
 ) -> Response:
     """Every column's name, type, unit, meaning, possible values, and the meaning of an empty cell."""
-    spec = ExportSpec(rows, layout, components=components, filters=RowFilter(study), provenance=provenance)
+    spec = ExportSpec(
+        rows, layout, components=components, filters=RowFilter(study), provenance=provenance
+    )
     columns = columns_for(state.database, caller, spec)
     if output == "table-schema":
         return JSONResponse(table_schema(columns, key=key_of(spec)))
@@ -56,6 +66,9 @@ def get_data_dictionary(
         layout=layout,
         components=components,
         key=list(key_of(spec)),
-        columns=[DictionaryColumn.model_validate(dict(zip(names, row, strict=True))) for row in dictionary],
+        columns=[
+            DictionaryColumn.model_validate(dict(zip(names, row, strict=True)))
+            for row in dictionary
+        ],
     )
     return ModelResponse(body)

@@ -19,14 +19,18 @@ class DictionaryColumn(BaseModel):
     unit: str | None = Field(description="1: a share or a ratio; null: the values have none.")
     meaning: str = Field(description="What the value means.")
     values: list[str] = Field(description="All possible values, if there are few.")
-    empty: str | None = Field(description="What an empty cell (null) means; null: no cell is empty.")
+    empty: str | None = Field(
+        description="What an empty cell (null) means; null: no cell is empty."
+    )
 
 
 class DataDictionary(BaseModel):
     """A table's columns from left to right, and its key."""
 
     rows: Rows = Field(description="The table: items, meals, days, photographs or participants.")
-    layout: Layout = Field(description="wide: one column per component. long: one row per component.")
+    layout: Layout = Field(
+        description="wide: one column per component. long: one row per component."
+    )
     components: Components = Field(
         description="headline: the ten components of every record. all: every component of the food tables as well."
     )

@@ -15,7 +15,13 @@ from app.exports.export_spec import ExportSpec, check_spec
 from app.exports.export_table import export_request
 from app.exports.file_task import FileTasks
 from app.people.access import audit
-from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows, visible_studies
+from app.people.access.caller import (
+    Caller,
+    DeviceCaller,
+    StaffCaller,
+    visible_rows,
+    visible_studies,
+)
 from app.records.page_queries import participants_of, studies_of
 from app.storage.blob_store import BlobStore
 
@@ -76,7 +82,9 @@ def _person_of(caller: Caller) -> uuid.UUID:
     return caller.participant_id if isinstance(caller, DeviceCaller) else caller.staff_id
 
 
-def request_of(database: Database, caller: Caller, spec: ExportSpec, path: Path) -> dict[str, JsonValue]:
+def request_of(
+    database: Database, caller: Caller, spec: ExportSpec, path: Path
+) -> dict[str, JsonValue]:
     """The task's request: the spec, and whose rows the caller may see."""
     visible = visible_rows(caller, spec.filters)
     with database.read() as session:
@@ -92,7 +100,9 @@ def note_export(database: Database, caller: StaffCaller, spec: ExportSpec) -> No
     """
     defaults = ExportSpec(spec.rows)
     options = {
-        name: getattr(spec, name) for name in ("layout", "components") if getattr(spec, name) != getattr(defaults, name)
+        name: getattr(spec, name)
+        for name in ("layout", "components")
+        if getattr(spec, name) != getattr(defaults, name)
     }
     with database.write() as session:
         studies = studies_of(session, spec.filters.study_code, visible_studies(caller))

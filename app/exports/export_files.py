@@ -32,9 +32,14 @@ Format = Annotated[
 ]
 LayoutIn = Annotated[Layout, Query(description="Of files. long: a row a component.")]
 ComponentsIn = Annotated[
-    Components, Query(description="Of files. all: every component of the foods in use, beside the ten headline ones.")
+    Components,
+    Query(
+        description="Of files. all: every component of the foods in use, beside the ten headline ones."
+    ),
 ]
-ProvenanceIn = Annotated[bool, Query(description="Of files: with columns that tell where the figures come from.")]
+ProvenanceIn = Annotated[
+    bool, Query(description="Of files: with columns that tell where the figures come from.")
+]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 Code = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 MOST_VALUES = 10  # of one filter: each needs its own index lookup
@@ -50,7 +55,10 @@ def stored_file_responses(content: dict[str, object]) -> dict[int | str, dict[st
 
 
 def day_filter(
-    study: OfStudy = None, participant: OfParticipant = None, first_day: FirstDay = None, last_day: LastDay = None
+    study: OfStudy = None,
+    participant: OfParticipant = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
 ) -> RowFilter:
     """Return the filter of days. Raises InvalidInputError (`days_reversed`)."""
     require_order(first_day, last_day)
@@ -63,10 +71,12 @@ DayFilterIn = Annotated[RowFilter, Depends(day_filter)]
 def record_filter(
     chosen: DayFilterIn,
     food: Annotated[
-        list[FoodKey] | None, Query(max_length=MOST_VALUES, description="A food's key; any of several.")
+        list[FoodKey] | None,
+        Query(max_length=MOST_VALUES, description="A food's key; any of several."),
     ] = None,
     status: Annotated[
-        list[RecordStatus] | None, Query(max_length=5, description="The items' status; any of several.")
+        list[RecordStatus] | None,
+        Query(max_length=5, description="The items' status; any of several."),
     ] = None,
 ) -> RowFilter:
     """Return the filter of records."""
@@ -76,28 +86,34 @@ def record_filter(
 def meal_filter(
     chosen: DayFilterIn,
     status: Annotated[
-        list[MealStatus] | None, Query(max_length=7, description="The meals' status; any of several.")
+        list[MealStatus] | None,
+        Query(max_length=7, description="The meals' status; any of several."),
     ] = None,
     origin: Annotated[
         MealOrigin | None,
         Query(description="Whether the meal was photographed, or declared without photographs."),
     ] = None,
     failure: Annotated[
-        list[Code] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
+        list[Code] | None,
+        Query(max_length=MOST_VALUES, description="A failure's code; any of several."),
     ] = None,
     after_status: Annotated[
-        list[AfterStatus] | None, Query(max_length=7, description="How the after-meal pair stands; any of several.")
+        list[AfterStatus] | None,
+        Query(max_length=7, description="How the after-meal pair stands; any of several."),
     ] = None,
     food: Annotated[
         list[FoodKey] | None,
         Query(max_length=MOST_VALUES, description="The key of a food of an item; any of several."),
     ] = None,
     flag: Annotated[
-        list[Code] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
+        list[Code] | None,
+        Query(max_length=MOST_VALUES, description="A flag of an item; any of several."),
     ] = None,
     needs: Annotated[
         Literal["review", "answer"] | None,
-        Query(description="review: an item is in the review queue; answer: a question to the participant is open."),
+        Query(
+            description="review: an item is in the review queue; answer: a question to the participant is open."
+        ),
     ] = None,
 ) -> RowFilter:
     """Return the filter of meals."""
@@ -133,7 +149,8 @@ def file_spec(
             return ExportSpec(rows, layout, name, components, filters, provenance)
     if layout != "wide" or components != "headline":
         raise InvalidInputError(
-            "layout and components are of files: add format=csv, ndjson or parquet.", code="export_not_offered"
+            "layout and components are of files: add format=csv, ndjson or parquet.",
+            code="export_not_offered",
         )
     return None
 

@@ -30,7 +30,9 @@ def count_export_rows(database: Database, study_id: uuid.UUID, spec: ExportSpec)
     return RowCount(min(count, MOST_COUNTED), count > MOST_COUNTED) if count is not None else None
 
 
-def estimate_rows(session: Session, study_id: uuid.UUID, spec: ExportSpec, most: int | None = None) -> int | None:
+def estimate_rows(
+    session: Session, study_id: uuid.UUID, spec: ExportSpec, most: int | None = None
+) -> int | None:
     """Return the number of rows, counted up to `most`; None for the long layout, participants, and other filters."""
     if spec.layout == "long" or spec.rows == "participants":
         return None

@@ -28,7 +28,9 @@ def export_request(
     }
 
 
-def export_table(connection: duckdb.DuckDBPyConnection, request: Mapping[str, Any]) -> dict[str, Any]:
+def export_table(
+    connection: duckdb.DuckDBPyConnection, request: Mapping[str, Any]
+) -> dict[str, Any]:
     """Write the table; return its number of rows."""
     spec = spec_of_json(request["spec"])
     table = select_table(connection, spec, Scope(request["studies"], request["participants"]))

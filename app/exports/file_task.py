@@ -36,7 +36,9 @@ class FileTasks:
     niceness: added to this process's own.
     """
 
-    def __init__(self, database: Database, folder: Path, min_free_bytes: int, *, niceness: int = 0) -> None:
+    def __init__(
+        self, database: Database, folder: Path, min_free_bytes: int, *, niceness: int = 0
+    ) -> None:
         self._url, self._folder = database.url, folder
         self._min_free_bytes, self._niceness = min_free_bytes, niceness
 
@@ -62,7 +64,9 @@ class FileTasks:
                 "folder": folder,
                 "request": dict(request),
             }
-            with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            with subprocess.Popen(
+                COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            ) as process:
                 try:
                     _send(process, message)
                     self._wait(process, time.monotonic() + most_seconds, watch)
@@ -72,7 +76,9 @@ class FileTasks:
                 answer = process.stdout.read() if process.stdout is not None else b""
         return _read(answer)
 
-    def _wait(self, process: subprocess.Popen[bytes], until: float, watch: Callable[[], None]) -> None:
+    def _wait(
+        self, process: subprocess.Popen[bytes], until: float, watch: Callable[[], None]
+    ) -> None:
         room_looked_at = -math.inf
         while True:
             now = time.monotonic()

@@ -37,10 +37,19 @@ class Progress:
 
 
 def page_of_works(
-    session: Session, model: type[OneWork], study_id: uuid.UUID, *, after: WorkKey | None, limit: int
+    session: Session,
+    model: type[OneWork],
+    study_id: uuid.UUID,
+    *,
+    after: WorkKey | None,
+    limit: int,
 ) -> list[tuple[OneWork, str]]:
     """Return at most `limit` (work, name of the person who requested it) of a study after `after`, newest first."""
-    query = _requested(model, study_id).order_by(model.requested_at.desc(), model.id.desc()).limit(limit)
+    query = (
+        _requested(model, study_id)
+        .order_by(model.requested_at.desc(), model.id.desc())
+        .limit(limit)
+    )
     if after is not None:
         columns = (model.requested_at, model.id)
         key = (sa.literal(value, column.type) for value, column in zip(after, columns, strict=True))
@@ -49,7 +58,12 @@ def page_of_works(
 
 
 def find_work(
-    session: Session, model: type[OneWork], study_id: uuid.UUID, condition: sa.ColumnElement[bool], *, lock: bool
+    session: Session,
+    model: type[OneWork],
+    study_id: uuid.UUID,
+    condition: sa.ColumnElement[bool],
+    *,
+    lock: bool,
 ) -> tuple[OneWork, str] | None:
     """Return (work, name of the person who requested it) of a study. lock: refresh the row and lock it."""
     query = _requested(model, study_id).where(condition)
@@ -62,15 +76,23 @@ def find_work(
 def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
     """Whether some work can be started: it has no claim, or its claim is dead."""
     return any(
-        session.scalar(sa.select(sa.literal(1)).where(sa.exists().where(_is_free(session, model, lease_seconds))))
+        session.scalar(
+            sa.select(sa.literal(1)).where(
+                sa.exists().where(_is_free(session, model, lease_seconds))
+            )
+        )
         for model in KINDS
     )
 
 
-def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_SECONDS) -> Work | None:
+def claim_next(
+    session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_SECONDS
+) -> Work | None:
     """Claim the work that has waited longest; None if nothing waits."""
     for model in KINDS:
-        for work in _works(session, model, _is_free(session, model, lease_seconds), limit=1, skip_locked=True):
+        for work in _works(
+            session, model, _is_free(session, model, lease_seconds), limit=1, skip_locked=True
+        ):
             begin_again(work, counts=True)
             work.claim = claim
             work.attempts += 1
@@ -110,7 +132,9 @@ def save_estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> 
 def hold(session: Session, work: OneWork, claim: uuid.UUID) -> OneWork | None:
     """Refresh the work and lock it; None if the claim is lost."""
     model = type(work)
-    return next(iter(_works(session, model, sa.and_(model.id == work.id, model.claim == claim))), None)
+    return next(
+        iter(_works(session, model, sa.and_(model.id == work.id, model.claim == claim))), None
+    )
 
 
 def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
@@ -129,13 +153,19 @@ def begin_again(work: Work, *, counts: bool, after_seconds: float = 0.0) -> None
         work.state = "queued"
     work.claim = work.heartbeat_at = work.rows_estimated = None
     work.rows_written = work.bytes = 0
-    work.begin_after = datetime.now(UTC) + timedelta(seconds=after_seconds) if after_seconds else None
+    work.begin_after = (
+        datetime.now(UTC) + timedelta(seconds=after_seconds) if after_seconds else None
+    )
     if not counts and work.attempts:
         work.attempts -= 1
 
 
 def _requested(model: type[OneWork], study_id: uuid.UUID) -> sa.Select[OneWork, str]:
-    return sa.select(model, Staff.name).join(Staff, Staff.id == model.staff_id).where(model.study_id == study_id)
+    return (
+        sa.select(model, Staff.name)
+        .join(Staff, Staff.id == model.staff_id)
+        .where(model.study_id == study_id)
+    )
 
 
 def _works(

@@ -65,7 +65,9 @@ def _create_views(connection: duckdb.DuckDBPyConnection, *, is_sqlite: bool) -> 
         connection.execute(text)
 
 
-def _add(connection: duckdb.DuckDBPyConnection, function: Callable[..., Any], kind: DuckDBPyType) -> None:
+def _add(
+    connection: duckdb.DuckDBPyConnection, function: Callable[..., Any], kind: DuckDBPyType
+) -> None:
     """Let SQL call a function of a profile, a day and an energy."""
     name = function.__name__.removeprefix("_")
     parameters: list[Any] = [VARCHAR, VARCHAR, DOUBLE]
@@ -110,7 +112,9 @@ def _judge(profile: str | None, day: str, whole_energy_kcal: float | None) -> Pl
     return judge_days(known, date.fromisoformat(day), whole_energy_kcal, int(is_whole))
 
 
-def _energy_to_basal_rate(profile: str | None, day: str, whole_energy_kcal: float | None) -> float | None:
+def _energy_to_basal_rate(
+    profile: str | None, day: str, whole_energy_kcal: float | None
+) -> float | None:
     return _judge(profile, day, whole_energy_kcal).ratio
 
 

@@ -48,7 +48,9 @@ class WorkLife:
     A failed heartbeat is retried; the last transaction checks the claim again.
     """
 
-    def __init__(self, database: Database, work: Work, claim: uuid.UUID, every_seconds: float = BEAT_SECONDS) -> None:
+    def __init__(
+        self, database: Database, work: Work, claim: uuid.UUID, every_seconds: float = BEAT_SECONDS
+    ) -> None:
         self.bytes = 0
         self._database, self._work, self._claim, self._every = database, work, claim, every_seconds
         self._ending, self._lost = threading.Event(), threading.Event()
@@ -71,7 +73,9 @@ class WorkLife:
         while not self._ending.wait(self._every):
             try:
                 with self._database.write() as session:
-                    is_ours = file_work.beat(session, self._work, self._claim, Progress(0, self.bytes))
+                    is_ours = file_work.beat(
+                        session, self._work, self._claim, Progress(0, self.bytes)
+                    )
             except SQLAlchemyError as error:
                 log.warning("work_beat_failed", error=type(error).__name__)
                 continue
@@ -108,7 +112,9 @@ class Attempt(Generic[OneWork]):
     ) -> None:
         self.database, self.blobs, self.work = database, blobs, work
         self._life, self._claim, self._stopping = life, claim, stopping
-        self._tasks = FileTasks(database, blobs.staging_folder(), settings.export_min_free_bytes, niceness=NICENESS)
+        self._tasks = FileTasks(
+            database, blobs.staging_folder(), settings.export_min_free_bytes, niceness=NICENESS
+        )
         self._keys: list[str] = []
         self._is_named = False
 
@@ -127,7 +133,9 @@ class Attempt(Generic[OneWork]):
         with tempfile.TemporaryDirectory(prefix="made-", dir=staging) as folder:
             yield Path(folder)
 
-    def run(self, task: str, request: Mapping[str, JsonValue], folder: Path) -> dict[str, JsonValue]:
+    def run(
+        self, task: str, request: Mapping[str, JsonValue], folder: Path
+    ) -> dict[str, JsonValue]:
         """Run a task that writes into the folder. Raises ClaimLostError, AskedToStopError, and as FileTasks."""
 
         def watch() -> None:
@@ -150,7 +158,9 @@ class Attempt(Generic[OneWork]):
         self._keys.append(key)
         return SealedFile(key, length, sha256)
 
-    def finish(self, is_unchanged: Callable[[Session], bool], end: Callable[[Session, OneWork], None]) -> bool:
+    def finish(
+        self, is_unchanged: Callable[[Session], bool], end: Callable[[Session, OneWork], None]
+    ) -> bool:
         """Run the last transaction: if nothing relevant was erased meanwhile, `end` names the files.
 
         Returns False if the work has to begin again. The study is locked first, as in erasures (exports/queries.py).

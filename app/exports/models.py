@@ -60,7 +60,9 @@ class Export(FileWork, Base):
 
     __table_args__ = (
         one_of("state", EXPORT_STATES),
-        sa.CheckConstraint("(state = 'done') = (blob_key IS NOT NULL)", name="file_of_what_is_done"),
+        sa.CheckConstraint(
+            "(state = 'done') = (blob_key IS NOT NULL)", name="file_of_what_is_done"
+        ),
         sa.Index(None, "study_id", "requested_at", "id"),
         sa.Index(None, "state", "requested_at"),
         sa.Index(

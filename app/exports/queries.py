@@ -38,7 +38,10 @@ def page_of_exports(
     session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int
 ) -> list[RequestedExport]:
     """Return at most `limit` exports of a study after `after`, the newest first."""
-    return [RequestedExport(*row) for row in page_of_works(session, Export, study_id, after=after, limit=limit)]
+    return [
+        RequestedExport(*row)
+        for row in page_of_works(session, Export, study_id, after=after, limit=limit)
+    ]
 
 
 def find_export(
@@ -49,7 +52,9 @@ def find_export(
     return RequestedExport(*row) if row is not None else None
 
 
-def same_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, spec_sha256: str) -> Export | None:
+def same_under_way(
+    session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, spec_sha256: str
+) -> Export | None:
     """Return this person's unfinished export with the same spec."""
     return session.scalars(
         sa.select(Export).where(
@@ -63,9 +68,9 @@ def same_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, s
 
 def count_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> tuple[int, int]:
     """Count (this person's, all) unfinished exports of a study."""
-    query = sa.select(sa.func.count(sa.case((Export.staff_id == staff_id, Export.id))), sa.func.count(Export.id)).where(
-        Export.study_id == study_id, Export.state.in_(UNDER_WAY)
-    )
+    query = sa.select(
+        sa.func.count(sa.case((Export.staff_id == staff_id, Export.id))), sa.func.count(Export.id)
+    ).where(Export.study_id == study_id, Export.state.in_(UNDER_WAY))
     own, all_of_study = session.execute(query).one()
     return own, all_of_study
 
@@ -104,7 +109,9 @@ def count_rows(
 def lock_study(session: Session, study_id: uuid.UUID, *, shared: bool = False) -> None:
     """Lock the study until this transaction ends, also against changes of its change counter. shared: among readers."""
     query = sa.select(Study.id).where(Study.id == study_id)
-    session.execute(query.with_for_update(read=True) if shared else query.with_for_update(key_share=True))
+    session.execute(
+        query.with_for_update(read=True) if shared else query.with_for_update(key_share=True)
+    )
 
 
 def moment_of(session: Session, study_id: uuid.UUID) -> Moment:
@@ -114,7 +121,9 @@ def moment_of(session: Session, study_id: uuid.UUID) -> Moment:
     remove no rows.
     """
     receipts = sa.select(sa.func.count()).where(
-        ErasureReceipt.study_id == study_id, ErasureReceipt.what != "photographs", ErasureReceipt.policy != "keep"
+        ErasureReceipt.study_id == study_id,
+        ErasureReceipt.what != "photographs",
+        ErasureReceipt.policy != "keep",
     )
     change_seq = sa.select(Study.change_seq).where(Study.id == study_id)
     row = session.execute(sa.select(change_seq.scalar_subquery(), receipts.scalar_subquery())).one()
@@ -171,7 +180,10 @@ def erase_from_exports(session: Session, study_id: uuid.UUID, participant_code: 
     exports = _locked_exports(session, study_id)
     lost = _take_back(session, exports)
     for export in exports:
-        if participant_code is not None and export.spec["filters"].get("participant_code") == participant_code:
+        if (
+            participant_code is not None
+            and export.spec["filters"].get("participant_code") == participant_code
+        ):
             session.delete(export)
     session.flush()
     return lost
@@ -181,7 +193,12 @@ def take_back_places(session: Session, study_id: uuid.UUID) -> int:
     """When a study stops keeping places, expire all files that may hold any. Returns the number."""
     exports = _locked_exports(session, study_id)
     return _take_back(
-        session, [export for export in exports if export.spec["rows"] == "meals" or export.spec["output"] == "geojson"]
+        session,
+        [
+            export
+            for export in exports
+            if export.spec["rows"] == "meals" or export.spec["output"] == "geojson"
+        ],
     )
 
 
@@ -192,7 +209,9 @@ def _locked_exports(session: Session, study_id: uuid.UUID) -> list[Export]:
     it sees the erasure (releases/file_runner.py).
     """
     lock_study(session, study_id)
-    query = sa.select(Export).where(Export.study_id == study_id).order_by(Export.id).with_for_update()
+    query = (
+        sa.select(Export).where(Export.study_id == study_id).order_by(Export.id).with_for_update()
+    )
     return list(session.scalars(query.execution_options(populate_existing=True)))
 
 

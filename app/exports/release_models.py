@@ -78,5 +78,7 @@ class ReleaseChange(Base):
 
     __table_args__ = (
         one_of("deed", CHANGES),
-        sa.CheckConstraint("(deed = 'anonymise') = (new_code IS NOT NULL)", name="code_of_who_stays"),
+        sa.CheckConstraint(
+            "(deed = 'anonymise') = (new_code IS NOT NULL)", name="code_of_who_stays"
+        ),
     )

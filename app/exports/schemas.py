@@ -29,20 +29,31 @@ class ExportFiltersIn(BaseModel):
     participant: Annotated[Text, Field(min_length=1, max_length=64)] | None = Field(
         default=None, description="Only this participant's rows."
     )
-    first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
-    last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
+    first_day: LocalDay | None = Field(
+        default=None, alias="from", description="First local day, included."
+    )
+    last_day: LocalDay | None = Field(
+        default=None, alias="to", description="Last local day, included."
+    )
     food: Words = Field(default=[], description="Keys of foods; any of several.")
     status: Statuses = Field(
-        default=[], description="Statuses, of the item or of the meal, depending on the rows; any of several."
+        default=[],
+        description="Statuses, of the item or of the meal, depending on the rows; any of several.",
     )
-    flag: Words = Field(default=[], description="Only meals with an item that has this flag; any of several.")
+    flag: Words = Field(
+        default=[], description="Only meals with an item that has this flag; any of several."
+    )
     origin: MealOrigin | None = Field(default=None, description="Only meals of this origin.")
     needs: Literal["review", "answer"] | None = Field(
         default=None,
         description="review: an item is in the review queue. answer: a question to the participant is open.",
     )
-    failure: Words = Field(default=[], description="Only meals that failed with this code; any of several.")
-    after_status: AfterStatuses = Field(default=[], description="The after-meal pair's status; any of several.")
+    failure: Words = Field(
+        default=[], description="Only meals that failed with this code; any of several."
+    )
+    after_status: AfterStatuses = Field(
+        default=[], description="The after-meal pair's status; any of several."
+    )
 
     def as_filter(self, study: str | None = None) -> RowFilter:
         """Return the filter of these values."""
@@ -72,19 +83,29 @@ class ExportIn(BaseModel):
                 "layout": "wide",
                 "format": "parquet",
                 "components": "all",
-                "filters": {"from": "2026-11-01", "to": "2026-11-30", "status": ["confirmed", "corrected"]},
+                "filters": {
+                    "from": "2026-11-01",
+                    "to": "2026-11-30",
+                    "status": ["confirmed", "corrected"],
+                },
             }
         },
     )
 
     rows: Rows = Field(description="The table.")
-    layout: Layout = Field(default="wide", description="wide: one column per component. long: one row per component.")
-    format: Output = Field(default="csv", description="The file's format; geojson has meals with a kept location only.")
+    layout: Layout = Field(
+        default="wide", description="wide: one column per component. long: one row per component."
+    )
+    format: Output = Field(
+        default="csv", description="The file's format; geojson has meals with a kept location only."
+    )
     components: Components = Field(
         default="headline",
         description="headline: the ten components of every record. all: every component of the foods in use as well.",
     )
-    provenance: bool = Field(default=True, description="Of items and meals: columns with the sources of the figures.")
+    provenance: bool = Field(
+        default=True, description="Of items and meals: columns with the sources of the figures."
+    )
     filters: ExportFiltersIn = Field(
         default=ExportFiltersIn(), description="Which rows; by default all of the study's."
     )
@@ -92,7 +113,9 @@ class ExportIn(BaseModel):
     def as_spec(self, study: str | None = None) -> ExportSpec:
         """Return the requested table."""
         filters = self.filters.as_filter(study)
-        return ExportSpec(self.rows, self.layout, self.format, self.components, filters, self.provenance)
+        return ExportSpec(
+            self.rows, self.layout, self.format, self.components, filters, self.provenance
+        )
 
 
 class ExportOut(BaseModel):
@@ -101,25 +124,39 @@ class ExportOut(BaseModel):
     id: uuid.UUID = Field(description="The export's id.")
     state: ExportState = Field(description="Its state; expired: its file is deleted.")
     rows: Rows = Field(description="The table.")
-    layout: Layout = Field(description="wide: one column per component. long: one row per component.")
+    layout: Layout = Field(
+        description="wide: one column per component. long: one row per component."
+    )
     format: Output = Field(description="The file's format.")
     components: Components = Field(
         description="headline: the ten components of every record. all: every component of the foods in use as well."
     )
-    provenance: bool = Field(description="Whether the file has columns with the sources of the figures.")
+    provenance: bool = Field(
+        description="Whether the file has columns with the sources of the figures."
+    )
     filters: dict[str, Any] = Field(description="The filters that were set.")
     asked_by: str = Field(description="Name of the staff member who requested it.")
     requested_at: datetime = Field(description="When it was requested.")
-    started_at: datetime | None = Field(description="When a worker started to write it; null: it waits.")
-    finished_at: datetime | None = Field(description="When it was done, failed or cancelled; null: not yet.")
+    started_at: datetime | None = Field(
+        description="When a worker started to write it; null: it waits."
+    )
+    finished_at: datetime | None = Field(
+        description="When it was done, failed or cancelled; null: not yet."
+    )
     rows_written: int = Field(description="Rows written so far; in the end all.")
-    rows_estimated: int | None = Field(description="Estimated number of rows; null: unknown, or not started.")
+    rows_estimated: int | None = Field(
+        description="Estimated number of rows; null: unknown, or not started."
+    )
     bytes: int = Field(description="Bytes written so far; in the end the file's length.")
     sha256: str | None = Field(description="SHA-256 of the file, hex; null: it is not done.")
-    change_seq: int | None = Field(description="The study's change counter at the moment of the file's data.")
+    change_seq: int | None = Field(
+        description="The study's change counter at the moment of the file's data."
+    )
     failure: str | None = Field(description="Why it failed: a code; null: it has not.")
     file: str | None = Field(description="Path of the file; null: there is none.")
-    expires_at: datetime | None = Field(description="When the file is deleted; null: there is no file.")
+    expires_at: datetime | None = Field(
+        description="When the file is deleted; null: there is no file."
+    )
 
 
 class ExportList(BaseModel):

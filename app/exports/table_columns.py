@@ -81,6 +81,8 @@ def key_of(spec: ExportSpec) -> tuple[str, ...]:
     return (*key, "component") if spec.layout == "long" else key
 
 
-def components_of(spec: ExportSpec, of_foods: Sequence[ComponentColumn]) -> Sequence[ComponentColumn]:
+def components_of(
+    spec: ExportSpec, of_foods: Sequence[ComponentColumn]
+) -> Sequence[ComponentColumn]:
     """The components of the long layout."""
     return HEADLINE_COMPONENTS if spec.components == "headline" else of_foods

@@ -76,7 +76,9 @@ class TableSelect:
     order: str
 
 
-def select_table(connection: duckdb.DuckDBPyConnection, spec: ExportSpec, scope: Scope) -> TableSelect:
+def select_table(
+    connection: duckdb.DuckDBPyConnection, spec: ExportSpec, scope: Scope
+) -> TableSelect:
     """The table that a spec names, as far as the scope reaches."""
     sums = SUMS.get(spec.rows, ())
     for name in sums:
@@ -108,7 +110,9 @@ def show_tables(connection: duckdb.DuckDBPyConnection, study_code: str | None) -
         columns[view] = ", ".join(column.name for column in columns_of(ExportSpec(rows), ()))
     connection.execute("CREATE SCHEMA shown")
     for view, listed in columns.items():
-        connection.execute(f"CREATE VIEW shown.{view} AS SELECT {listed} FROM main.{view} WHERE {condition}")
+        connection.execute(
+            f"CREATE VIEW shown.{view} AS SELECT {listed} FROM main.{view} WHERE {condition}"
+        )
     ((path,),) = connection.execute("SELECT current_setting('search_path')").fetchall()
     connection.execute(f"SET search_path = 'memory.shown,{path}'")
 
@@ -167,7 +171,9 @@ def _of_meals(filters: RowFilter) -> list[str]:
     return conditions
 
 
-def _components_in_use(connection: duckdb.DuckDBPyConnection, scope: Scope) -> list[ComponentColumn]:
+def _components_in_use(
+    connection: duckdb.DuckDBPyConnection, scope: Scope
+) -> list[ComponentColumn]:
     """Those of the foods that records of the scope's studies have, whatever the other filters."""
     of_studies = Scope(scope.study_ids).condition
     rows = connection.execute(
@@ -178,7 +184,9 @@ def _components_in_use(connection: duckdb.DuckDBPyConnection, scope: Scope) -> l
     return [component_column(*row) for row in rows]
 
 
-def _create_contents(connection: duckdb.DuckDBPyConnection, components: Sequence[ComponentColumn]) -> None:
+def _create_contents(
+    connection: duckdb.DuckDBPyConnection, components: Sequence[ComponentColumn]
+) -> None:
     """Two tables: the components, numbered from 1, and what each food has of them, as a list."""
     connection.execute(
         "CREATE OR REPLACE TEMP TABLE chosen (component_place INTEGER, component VARCHAR,"
@@ -229,7 +237,9 @@ def _eaten(scope: Scope) -> str:
     )
 
 
-def _wide_sums(spec: ExportSpec, scope: Scope, sql: str, components: Sequence[ComponentColumn]) -> str:
+def _wide_sums(
+    spec: ExportSpec, scope: Scope, sql: str, components: Sequence[ComponentColumn]
+) -> str:
     keys = KEYS_OF_EATEN[spec.rows]
     sums, columns = "", ""
     for place, component in enumerate(components, start=1):

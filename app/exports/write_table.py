@@ -21,14 +21,22 @@ OPTIONS: dict[Output, str] = {
 INSTANT, LOCAL_TIME = "%Y-%m-%dT%H:%M:%S.%fZ", "%Y-%m-%dT%H:%M:%S.%f"
 
 
-def write_table(connection: duckdb.DuckDBPyConnection, table: TableSelect, output: Output, path: Path) -> int:
+def write_table(
+    connection: duckdb.DuckDBPyConnection, table: TableSelect, output: Output, path: Path
+) -> int:
     """Write the rows in their order; return their number. The same rows give the same bytes."""
     if output == "geojson":
         return _write_geojson(connection, table, path)
     return _copy(connection, table, _cells(table.columns, output), output, path)
 
 
-def _copy(connection: duckdb.DuckDBPyConnection, table: TableSelect, cells: str, output: Output, path: Path) -> int:
+def _copy(
+    connection: duckdb.DuckDBPyConnection,
+    table: TableSelect,
+    cells: str,
+    output: Output,
+    path: Path,
+) -> int:
     select = f"SELECT {cells} FROM ({table.sql}) ORDER BY {table.order}"
     copy = f"COPY ({select}) TO {quoted(str(path))} ({OPTIONS[output]})"
     (count,) = connection.execute(copy).fetchall()[0]

@@ -21,7 +21,9 @@ from app.people.access.deps import CurrentCaller, State
 
 router = APIRouter(prefix="/v1", tags=["foods"], route_class=ListRoute)
 
-FoodKey = Annotated[str, Path(max_length=100, description="The food's key, or its number in a published table.")]
+FoodKey = Annotated[
+    str, Path(max_length=100, description="The food's key, or its number in a published table.")
+]
 
 
 @router.get("/foods", responses=problem_responses(401, 422))
@@ -30,10 +32,17 @@ def get_foods(
     _: CurrentCaller,
     q: Annotated[
         str | None,
-        Query(max_length=100, description="Words of a name or alias, begun or whole; or a published table's number."),
+        Query(
+            max_length=100,
+            description="Words of a name or alias, begun or whole; or a published table's number.",
+        ),
     ] = None,
     group: Annotated[
-        str | None, Query(max_length=100, description="A food group's exact name, case aside: GET /v1/food-groups.")
+        str | None,
+        Query(
+            max_length=100,
+            description="A food group's exact name, case aside: GET /v1/food-groups.",
+        ),
     ] = None,
     limit: Limit = 100,
 ) -> FoodList:
@@ -57,7 +66,9 @@ def get_food(state: State, caller: CurrentCaller, key: FoodKey, response: Respon
 @router.get("/food-groups", responses=problem_responses(401))
 def get_food_groups(state: State, _: CurrentCaller) -> FoodGroupList:
     """The groups of the foods in force, by name."""
-    return FoodGroupList.model_validate({"items": food_groups(state.database)}, from_attributes=True)
+    return FoodGroupList.model_validate(
+        {"items": food_groups(state.database)}, from_attributes=True
+    )
 
 
 def etag_of(view: FoodView) -> str:
@@ -77,7 +88,9 @@ def render_food(view: FoodView) -> FoodOut:
             "release": view.release,
             "densities": view.own_densities,
             "density": _density_choice(view.density),
-            "nutrients": [_component(row.component) | {"per_100_g": row.per_100_g} for row in view.nutrients],
+            "nutrients": [
+                _component(row.component) | {"per_100_g": row.per_100_g} for row in view.nutrients
+            ],
             "recipe": _recipe(view.recipe),
         },
         from_attributes=True,
@@ -85,24 +98,34 @@ def render_food(view: FoodView) -> FoodOut:
 
 
 def _component(component: Component) -> dict[str, object]:
-    return {name: getattr(component, name) for name in ("number", "tagname", "name", "unit", "expression")}
+    return {
+        name: getattr(component, name)
+        for name in ("number", "tagname", "name", "unit", "expression")
+    }
 
 
 def _recipe(recipe: RecipeView | None) -> dict[str, object] | None:
     if recipe is None:
         return None
     ingredients = [
-        {name: getattr(part, name) for name in ("mass_g", "retention", "retention_source", "is_current")}
+        {
+            name: getattr(part, name)
+            for name in ("mass_g", "retention", "retention_source", "is_current")
+        }
         | {name: getattr(part.food, name) for name in ("key", "name", "version")}
         | {"state": stored_word(part.food.state, FOOD_STATES)}
         for part in recipe.ingredients
     ]
-    unknown = [_component(component) | {"coverage": coverage} for component, coverage in recipe.unknown]
+    unknown = [
+        _component(component) | {"coverage": coverage} for component, coverage in recipe.unknown
+    ]
     return {"yield_factor": recipe.recipe_yield, "ingredients": ingredients, "unknown": unknown}
 
 
 def _density_choice(choice: DensityChoice | None) -> dict[str, object] | None:
     if choice is None:
         return None
-    alternatives = [asdict(rejected.density) | {"reason": rejected.reason} for rejected in choice.alternatives]
+    alternatives = [
+        asdict(rejected.density) | {"reason": rejected.reason} for rejected in choice.alternatives
+    ]
     return {"chosen": choice.chosen, "reason": choice.reason, "alternatives": alternatives}

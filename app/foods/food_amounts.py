@@ -79,7 +79,9 @@ class FoodAmounts:
 
     def headline(self, column: str) -> float | None:
         """Return the value of one of RECORD_COLUMNS; None if it is not known."""
-        amounts = (self.nutrients[number] for number in RECORD_COLUMNS[column] if number in self.nutrients)
+        amounts = (
+            self.nutrients[number] for number in RECORD_COLUMNS[column] if number in self.nutrients
+        )
         best = next(amounts, None)
         return best.value if best is not None else None
 
@@ -91,13 +93,21 @@ class FoodAmounts:
             columns |= {"density_g_per_ml": chosen.g_per_ml, "density_source": chosen.source}
         if self.mass is not None:
             as_seen_g = self.mass.as_seen_g
-            columns |= {"mass_g": as_seen_g.value, "mass_low_g": as_seen_g.low, "mass_high_g": as_seen_g.high}
+            columns |= {
+                "mass_g": as_seen_g.value,
+                "mass_low_g": as_seen_g.low,
+                "mass_high_g": as_seen_g.high,
+            }
             columns["edible_g"] = self.mass.edible_g.value
         if self.left is not None:
             columns["left_g"] = math.fsum(mass.edible_g.value for mass in self.left)
         if self.consumed_g is not None:
             eaten = self.consumed_g
-            columns |= {"consumed_g": eaten.value, "consumed_low_g": eaten.low, "consumed_high_g": eaten.high}
+            columns |= {
+                "consumed_g": eaten.value,
+                "consumed_low_g": eaten.low,
+                "consumed_high_g": eaten.high,
+            }
         return columns | {column: self.headline(column) for column in RECORD_COLUMNS}
 
     def portions(self) -> list[Portion]:
@@ -108,7 +118,10 @@ class FoodAmounts:
         if self.consumed_g is None:
             return [Portion(self.food_key, self.per_100_g, None, BEFORE)]
         served = Portion(self.food_key, self.per_100_g, self.mass, BEFORE, share=self.share)
-        left = [Portion(self.food_key, self.per_100_g, mass, AFTER, -1, self.share) for mass in self.left or ()]
+        left = [
+            Portion(self.food_key, self.per_100_g, mass, AFTER, -1, self.share)
+            for mass in self.left or ()
+        ]
         return [served, *left]
 
 
@@ -148,7 +161,9 @@ def food_amounts(
     )
 
 
-def mass_of(weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[str, float]) -> Mass | None:
+def mass_of(
+    weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[str, float]
+) -> Mass | None:
     """Return the mass of a volume; None if it or the density is not known. relative_sd: the volume's doubt by part."""
     if volume_ml is None or weighing.density is None:
         return None
@@ -156,10 +171,16 @@ def mass_of(weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[st
     return estimate_mass(volume_ml, doubt, weighing.density, edible_share=weighing.edible_share)
 
 
-def amounts_of(item: Mapping[str, Any], food: Food | None, lies_as: str | None = None) -> dict[str, object]:
+def amounts_of(
+    item: Mapping[str, Any], food: Food | None, lies_as: str | None = None
+) -> dict[str, object]:
     """Return the fields that `tada estimate` adds to an item: food, grams, energy; null where they are not known."""
-    food_ref: dict[str, object] = {"food": {"key": food.key, "name": food.name} if food is not None else None}
-    unknown: dict[str, object] = dict.fromkeys(("mass_g", "mass_interval_g", "edible_g", "energy_kcal"))
+    food_ref: dict[str, object] = {
+        "food": {"key": food.key, "name": food.name} if food is not None else None
+    }
+    unknown: dict[str, object] = dict.fromkeys(
+        ("mass_g", "mass_interval_g", "edible_g", "energy_kcal")
+    )
     if food is None:
         return food_ref | unknown
     form = food_form(lies_as)

@@ -29,11 +29,20 @@ def use_release(database: Database, name: str, version: str | None, author: str)
     """Put the newest import of this version in force, or none of this name. Raises NotFoundError."""
     with database.write() as session:
         same_name = [release for release in foods.all_releases(session) if release.name == name]
-        chosen = [release for release in same_name if release.version == version and release.completed_at is not None]
+        chosen = [
+            release
+            for release in same_name
+            if release.version == version and release.completed_at is not None
+        ]
         if not same_name or (version is not None and not chosen):
             raise NotFoundError(
-                f"There is no complete release {name} {version or ''}".rstrip() + ": see `tada foods releases`.",
+                f"There is no complete release {name} {version or ''}".rstrip()
+                + ": see `tada foods releases`.",
                 code="food_release_not_found",
             )
         release_id = chosen[0].id if version is not None else None
-        session.add(FoodActivation(name=name, release_id=release_id, author=author, activated_at=datetime.now(UTC)))
+        session.add(
+            FoodActivation(
+                name=name, release_id=release_id, author=author, activated_at=datetime.now(UTC)
+            )
+        )

@@ -14,7 +14,11 @@ from app.nutrition.foods import Food as FoodValue
 from app.nutrition.portions import Portion
 from app.nutrition.search import label_key
 
-_BASES_OF_OTHERS = ("measured", "fao", "portion")  # a relative or a group's median is each table's own judgement
+_BASES_OF_OTHERS = (
+    "measured",
+    "fao",
+    "portion",
+)  # a relative or a group's median is each table's own judgement
 
 # The starter table was compiled from SR28 and the FAO table: each of their densities for its foods was reviewed, and
 # adopted, dropped or replaced by a better one. FoodData Central repeats SR28's measures.
@@ -44,7 +48,9 @@ def pooled_densities(session: Session, rows: Sequence[Food]) -> dict[int, tuple[
         for label, food in by_label:
             if label in labels.get(row.id, ()) and food.state == row.state:
                 of_name.setdefault(food.key, food)
-        others[row.id] = [food for food in by_code[row.id] if food.key != row.key] + list(of_name.values())
+        others[row.id] = [food for food in by_code[row.id] if food.key != row.key] + list(
+            of_name.values()
+        )
     same = {food.id: food for row in rows for food in (row, *others[row.id])}
     sources = foods.sources_of(session, {food.release_id for food in same.values()})
     densities = {
@@ -59,10 +65,15 @@ def _labels(row: Food) -> set[str]:
 
 
 def _pool(
-    row: Food, others: Sequence[Food], sources: Mapping[int, str], densities: Mapping[int, tuple[Density, ...]]
+    row: Food,
+    others: Sequence[Food],
+    sources: Mapping[int, str],
+    densities: Mapping[int, tuple[Density, ...]],
 ) -> tuple[Density, ...]:
     same = (row, *others)
-    reviewing_food = next((food for food in same if sources[food.release_id] in _REVIEWING_SOURCES), None)
+    reviewing_food = next(
+        (food for food in same if sources[food.release_id] in _REVIEWING_SOURCES), None
+    )
     reviewed = densities.get(reviewing_food.id, ()) if reviewing_food else ()
     reviewed_kinds = {density.kind for density in reviewed if density.basis != "group"}
     pooled: list[Density] = []
@@ -113,7 +124,10 @@ def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodV
     return replace(
         bare_value(row),
         densities=densities,
-        per_100_g={nutrient.component.number: nutrient.per_100_g for nutrient in foods.nutrients_of(session, row.id)},
+        per_100_g={
+            nutrient.component.number: nutrient.per_100_g
+            for nutrient in foods.nutrients_of(session, row.id)
+        },
         portions=tuple(
             Portion(portion.sequence, portion.amount, portion.measure, portion.mass_g)
             for portion in foods.portions_of(session, row.id)
@@ -124,7 +138,10 @@ def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodV
 def density_value(row: FoodDensity | StudyDensity) -> Density:
     """Return a density's row as a value."""
     basis = row.basis if isinstance(row, FoodDensity) else "study"
-    columns = {name: getattr(row, name) for name in ("g_per_ml", "sd_g_per_ml", "state", "kind", "source", "weighs")}
+    columns = {
+        name: getattr(row, name)
+        for name in ("g_per_ml", "sd_g_per_ml", "state", "kind", "source", "weighs")
+    }
     return Density(**columns, basis=basis)
 
 

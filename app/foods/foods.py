@@ -53,7 +53,9 @@ def require_food(session: Session, key: str) -> Food:
         return food
     by_code = foods.foods_by_code(session, key)
     if not by_code:
-        raise NotFoundError(f"The food table has no food {key!r}: search it for the key.", code="food_not_found")
+        raise NotFoundError(
+            f"The food table has no food {key!r}: search it for the key.", code="food_not_found"
+        )
     return by_code[0]
 
 

@@ -21,7 +21,14 @@ from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.component_names import component_row
 from app.foods.importers.imported import ImportedTable, Skipped
-from app.foods.models import Food, FoodActivation, FoodDensity, FoodNutrient, FoodPortion, FoodRelease
+from app.foods.models import (
+    Food,
+    FoodActivation,
+    FoodDensity,
+    FoodNutrient,
+    FoodPortion,
+    FoodRelease,
+)
 from app.foods.search.index_foods import index_foods, is_code
 from app.foods.search.models import FoodCode, FoodPosting
 from app.nutrition.components import COMPONENT_BY_NUMBER
@@ -32,7 +39,9 @@ from app.nutrition.search import label_key
 BATCH_FOODS = 50
 # SQLite has one writer at a time: a pause of this share of a batch's duration leaves other writers a third of the time.
 PAUSE_SHARE = 0.5
-ABANDONED_AFTER = timedelta(seconds=60)  # an importer without a batch for this long counts as dead; another may resume
+ABANDONED_AFTER = timedelta(
+    seconds=60
+)  # an importer without a batch for this long counts as dead; another may resume
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +90,12 @@ def import_foods(
     with database.write() as session:
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
         if not was_there:
-            refresh_statistics(session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting))
-    return ImportReport(len(table.foods), sum(len(food.per_100_g) for food in table.foods), was_there)
+            refresh_statistics(
+                session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting)
+            )
+    return ImportReport(
+        len(table.foods), sum(len(food.per_100_g) for food in table.foods), was_there
+    )
 
 
 def load_starter(database: Database) -> None:
@@ -93,7 +106,10 @@ def load_starter(database: Database) -> None:
     if is_starter_there(database):
         return
     table = load_starter_table()
-    components = tuple(COMPONENT_BY_NUMBER[number] for number in sorted({n for f in table.foods for n in f.per_100_g}))
+    components = tuple(
+        COMPONENT_BY_NUMBER[number]
+        for number in sorted({n for f in table.foods for n in f.per_100_g})
+    )
     imported = ImportedTable("starter", table, components, Skipped())
     try:
         component_ids = _component_ids(database, imported)
@@ -114,13 +130,19 @@ def is_starter_there(database: Database) -> bool:
         return foods.release_by_checksum(session, starter_checksum()) is not None
 
 
-def write_food(session: Session, release: FoodRelease, value: FoodValue, *, version: int = 1) -> Food:
+def write_food(
+    session: Session, release: FoodRelease, value: FoodValue, *, version: int = 1
+) -> Food:
     """Insert one food of a release with its nutrients, densities and portions; its components must exist."""
-    ids = {number: component.id for number, component in foods.components_by_number(session).items()}
+    ids = {
+        number: component.id for number, component in foods.components_by_number(session).items()
+    }
     return _write_foods(session, release, [value], ids, version=version)[0]
 
 
-def _begin(session: Session, imported: ImportedTable, importer_id: uuid.UUID | None) -> tuple[FoodRelease, int]:
+def _begin(
+    session: Session, imported: ImportedTable, importer_id: uuid.UUID | None
+) -> tuple[FoodRelease, int]:
     """Return the release to write into, and how many of its foods are written already."""
     table, now = imported.table, datetime.now(UTC)
     release = foods.release_by_checksum(session, table.checksum, lock=True)
@@ -164,7 +186,9 @@ def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
         .returning(FoodRelease.id)
     )
     if claimed.scalar_one_or_none() is None:
-        raise ConflictError("Another process has taken over this import.", code="food_import_running")
+        raise ConflictError(
+            "Another process has taken over this import.", code="food_import_running"
+        )
 
 
 def _release_import(database: Database, release_id: int, importer_id: uuid.UUID) -> None:
@@ -181,7 +205,11 @@ def _put_in_force(session: Session, release: FoodRelease, author: str) -> None:
     if release.completed_at is None:
         release.completed_at, release.importer_id = now, None
     if release.id not in {active.id for active in foods.releases_in_force(session)}:
-        session.add(FoodActivation(name=release.name, release_id=release.id, author=author, activated_at=now))
+        session.add(
+            FoodActivation(
+                name=release.name, release_id=release.id, author=author, activated_at=now
+            )
+        )
 
 
 def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int]:
@@ -193,10 +221,17 @@ def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int
         try:
             with database.write() as session:
                 existing = foods.components_by_number(session)
-                missing = [component for component in imported.components if component.number not in existing]
+                missing = [
+                    component
+                    for component in imported.components
+                    if component.number not in existing
+                ]
                 session.add_all(map(component_row, missing))
                 session.flush()
-                return {number: component.id for number, component in foods.components_by_number(session).items()}
+                return {
+                    number: component.id
+                    for number, component in foods.components_by_number(session).items()
+                }
         except IntegrityError:
             if attempt:
                 raise

@@ -57,7 +57,9 @@ class FoodActivation(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(100))
-    release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))  # NULL: none of this name
+    release_id: Mapped[int | None] = mapped_column(
+        sa.ForeignKey("food_release.id")
+    )  # NULL: none of this name
     author: Mapped[str] = mapped_column(sa.String(200))
     activated_at: Mapped[datetime]
 

@@ -29,7 +29,11 @@ F = TypeVar("F", int, int | None)
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
-SAME_FOOD_SYSTEMS = ("sr28_ndb", "fdc_id", "fndds")  # one code, one food; a FoodEx2 code is a class of foods
+SAME_FOOD_SYSTEMS = (
+    "sr28_ndb",
+    "fdc_id",
+    "fndds",
+)  # one code, one food; a FoodEx2 code is a class of foods
 _PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
 
 
@@ -57,7 +61,9 @@ def all_releases(session: Session) -> list[FoodRelease]:
     return list(session.scalars(sa.select(FoodRelease).order_by(FoodRelease.id.desc())))
 
 
-def release_by_checksum(session: Session, checksum: str, *, lock: bool = False) -> FoodRelease | None:
+def release_by_checksum(
+    session: Session, checksum: str, *, lock: bool = False
+) -> FoodRelease | None:
     """Return the release made from exactly these files, complete or not; `lock` locks its row until commit."""
     query = sa.select(FoodRelease).where(FoodRelease.checksum == checksum)
     return session.scalars(query.with_for_update() if lock else query).one_or_none()
@@ -66,7 +72,9 @@ def release_by_checksum(session: Session, checksum: str, *, lock: bool = False) 
 def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
     """Return key -> the food in force, for the keys that exist."""
     order = {release.id: position for position, release in enumerate(releases_in_force(session))}
-    query = sa.select(Food).where(Food.key.in_(keys), Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+    query = sa.select(Food).where(
+        Food.key.in_(keys), Food.release_id.in_(order), Food.superseded_by_id.is_(None)
+    )
     by_key: dict[str, Food] = {}
     for food in sorted(session.scalars(query), key=lambda food: order[food.release_id]):
         by_key.setdefault(food.key, food)
@@ -101,9 +109,15 @@ def same_foods(session: Session, food_ids: Collection[int]) -> dict[int, list[Fo
     code, shared_code = aliased(FoodCode), aliased(FoodCode)
     query = (
         sa.select(code.food_id, Food)
-        .join(shared_code, sa.and_(shared_code.system == code.system, shared_code.code == code.code))
+        .join(
+            shared_code, sa.and_(shared_code.system == code.system, shared_code.code == code.code)
+        )
         .join(Food, Food.id == shared_code.food_id)
-        .where(code.food_id.in_(food_ids), code.system.in_(SAME_FOOD_SYSTEMS), shared_code.food_id != code.food_id)
+        .where(
+            code.food_id.in_(food_ids),
+            code.system.in_(SAME_FOOD_SYSTEMS),
+            shared_code.food_id != code.food_id,
+        )
     )
     by_id: dict[int, dict[str, Food]] = {food_id: {} for food_id in food_ids}
     for food_id, food in _only_in_force(session, query):
@@ -140,7 +154,9 @@ def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[
     return by_food
 
 
-def densities_of_studies(session: Session, study_ids: Collection[uuid.UUID], food_key: str) -> list[StudyDensity]:
+def densities_of_studies(
+    session: Session, study_ids: Collection[uuid.UUID], food_key: str
+) -> list[StudyDensity]:
     """Return these studies' own measurements of a food, the newest first, without withdrawn ones."""
     query = (
         sa.select(StudyDensity)
@@ -196,7 +212,9 @@ def contents_of(
 
 def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
     """Return a food's household measures in the source's order."""
-    query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
+    query = (
+        sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
+    )
     return list(session.scalars(query))
 
 

@@ -16,7 +16,12 @@ CSV = "csv"
 
 
 def read_food_release(
-    source: str, path: Path, *, name: str | None = None, version: str | None = None, released_on: date | None = None
+    source: str,
+    path: Path,
+    *,
+    name: str | None = None,
+    version: str | None = None,
+    released_on: date | None = None,
 ) -> ImportedTable:
     """Return the whole table, validated. Raises InvalidInputError (ImportFileError for the content of the files)."""
     if source == CSV:
@@ -25,10 +30,16 @@ def read_food_release(
                 "A csv table needs --name, --version and --released-on: the file does not contain them."
             )
         if name == LOCAL:
-            raise InvalidInputError(f"{LOCAL!r} is the name of the corrections made here: give the table another one.")
+            raise InvalidInputError(
+                f"{LOCAL!r} is the name of the corrections made here: give the table another one."
+            )
         return read_csv_table(path, name=name, version=version, released_on=released_on)
     if source not in _PUBLISHED:
-        raise InvalidInputError(f"There is no format {source!r}: give one of {', '.join([*_PUBLISHED, CSV])}.")
+        raise InvalidInputError(
+            f"There is no format {source!r}: give one of {', '.join([*_PUBLISHED, CSV])}."
+        )
     if any((name, version, released_on)):
-        raise InvalidInputError(f"{source} states its own name, version and date: leave the options out.")
+        raise InvalidInputError(
+            f"{source} states its own name, version and date: leave the options out."
+        )
     return _PUBLISHED[source](path)

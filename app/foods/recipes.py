@@ -86,10 +86,14 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
     Raises InvalidInputError: `ingredient_unknown`, `recipe_cycle`, `component_unknown`, and what prepare_dish raises.
     """
     rows = _require_foods(session, [ingredient.food for ingredient in recipe.ingredients])
-    cycle = cycle_through(key, [row.key for row in rows], food_changes.parts_of(session, [row.id for row in rows]))
+    cycle = cycle_through(
+        key, [row.key for row in rows], food_changes.parts_of(session, [row.id for row in rows])
+    )
     if cycle is not None:
         raise InvalidInputError(
-            f"The dish would be an ingredient of itself: {' > '.join(cycle)}.", code="recipe_cycle", way=cycle
+            f"The dish would be an ingredient of itself: {' > '.join(cycle)}.",
+            code="recipe_cycle",
+            way=cycle,
         )
     pinned = PinnedRecipe(
         recipe.recipe_yield,
@@ -106,7 +110,12 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
     )
     contents = foods.contents_of(session, {row.id for row in rows})
     ingredients = [
-        Ingredient(replace(bare_value(row), per_100_g=contents[row.id]), part.mass_g, ingredient.state, part.retention)
+        Ingredient(
+            replace(bare_value(row), per_100_g=contents[row.id]),
+            part.mass_g,
+            ingredient.state,
+            part.retention,
+        )
         for row, part, ingredient in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
     ]
     return pinned, prepare_dish(ingredients, recipe.recipe_yield)
@@ -119,7 +128,13 @@ def pinned_recipe(session: Session, food: Food) -> PinnedRecipe | None:
     return PinnedRecipe(
         food.recipe_yield,
         tuple(
-            PinnedIngredient(row.id, row.key, ingredient.mass_g, ingredient.retention, ingredient.retention_source)
+            PinnedIngredient(
+                row.id,
+                row.key,
+                ingredient.mass_g,
+                ingredient.retention,
+                ingredient.retention_source,
+            )
             for ingredient, row in food_changes.ingredients_of(session, food.id)
         ),
     )
@@ -163,9 +178,13 @@ def read_recipe(session: Session, food: Food) -> RecipeView | None:
         for number in contents[row.id].keys() - contents[food.id].keys():
             known_g[number] = known_g.get(number, 0.0) + part.mass_g
     total_g = sum(part.mass_g for part, _ in ingredients)
-    components = sorted(foods.components_by_number(session).values(), key=lambda component: component.id)
+    components = sorted(
+        foods.components_by_number(session).values(), key=lambda component: component.id
+    )
     unknown = [
-        (component, known_g[component.number] / total_g) for component in components if component.number in known_g
+        (component, known_g[component.number] / total_g)
+        for component in components
+        if component.number in known_g
     ]
     return RecipeView(food.recipe_yield, views, unknown)
 
@@ -176,7 +195,9 @@ def _require_foods(session: Session, keys: Sequence[str]) -> list[Food]:
         by_code = foods.foods_by_code(session, key)
         if not by_code:
             raise InvalidInputError(
-                f"The food table has no food {key!r}: search it for the key.", code="ingredient_unknown", food=key
+                f"The food table has no food {key!r}: search it for the key.",
+                code="ingredient_unknown",
+                food=key,
             )
         by_key[key] = by_code[0]
     return [by_key[key] for key in keys]

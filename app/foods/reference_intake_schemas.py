@@ -16,18 +16,36 @@ from app.nutrition.intakes.reference_intakes import Per, UlScope
 class ReferenceIntakeOut(BaseModel):
     """One nutrient: each kind of reference value in its own field, in `unit` a day, or a day and kilogram."""
 
-    number: str = Field(description="The component to compare with, after what `compared_with` says.")
+    number: str = Field(
+        description="The component to compare with, after what `compared_with` says."
+    )
     tagname: str = Field(description="INFOODS tagname, such as VITC.")
     name: str = Field(description="The nutrient's name.")
     unit: Unit = Field(description="Unit of the figures.")
-    per: Per = Field(description="Whether the figures are per day, or per day and kilogram of body weight.")
-    ear: float | None = Field(description="Estimated Average Requirement: meets the need of half the group.")
-    rda: float | None = Field(description="Recommended Dietary Allowance: meets the need of nearly all.")
-    ai: float | None = Field(description="Adequate Intake, where no requirement is known; it is no RDA.")
-    ul: float | None = Field(description="Tolerable Upper Intake Level, of the sources that `ul_scope` names.")
-    ul_scope: UlScope | None = Field(description="Which sources the UL counts; null: there is no UL.")
-    ul_number: str | None = Field(description="The component to compare the UL with; null: none measures its scope.")
-    cdrr: float | None = Field(description="Chronic Disease Risk Reduction intake: above it less is better; no UL.")
+    per: Per = Field(
+        description="Whether the figures are per day, or per day and kilogram of body weight."
+    )
+    ear: float | None = Field(
+        description="Estimated Average Requirement: meets the need of half the group."
+    )
+    rda: float | None = Field(
+        description="Recommended Dietary Allowance: meets the need of nearly all."
+    )
+    ai: float | None = Field(
+        description="Adequate Intake, where no requirement is known; it is no RDA."
+    )
+    ul: float | None = Field(
+        description="Tolerable Upper Intake Level, of the sources that `ul_scope` names."
+    )
+    ul_scope: UlScope | None = Field(
+        description="Which sources the UL counts; null: there is no UL."
+    )
+    ul_number: str | None = Field(
+        description="The component to compare the UL with; null: none measures its scope."
+    )
+    cdrr: float | None = Field(
+        description="Chronic Disease Risk Reduction intake: above it less is better; no UL."
+    )
     compared_with: str = Field(description="Which component is compared, and what to mind.")
     source: str = Field(description="The publication that the figures are from.")
 
@@ -54,9 +72,13 @@ class EnergyOut(BaseModel):
     """An energy by equation; without a figure, `left_out` tells why. Nothing is ever assumed."""
 
     kcal_per_day: float | None = Field(description="Null: `left_out` says why.")
-    sd_kcal: float | None = Field(description="Standard error of the equation, where its source tells it.")
+    sd_kcal: float | None = Field(
+        description="Standard error of the equation, where its source tells it."
+    )
     equation: str | None = Field(description="Name of the equation; null: there is no figure.")
-    source: str | None = Field(description="The publication that the equation is from; null: there is no figure.")
+    source: str | None = Field(
+        description="The publication that the equation is from; null: there is no figure."
+    )
     left_out: LeftOutOut | None = Field(description="Why there is no figure; null: there is one.")
 
 
@@ -85,7 +107,9 @@ class ReferenceIntakesOut(BaseModel):
     )
     energy: EnergyOut = Field(description="Estimated energy requirement.")
     basal_metabolic_rate: EnergyOut = Field(description="Energy at complete rest.")
-    food_groups: list[FoodGroupRecommendationOut] = Field(description="Recommended grams of food groups.")
+    food_groups: list[FoodGroupRecommendationOut] = Field(
+        description="Recommended grams of food groups."
+    )
 
 
 def energy_out(result: Energy | LeftOut) -> EnergyOut:
@@ -93,4 +117,6 @@ def energy_out(result: Energy | LeftOut) -> EnergyOut:
     if isinstance(result, LeftOut):
         absent = dict.fromkeys(("kcal_per_day", "sd_kcal", "equation", "source"))
         return EnergyOut.model_validate(absent | {"left_out": asdict(result)})
-    return EnergyOut.model_validate(asdict(result) | {"kcal_per_day": round(result.kcal_per_day, 1), "left_out": None})
+    return EnergyOut.model_validate(
+        asdict(result) | {"kcal_per_day": round(result.kcal_per_day, 1), "left_out": None}
+    )

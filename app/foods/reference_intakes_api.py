@@ -27,21 +27,36 @@ router = APIRouter(prefix="/v1/reference-intakes", tags=["reference intakes"])
 @router.get("", responses=problem_responses(401, 422))
 def get_reference_intakes(
     _: CurrentCaller,
-    age_years: Annotated[float | None, Query(ge=0, le=MAX_AGE_YEARS, description="Or age_months.")] = None,
-    age_months: Annotated[float | None, Query(ge=0, le=36, description="For infants, instead of age_years.")] = None,
-    sex: Annotated[Sex | None, Query(description="Needed from 9 years on; for energy from 3.")] = None,
+    age_years: Annotated[
+        float | None, Query(ge=0, le=MAX_AGE_YEARS, description="Or age_months.")
+    ] = None,
+    age_months: Annotated[
+        float | None, Query(ge=0, le=36, description="For infants, instead of age_years.")
+    ] = None,
+    sex: Annotated[
+        Sex | None, Query(description="Needed from 9 years on; for energy from 3.")
+    ] = None,
     pregnant: Annotated[bool, Query(description="14 to 50 years.")] = False,
-    trimester: Annotated[int | None, Query(ge=1, le=3, description="Of the pregnancy, for its energy.")] = None,
+    trimester: Annotated[
+        int | None, Query(ge=1, le=3, description="Of the pregnancy, for its energy.")
+    ] = None,
     lactating: Annotated[bool, Query(description="14 to 50 years.")] = False,
-    lactation_months: Annotated[int | None, Query(ge=0, le=60, description="Since birth, for its energy.")] = None,
+    lactation_months: Annotated[
+        int | None, Query(ge=0, le=60, description="Since birth, for its energy.")
+    ] = None,
     weight_kg: Annotated[
         float | None,
-        Query(ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, before it."),
+        Query(
+            ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, before it."
+        ),
     ] = None,
     height_m: Annotated[
-        float | None, Query(ge=HEIGHT_LIMITS_M[0], le=HEIGHT_LIMITS_M[1], description="Body height, for energy.")
+        float | None,
+        Query(ge=HEIGHT_LIMITS_M[0], le=HEIGHT_LIMITS_M[1], description="Body height, for energy."),
     ] = None,
-    activity: Annotated[Activity | None, Query(description="PAL from 1.0, 1.4, 1.6 and 1.9.")] = None,
+    activity: Annotated[
+        Activity | None, Query(description="PAL from 1.0, 1.4, 1.6 and 1.9.")
+    ] = None,
 ) -> ReferenceIntakesOut:
     """Dietary Reference Intakes of the life stage, energy by equation or why it is left out, food groups in grams."""
     age = _age_in_years(age_years, age_months)

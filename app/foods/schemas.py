@@ -48,13 +48,17 @@ class NutrientAmount(ComponentOut):
 class NutrientTotal(NutrientAmount):
     """A meal's total of a component; coverage: for which share of the eaten grams it is known."""
 
-    coverage: float | None = Field(description="Null where an item's mass is not known: the total is incomplete.")
+    coverage: float | None = Field(
+        description="Null where an item's mass is not known: the total is incomplete."
+    )
 
 
 class NutrientOut(ComponentOut):
     """Content of 100 g edible portion."""
 
-    expression: str | None = Field(description="What kind of figure it is, where the name leaves a choice.")
+    expression: str | None = Field(
+        description="What kind of figure it is, where the name leaves a choice."
+    )
     per_100_g: float = Field(description="Content of 100 g edible portion, in `unit`.")
 
 
@@ -124,8 +128,12 @@ class IngredientOut(FoodRef):
     retention: dict[str, float] = Field(
         description="Component number -> share of it that cooking leaves, 0 to 1; 1 where not named."
     )
-    retention_source: str | None = Field(description="Where the retention factors are from; null: there are none.")
-    is_current: bool = Field(description="Whether the food has not been corrected or replaced since.")
+    retention_source: str | None = Field(
+        description="Where the retention factors are from; null: there are none."
+    )
+    is_current: bool = Field(
+        description="Whether the food has not been corrected or replaced since."
+    )
 
 
 class UnknownComponentOut(ComponentOut):
@@ -137,7 +145,9 @@ class UnknownComponentOut(ComponentOut):
 class RecipeOut(BaseModel):
     """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
 
-    yield_factor: float = Field(description="The dish's mass as eaten over the mass of its ingredients.")
+    yield_factor: float = Field(
+        description="The dish's mass as eaten over the mass of its ingredients."
+    )
     ingredients: list[IngredientOut] = Field(description="What goes into the dish.")
     unknown: list[UnknownComponentOut] = Field(
         description="Components that some ingredients lack, so that the dish has no figure."
@@ -147,15 +157,21 @@ class RecipeOut(BaseModel):
 class FoodOut(FoodSummary):
     """A food with all that the tables in force know of it; a component that is not listed is not known, not 0."""
 
-    version: int = Field(description="The food's version in its table's release: above 1, it was corrected.")
+    version: int = Field(
+        description="The food's version in its table's release: above 1, it was corrected."
+    )
     state: FoodState | None = Field(description=FOOD_STATE)
     is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
     refuse: list[RefuseOut] = Field(description="Parts that are not eaten.")
     edible_share: float = Field(description="Of an item as it is usually seen.")
     probes: list[str] = Field(description="What no camera sees and a participant is asked.")
-    source_ids: dict[str, str] = Field(description="Its numbers in published tables, such as sr28_ndb.")
+    source_ids: dict[str, str] = Field(
+        description="Its numbers in published tables, such as sr28_ndb."
+    )
     release: str = Field(description="The food table's name and version.")
-    densities: list[DensityOut] = Field(description="Its own. The choice has those of the same food elsewhere too.")
+    densities: list[DensityOut] = Field(
+        description="Its own. The choice has those of the same food elsewhere too."
+    )
     density: DensityChoiceOut | None = Field(
         description="The density that turns a volume into grams; null: none is known."
     )
@@ -167,10 +183,14 @@ class FoodOut(FoodSummary):
 class FoodMatch(FoodSummary):
     """A food in a list, and why it is there."""
 
-    state: FoodState | None = Field(description="raw (dry goods too), cooked or as_eaten; null: not told.")
+    state: FoodState | None = Field(
+        description="raw (dry goods too), cooked or as_eaten; null: not told."
+    )
     is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
     release: str = Field(description="The food table that it is of, and its version.")
-    matched: str | None = Field(description="The name, alias or code that the words were found in; null without words.")
+    matched: str | None = Field(
+        description="The name, alias or code that the words were found in; null without words."
+    )
 
 
 class FoodList(BaseModel):

@@ -40,7 +40,9 @@ def get_study_densities(
     study: StudyCode,
     state: State,
     _: CurrentStaff,
-    food: Annotated[str | None, Query(max_length=100, description="Only this food's: its key.")] = None,
+    food: Annotated[
+        str | None, Query(max_length=100, description="Only this food's: its key.")
+    ] = None,
 ) -> StudyDensityList:
     """The study's measurements, withdrawn ones too, the newest entry first."""
     rows = study_densities.list_study_densities(state.database, study, food)
@@ -57,13 +59,17 @@ def post_density_withdrawal(
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
     editor = Editor.of(admin, body.reason)
-    return render_study_density(study_densities.withdraw_study_density(state.database, study, density, editor))
+    return render_study_density(
+        study_densities.withdraw_study_density(state.database, study, density, editor)
+    )
 
 
 def render_study_density(row: StudyDensity) -> StudyDensityOut:
     """Return a measurement as the API shows it."""
     specimens = None
     if row.specimens is not None:
-        specimens = [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in row.specimens]
+        specimens = [
+            {"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in row.specimens
+        ]
     columns = {name: getattr(row, name) for name in StudyDensityOut.model_fields.keys() - {"food"}}
     return StudyDensityOut.model_validate(columns | {"food": row.food_key, "specimens": specimens})

@@ -37,11 +37,19 @@ PREFIXES = ("/v1/", "/fhir/")
 NOT_KEPT = "private, no-store"
 UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$")
 LIMIT_BYTES = 256 * 1024
-WITH_BODY = frozenset({"POST", "PUT", "PATCH"})  # in others these headers describe nothing (RFC 9110, section 9.3)
+WITH_BODY = frozenset(
+    {"POST", "PUT", "PATCH"}
+)  # in others these headers describe nothing (RFC 9110, section 9.3)
 NOT_ALLOWED = 405
-MIN_PROGRESS_BYTES = 16 * 1024  # in `stall_seconds`: 270 bytes/s, less than any network that carries photographs
+MIN_PROGRESS_BYTES = (
+    16 * 1024
+)  # in `stall_seconds`: 270 bytes/s, less than any network that carries photographs
 STOP_RETRY_SECONDS = 5
-OF_ROUTING = ("route", "endpoint", "path_params")  # what logs and limits read of a request once it is routed
+OF_ROUTING = (
+    "route",
+    "endpoint",
+    "path_params",
+)  # what logs and limits read of a request once it is routed
 
 
 class AroundPath:
@@ -96,7 +104,13 @@ class _Exchange:
     is_answered: an answer has begun
     """
 
-    def __init__(self, scope: Scope, receive: Receive, send: Send, allowed_methods: Callable[[str], list[str]]) -> None:
+    def __init__(
+        self,
+        scope: Scope,
+        receive: Receive,
+        send: Send,
+        allowed_methods: Callable[[str], list[str]],
+    ) -> None:
         self._scope, self._receive, self._send = scope, receive, send
         self._allowed_methods = allowed_methods
         self._state = scope.setdefault("state", {})
@@ -105,7 +119,9 @@ class _Exchange:
         # the caller asks whether the body is wanted, and nobody has received any of it
         self._is_expecting = any(name == b"expect" for name, _ in scope["headers"])
         self._stall_seconds = _state_of(scope).settings.stall_seconds
-        self._patience_seconds = self._stall_seconds  # time that the app does not ask in does not count
+        self._patience_seconds = (
+            self._stall_seconds
+        )  # time that the app does not ask in does not count
         self._progress_bytes = 0
         self._is_whole = False
 
@@ -181,11 +197,18 @@ async def _checked_body(scope: Scope, receive: Receive) -> Receive:
     Raises InvalidInputError, UnsupportedMediaError, MalformedRequestError, TooLargeError.
     """
     if "\0" in scope["path"] or b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
-        raise InvalidInputError("The address contains the character NUL, which no name of ours does.")
+        raise InvalidInputError(
+            "The address contains the character NUL, which no name of ours does."
+        )
     headers = dict(scope["headers"])
     describes_body = scope["method"] in WITH_BODY
-    if describes_body and headers.get(b"content-encoding", b"identity").strip().lower() not in (b"identity", b""):
-        raise UnsupportedMediaError("Send the body unpacked, without Content-Encoding.", code="body_packed")
+    if describes_body and headers.get(b"content-encoding", b"identity").strip().lower() not in (
+        b"identity",
+        b"",
+    ):
+        raise UnsupportedMediaError(
+            "Send the body unpacked, without Content-Encoding.", code="body_packed"
+        )
     if describes_body and b"content-range" in headers:
         raise MalformedRequestError(
             "A body is taken whole: send it without Content-Range.", code="content_range_refused"
@@ -203,7 +226,9 @@ async def _checked_body(scope: Scope, receive: Receive) -> Receive:
             received += len(message.get("body", b""))
             more = message["type"] == "http.request" and message.get("more_body", False)
     if received > LIMIT_BYTES:
-        raise TooLargeError(f"The body is larger than {LIMIT_BYTES} bytes, the limit.", limit_bytes=LIMIT_BYTES)
+        raise TooLargeError(
+            f"The body is larger than {LIMIT_BYTES} bytes, the limit.", limit_bytes=LIMIT_BYTES
+        )
 
     async def replay() -> Message:
         return messages.pop(0) if messages else await receive()

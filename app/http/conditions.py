@@ -8,7 +8,11 @@ from fastapi import Header
 from app.core.errors import MalformedRequestError, PreconditionRequiredError
 
 IfMatch = Annotated[
-    str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")
+    str | None,
+    Header(
+        max_length=1000,
+        description="The ETag of the version that was read; * for whatever is there.",
+    ),
 ]
 _ETAG = re.compile(r'\s*(?:W/"[^"]*"|"(?P<strong>[^"]*)")\s*(?:,|\Z)')
 _ETAGS = re.compile(f"(?:{_ETAG.pattern.replace('?P<strong>', '?:')})+")

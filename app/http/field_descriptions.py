@@ -27,9 +27,13 @@ PARTICIPANT = "The participant's pseudonymous code in the study."
 MEAL_ID = "The meal's id, as the phone made it; unique for the participant."
 CAPTURED_AT = "When the meal was eaten, in UTC: the time of the left photograph, or as declared."
 TIME_ZONE = "IANA name of the time zone where the meal was eaten, such as Asia/Shanghai."
-LOCAL_DATE = "The local day that the meal counts for; a study may let its days begin after midnight."
+LOCAL_DATE = (
+    "The local day that the meal counts for; a study may let its days begin after midnight."
+)
 RECEIVED_AT = "When the first part of the meal arrived at the server."
-STUDY_DAY = "The day's number for the participant, 1 on their first day; null: no first day is known."
+STUDY_DAY = (
+    "The day's number for the participant, 1 on their first day; null: no first day is known."
+)
 CHANGE_SEQ = "Grows with each change in the study: a newer change has a larger number."
 FLAGS = "Known causes of doubt, by name (docs/flags.md, docs/after-meal.md)."
 FOOD = "What the item is; null: not known."
@@ -48,14 +52,20 @@ APP_VERSION = "The version of the phone's app; null: not named."
 DENSITY = "Density in grams per millilitre."
 DENSITY_SD = "Standard deviation of the density: what the next item of this food may differ by."
 DENSITY_STATE = "How the food was when it was weighed, such as raw, boiled or sliced."
-DENSITY_KIND = "solid: of the piece or the liquid itself. bulk: of a heap, with the air between its pieces."
-DENSITY_WEIGHS = "What the grams are of: the food as_seen, or its edible part where the source gives only that."
+DENSITY_KIND = (
+    "solid: of the piece or the liquid itself. bulk: of a heap, with the air between its pieces."
+)
+DENSITY_WEIGHS = (
+    "What the grams are of: the food as_seen, or its edible part where the source gives only that."
+)
 DENSITY_BASIS = (
     "How the density was obtained, from best to worst: study (measured by the study), measured, fao (FAO/INFOODS), "
     "portion (a household measure's grams), related (a similar food), composition, group (of its food group)."
 )
 FOOD_STATE = "raw (dry goods too), cooked or as_eaten; null: not known."
-FOOD_FORM = "The form in which the food usually lies on the plate; it decides how its volume is measured."
+FOOD_FORM = (
+    "The form in which the food usually lies on the plate; it decides how its volume is measured."
+)
 FOOD_GROUP = "The food group's name (GET /v1/food-groups)."
 IS_MIXED_DISH = "Whether it is a dish of several foods."
 ALIASES = "Other names that the search also matches."

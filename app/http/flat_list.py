@@ -34,13 +34,18 @@ def negotiated_format(
     request: Request,
     output: Annotated[
         Literal["json", "csv", "ndjson"] | None,
-        Query(alias="format", description="csv, ndjson: the whole list. Default: by the Accept header, else json."),
+        Query(
+            alias="format",
+            description="csv, ndjson: the whole list. Default: by the Accept header, else json.",
+        ),
     ] = None,
 ) -> FlatFormat | None:
     """The file that is asked for, by the parameter or else by the header; None: JSON."""
     accept = request.headers.get("accept", "")
     for name in FORMATS:
-        if output == name or (output is None and accept.startswith(MEDIA_TYPES[name].split(";")[0])):
+        if output == name or (
+            output is None and accept.startswith(MEDIA_TYPES[name].split(";")[0])
+        ):
             return name
     return None
 
@@ -63,7 +68,9 @@ class ListRoute(APIRoute):
         """The endpoint, which answers with a file of all its pages where one is asked for."""
 
         @functools.wraps(endpoint)
-        def paged_or_whole(*, file_format: FlatFormat | None, **arguments: object) -> BaseModel | Response:
+        def paged_or_whole(
+            *, file_format: FlatFormat | None, **arguments: object
+        ) -> BaseModel | Response:
             if file_format is None:
                 page: BaseModel = endpoint(**arguments)
                 return page
@@ -107,7 +114,9 @@ def row_of(endpoint: Endpoint) -> type[BaseModel] | None:
     return None
 
 
-def _all_rows(endpoint: Endpoint, arguments: dict[str, object], limit: int | None) -> list[dict[str, JsonValue]]:
+def _all_rows(
+    endpoint: Endpoint, arguments: dict[str, object], limit: int | None
+) -> list[dict[str, JsonValue]]:
     """Of all pages, as JSON has them. Raises InvalidInputError (`list_too_long`), and what the endpoint raises."""
     rows: list[dict[str, JsonValue]] = []
     paging: dict[str, object] = {} if limit is None else {"limit": limit}
@@ -115,7 +124,9 @@ def _all_rows(endpoint: Endpoint, arguments: dict[str, object], limit: int | Non
         paging["cursor"] = None
     while True:
         page = endpoint(**arguments | paging)
-        listed = next(getattr(page, name) for name in LIST_FIELDS if name in type(page).model_fields)
+        listed = next(
+            getattr(page, name) for name in LIST_FIELDS if name in type(page).model_fields
+        )
         rows += [row.model_dump(mode="json", by_alias=True) for row in listed]
         if len(rows) > MOST_ROWS:
             raise InvalidInputError(

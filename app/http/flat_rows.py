@@ -29,7 +29,9 @@ def flat_paths(model: type[BaseModel], rows: Iterable[Mapping[str, JsonValue]] =
     return list(_paths(model, (), list(rows)))
 
 
-def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mapping[str, JsonValue]]) -> Iterator[bytes]:
+def encode_flat(
+    output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mapping[str, JsonValue]]
+) -> Iterator[bytes]:
     """Rows as JSON has them, in pieces; of no rows CSV still has its header."""
     names = ["_".join(path) for path in paths]
     left = iter(rows)
@@ -43,10 +45,14 @@ def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mappin
             yield b"".join(to_json(dict(zip(names, row, strict=True))) + b"\n" for row in values)
 
 
-def _paths(model: type[BaseModel], prefix: Path, rows: Sequence[Mapping[str, JsonValue]]) -> Iterator[Path]:
+def _paths(
+    model: type[BaseModel], prefix: Path, rows: Sequence[Mapping[str, JsonValue]]
+) -> Iterator[Path]:
     for name, field in model.model_fields.items():
         column = field.serialization_alias or name
-        yield from _paths_of(field.annotation, (*prefix, column), [row[column] for row in rows if row.get(column)])
+        yield from _paths_of(
+            field.annotation, (*prefix, column), [row[column] for row in rows if row.get(column)]
+        )
 
 
 def _paths_of(annotation: object, path: Path, values: Sequence[JsonValue]) -> Iterator[Path]:
@@ -57,7 +63,9 @@ def _paths_of(annotation: object, path: Path, values: Sequence[JsonValue]) -> It
         yield from _paths(inner, path, members)
     elif typing.get_origin(inner) is dict and typing.get_args(inner)[1] not in (Any, object):
         for name in dict.fromkeys(name for value in members for name in value):
-            yield from _paths_of(typing.get_args(inner)[1], (*path, name), [v[name] for v in members if v.get(name)])
+            yield from _paths_of(
+                typing.get_args(inner)[1], (*path, name), [v[name] for v in members if v.get(name)]
+            )
     else:
         yield path
 

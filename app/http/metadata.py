@@ -55,12 +55,18 @@ def validated(model: type[Model], body: bytes) -> Model:
         return model.model_validate_json(body)
     except ValidationError as error:
         problems = [
-            {"at": ".".join(str(part) for part in item["loc"]), "message": item["msg"], "type": item["type"]}
+            {
+                "at": ".".join(str(part) for part in item["loc"]),
+                "message": item["msg"],
+                "type": item["type"],
+            }
             for item in error.errors(include_url=False, include_context=False, include_input=False)
         ]
     first = problems[0]
     if first["type"] == "json_invalid":
-        raise MalformedRequestError(f"The metadata is not JSON: {first['message']}.", code="metadata_not_json")
+        raise MalformedRequestError(
+            f"The metadata is not JSON: {first['message']}.", code="metadata_not_json"
+        )
     unknown = [problem["at"] for problem in problems if problem["type"] == "extra_forbidden"]
     if unknown:
         raise InvalidInputError(
@@ -69,4 +75,6 @@ def validated(model: type[Model], body: bytes) -> Model:
             errors=problems,
         )
     place = f"metadata.{first['at']}" if first["at"] else "metadata"
-    raise InvalidInputError(f"{place}: {first['message']}.", code="metadata_invalid", errors=problems)
+    raise InvalidInputError(
+        f"{place}: {first['message']}.", code="metadata_invalid", errors=problems
+    )

@@ -29,7 +29,9 @@ Moment = TypeVar("Moment", bound=date)  # an instant is a date too
 
 
 Limit = Annotated[int, Query(ge=1, le=1000, description="Rows in the answer, at most.")]
-Cursor = Annotated[str | None, Query(max_length=600, description="From the page before: follow `next`.")]
+Cursor = Annotated[
+    str | None, Query(max_length=600, description="From the page before: follow `next`.")
+]
 MOST = 2**63 - 1  # what a BIGINT counts
 
 
@@ -100,18 +102,23 @@ def decode_cursor(listed: str, cursor: str | None, /, *parts: Part[Any]) -> Any:
         raise broken_cursor() from None
     if fingerprint != _fingerprint(listed):
         raise InvalidInputError(
-            "The cursor belongs to other filters: start again without it.", code="cursor_of_other_filters"
+            "The cursor belongs to other filters: start again without it.",
+            code="cursor_of_other_filters",
         )
     values = _read(key, parts)
     return values[0] if len(parts) == 1 else values
 
 
-def page_of(listed: str, rows: Sequence[Row], limit: int, key: Callable[[Row], object]) -> Page[Row]:
+def page_of(
+    listed: str, rows: Sequence[Row], limit: int, key: Callable[[Row], object]
+) -> Page[Row]:
     """A page out of rows of which one more than the limit was asked for. key: of a row; several parts as a tuple."""
     if len(rows) <= limit:
         return Page(list(rows), None)
     last = key(rows[limit - 1])
-    return Page(list(rows[:limit]), encode_cursor(listed, *(last if isinstance(last, tuple) else (last,))))
+    return Page(
+        list(rows[:limit]), encode_cursor(listed, *(last if isinstance(last, tuple) else (last,)))
+    )
 
 
 def next_page(request: Request, cursor: str | None) -> str | None:
@@ -139,7 +146,9 @@ def reversed_range_message(first: Moment | None, last: Moment | None) -> str | N
 
 def broken_cursor() -> InvalidInputError:
     """The error for a cursor that is none."""
-    return InvalidInputError("The cursor is broken: follow `next` of the page before it.", code="cursor_invalid")
+    return InvalidInputError(
+        "The cursor is broken: follow `next` of the page before it.", code="cursor_invalid"
+    )
 
 
 def _read(key: str, parts: Sequence[Part[Any]]) -> tuple[Any, ...]:

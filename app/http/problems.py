@@ -51,7 +51,9 @@ class Problem(BaseModel):
         },
     )
 
-    type: str = Field(default="about:blank", description="Always about:blank; `code` says what went wrong.")
+    type: str = Field(
+        default="about:blank", description="Always about:blank; `code` says what went wrong."
+    )
     title: str = Field(description="The status in words.")
     status: int = Field(description="The HTTP status.")
     detail: str = Field(description="What went wrong, in a sentence for a person.")
@@ -76,7 +78,11 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
     app.add_exception_handler(ClientDisconnect, _on_disconnect)
-    for away in (sqlalchemy.exc.OperationalError, sqlalchemy.exc.InterfaceError, sqlalchemy.exc.InternalError):
+    for away in (
+        sqlalchemy.exc.OperationalError,
+        sqlalchemy.exc.InterfaceError,
+        sqlalchemy.exc.InternalError,
+    ):
         app.add_exception_handler(away, _on_database_error)
     app.add_exception_handler(sqlalchemy.exc.DataError, _on_data_error)
     app.add_exception_handler(sqlalchemy.exc.TimeoutError, _on_database_error)
@@ -107,7 +113,10 @@ def _document(
     title = http.HTTPStatus(status).phrase
     problem = Problem(title=title, status=status, detail=detail, code=code, retryable=retryable)
     return JSONResponse(
-        problem.model_dump() | dict(facts), status_code=status, headers=headers, media_type=PROBLEM_JSON
+        problem.model_dump() | dict(facts),
+        status_code=status,
+        headers=headers,
+        media_type=PROBLEM_JSON,
     )
 
 
@@ -123,7 +132,11 @@ async def _on_invalid_request(_: Request, error: Exception) -> Response:
     if not isinstance(error, RequestValidationError):
         raise error
     problems = [
-        {"at": ".".join(str(part) for part in item["loc"]), "message": item["msg"], "type": item["type"]}
+        {
+            "at": ".".join(str(part) for part in item["loc"]),
+            "message": item["msg"],
+            "type": item["type"],
+        }
         for item in error.errors()
     ]
     first = f"{problems[0]['at']}: {problems[0]['message']}" if problems else "invalid"
@@ -145,19 +158,29 @@ async def _on_disconnect(_: Request, __: Exception) -> Response:
 async def _on_database_error(_: Request, error: Exception) -> Response:
     log.error("database_error", exc_info=error)
     if is_disk_full(error):
-        return render_problem(StorageFullError("The database's disk is full. Nothing was kept; try again later."))
-    return render_problem(UnavailableError("The database does not answer. Nothing was kept; try again in a moment."))
+        return render_problem(
+            StorageFullError("The database's disk is full. Nothing was kept; try again later.")
+        )
+    return render_problem(
+        UnavailableError("The database does not answer. Nothing was kept; try again in a moment.")
+    )
 
 
 async def _on_data_error(request: Request, error: Exception) -> Response:
     log.warning(
         "value_refused_by_database", route=route_name(request.scope), error=type(error).__name__
     )  # its text quotes values
-    return render_problem(InvalidInputError("The request holds a value that the database cannot keep."))
+    return render_problem(
+        InvalidInputError("The request holds a value that the database cannot keep.")
+    )
 
 
 async def _on_store_error(request: Request, error: Exception) -> Response:
     log.error("store_error", route=route_name(request.scope), exc_info=error)
     if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
-        return render_problem(StorageFullError("The server's disk is full. Nothing was kept; try again later."))
-    return render_problem(UnavailableError("The file store does not answer. Nothing was kept; try again in a moment."))
+        return render_problem(
+            StorageFullError("The server's disk is full. Nothing was kept; try again later.")
+        )
+    return render_problem(
+        UnavailableError("The file store does not answer. Nothing was kept; try again in a moment.")
+    )

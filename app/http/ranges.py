@@ -57,7 +57,9 @@ def requested_range(request: Request, length: int, etag: str) -> Piece | None:
     return Piece(start, end - start)
 
 
-def answer_part(request: Request, content: bytes, media_type: str, headers: Mapping[str, str]) -> Response:
+def answer_part(
+    request: Request, content: bytes, media_type: str, headers: Mapping[str, str]
+) -> Response:
     """Return the content, or the part of it that is asked for. headers: with ETag. Raises RangeNotSatisfiableError."""
     headers = {**headers, "Accept-Ranges": "bytes"}
     piece = requested_range(request, len(content), headers["ETag"])
@@ -82,8 +84,13 @@ def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> 
     piece = requested_range(request, file.length, etag)
     start, length = (0, file.length) if piece is None else (piece.start, piece.length)
     pieces = file.pieces(blobs, start, length)
-    headers |= {"Content-Length": str(length), "Content-Disposition": f'attachment; filename="{file.name}"'}
+    headers |= {
+        "Content-Length": str(length),
+        "Content-Disposition": f'attachment; filename="{file.name}"',
+    }
     if piece is None:
         return ClosingStream(pieces, pieces.close, media_type=media_type, headers=headers)
     headers["Content-Range"] = f"bytes {start}-{start + length - 1}/{file.length}"
-    return ClosingStream(pieces, pieces.close, media_type=media_type, headers=headers, status_code=PART)
+    return ClosingStream(
+        pieces, pieces.close, media_type=media_type, headers=headers, status_code=PART
+    )

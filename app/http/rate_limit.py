@@ -27,8 +27,12 @@ from app.core.settings import Settings
 CallClass = Literal["upload", "export", "call"]
 CallerKind = Literal["address", "device", "staff"]
 
-IPV6_HOME = 64  # bits that a network gives to one customer: who has one such address has 2^64 of them
-UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations)$")
+IPV6_HOME = (
+    64  # bits that a network gives to one customer: who has one such address has 2^64 of them
+)
+UPLOAD_PATHS = re.compile(
+    r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations)$"
+)
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
 EXPORT_TYPES = (  # in Accept
@@ -37,7 +41,9 @@ EXPORT_TYPES = (  # in Accept
     b"application/vnd.apache.parquet",
     b"application/geo+json",
 )
-UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
+UNCOUNTED_PATHS = frozenset(
+    {"/healthz", "/readyz", "/metrics"}
+)  # asked by machines of the people who run the server
 AT_ONCE_RETRY_SECONDS = 2
 MAX_KEYS = 100_000  # of one limit, so that a flood of addresses cannot fill the memory: 20 MB
 
@@ -187,7 +193,9 @@ def caller_address(request: HTTPConnection) -> str:
 def home_of(host: str) -> str:
     """An IPv4 address as it is, an IPv6 address as its home network; anything else as it is."""
     try:
-        address = ipaddress.ip_address(host.partition("%")[0])  # without the zone of a link-local address
+        address = ipaddress.ip_address(
+            host.partition("%")[0]
+        )  # without the zone of a link-local address
     except ValueError:
         return host[:100]
     if isinstance(address, ipaddress.IPv4Address):

@@ -54,7 +54,10 @@ class RequestLog:
         async def stamped_send(message: Message) -> None:
             if message["type"] == "http.response.start":
                 seen.note_answer(message["status"])
-                message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id.encode())]
+                message["headers"] = [
+                    *message.get("headers", ()),
+                    (b"x-request-id", request_id.encode()),
+                ]
             await send(message)
 
         instruments.IN_FLIGHT.inc()
@@ -65,7 +68,9 @@ class RequestLog:
                 log.exception("request_crashed", route=route_name(scope))
                 if seen.status:  # the answer has begun: all that is left is to cut it
                     raise
-                crash = TadaError("Something went wrong on the server. It is logged; nothing was kept.")
+                crash = TadaError(
+                    "Something went wrong on the server. It is logged; nothing was kept."
+                )
                 await render_problem(crash)(scope, counted_receive, stamped_send)
             finally:
                 instruments.IN_FLIGHT.dec()
@@ -113,7 +118,9 @@ class _Seen:
         elif self._answered is not None:
             instruments.ANSWERS.labels(method, route).observe(self._answered - self._received)
         status = f"{self.status // 100}xx" if self.status else "none"
-        instruments.REQUESTS.labels(method, route, status).observe(time.perf_counter() - self.started)
+        instruments.REQUESTS.labels(method, route, status).observe(
+            time.perf_counter() - self.started
+        )
         instruments.RECEIVED.inc(self.received_bytes)
         if code is not None:
             instruments.PROBLEMS.labels(code).inc()
@@ -131,4 +138,7 @@ class _Seen:
 def _waits(scope: Scope) -> bool:
     """Whether the caller asked to be kept waiting: `?wait=25`."""
     query: bytes = scope["query_string"]
-    return b"wait=" in query and parse_qs(query.decode("latin-1")).get("wait", ["0"])[-1] not in ("0", "0.0")
+    return b"wait=" in query and parse_qs(query.decode("latin-1")).get("wait", ["0"])[-1] not in (
+        "0",
+        "0.0",
+    )

@@ -20,7 +20,9 @@ class ApiState:
     A domain asks for a part by its class (`state.part(Eraser)`), so that this module need not import any domain.
     """
 
-    def __init__(self, settings: Settings, database: Database, blobs: BlobStore, parts: Iterable[object]) -> None:
+    def __init__(
+        self, settings: Settings, database: Database, blobs: BlobStore, parts: Iterable[object]
+    ) -> None:
         self.settings = settings
         self.database = database
         self.blobs = blobs

@@ -12,7 +12,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-WRITTEN_DAY, WRITTEN_INSTANT = re.compile(r"\d{4}-\d{2}-\d{2}"), re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]")
+WRITTEN_DAY, WRITTEN_INSTANT = (
+    re.compile(r"\d{4}-\d{2}-\d{2}"),
+    re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]"),
+)
 Word = TypeVar("Word", bound=str)
 LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
 
@@ -27,7 +30,9 @@ def _only_a_written_day(value: object) -> object:
 def _only_a_written_instant(value: object) -> object:
     if isinstance(value, datetime) or (isinstance(value, str) and WRITTEN_INSTANT.match(value)):
         return value
-    raise PydanticCustomError("datetime_parsing", "must be date and time, such as 2026-11-21T12:30:00+08:00")
+    raise PydanticCustomError(
+        "datetime_parsing", "must be date and time, such as 2026-11-21T12:30:00+08:00"
+    )
 
 
 def unless_named(schema: dict[str, Any]) -> None:
@@ -51,7 +56,9 @@ def _finite(value: float) -> float:
 
 Text = Annotated[str, AfterValidator(_storable)]
 Number = Annotated[float, AfterValidator(_finite)]
-JsonNumber = Annotated[float, Field(strict=True), AfterValidator(_finite)]  # where no form sends it: "1" is no number
+JsonNumber = Annotated[
+    float, Field(strict=True), AfterValidator(_finite)
+]  # where no form sends it: "1" is no number
 LocalDay = Annotated[date, BeforeValidator(_only_a_written_day)]
 Instant = Annotated[datetime, BeforeValidator(_only_a_written_instant)]
 AwareInstant = Annotated[AwareDatetime, BeforeValidator(_only_a_written_instant)]

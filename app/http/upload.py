@@ -34,7 +34,9 @@ WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
 MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic")  # those that are read
-PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "image/tiff", "application/octet-stream"})
+PHOTO_TYPES = frozenset(
+    {*IMAGE_TYPES, "image/jpg", "image/heif", "image/tiff", "application/octet-stream"}
+)
 METADATA = "metadata"
 MAX_METADATA_BYTES = 64 * 1024
 
@@ -133,8 +135,12 @@ async def received_parts(
         async for chunk in request.stream():
             received += len(chunk)
             reader.feed(chunk)
-            allowed = min(most, reader.files_begun * limits.photo_bytes + limits.metadata_bytes + FRAME_BYTES)
-            if received > allowed:  # photographs have their own limits; this is what stands between and after them
+            allowed = min(
+                most, reader.files_begun * limits.photo_bytes + limits.metadata_bytes + FRAME_BYTES
+            )
+            if (
+                received > allowed
+            ):  # photographs have their own limits; this is what stands between and after them
                 raise _body_too_large(allowed)
             for file in reader.writable():
                 await anyio.to_thread.run_sync(file.write, limiter=limiter)
@@ -171,7 +177,9 @@ def _require_declared(request: Request, most: int) -> None:
 
 
 def _body_too_large(most: int) -> TooLargeError:
-    return TooLargeError(f"The body is larger than {most} bytes, the limit of all its parts.", limit_bytes=most)
+    return TooLargeError(
+        f"The body is larger than {most} bytes, the limit of all its parts.", limit_bytes=most
+    )
 
 
 def photo_too_large(slot: str, limit: int) -> TooLargeError:
@@ -187,12 +195,16 @@ def photo_too_large(slot: str, limit: int) -> TooLargeError:
 def _boundary(request: Request) -> bytes:
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data":
-        raise UnsupportedMediaError("Send multipart/form-data with the parts that the API's documents name.")
+        raise UnsupportedMediaError(
+            "Send multipart/form-data with the parts that the API's documents name."
+        )
     boundary = options.get(b"boundary", b"")
     if not boundary:
         raise MalformedRequestError("The content type names no multipart boundary.")
     if len(boundary) > MAX_BOUNDARY_LENGTH:
-        raise MalformedRequestError(f"The multipart boundary is longer than {MAX_BOUNDARY_LENGTH} characters.")
+        raise MalformedRequestError(
+            f"The multipart boundary is longer than {MAX_BOUNDARY_LENGTH} characters."
+        )
     return boundary
 
 
@@ -220,7 +232,12 @@ class _MultipartReader:
     """Turns the parser's callbacks into files and the metadata's bytes."""
 
     def __init__(
-        self, boundary: bytes, slots: tuple[str, ...], staging: Path, limits: UploadLimits, times: int
+        self,
+        boundary: bytes,
+        slots: tuple[str, ...],
+        staging: Path,
+        limits: UploadLimits,
+        times: int,
     ) -> None:
         self._slots = slots
         self._times = times
@@ -257,7 +274,9 @@ class _MultipartReader:
     def finish(self) -> ReceivedParts:
         """Close the files. Raises MalformedRequestError if the closing boundary never came."""
         if not self._ended:
-            raise MalformedRequestError("The multipart body ends before its closing boundary.", code="body_incomplete")
+            raise MalformedRequestError(
+                "The multipart body ends before its closing boundary.", code="body_incomplete"
+            )
         metadata = bytes(self._metadata) if self._metadata is not None else None
         return ReceivedParts(metadata, {slot: file.finish() for slot, file in self._files.items()})
 
@@ -290,7 +309,8 @@ class _MultipartReader:
         names = (METADATA, *self._slots)
         if name not in names:
             raise MalformedRequestError(
-                f"There is no part {name[:60]!r}; the parts are {', '.join(names)}.", code="part_unknown"
+                f"There is no part {name[:60]!r}; the parts are {', '.join(names)}.",
+                code="part_unknown",
             )
         if name in self._slots:
             name = self._numbered(name)
@@ -301,7 +321,8 @@ class _MultipartReader:
             self._metadata = bytearray()
             return
         _require_photo_type(
-            self._part.headers.get(b"content-type", b"application/octet-stream").decode("latin-1"), name
+            self._part.headers.get(b"content-type", b"application/octet-stream").decode("latin-1"),
+            name,
         )
         self._files[name] = _FileInTheMaking(self._staging, name, self._limits.photo_bytes)
 

@@ -29,7 +29,10 @@ class Calibration:
 
 
 def posterior(
-    log_likelihoods: Vectors, none_log_likelihood: float, log_prior: Vectors, none_prior: float = NONE_PRIOR
+    log_likelihoods: Vectors,
+    none_log_likelihood: float,
+    log_prior: Vectors,
+    none_prior: float = NONE_PRIOR,
 ) -> tuple[Vectors, NDArray[np.float64]]:
     """(n, classes) probabilities and (n,) of none of them; a row and its none add up to 1.
 

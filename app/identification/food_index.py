@@ -92,7 +92,9 @@ def open_index(path: Path | None) -> FoodIndex:
         foods = read_labels(labels_path(path).read_text(encoding="utf-8"))
         return read_index(io.BytesIO(path.read_bytes()), foods)
     except (OSError, ValueError, KeyError, csv.Error) as error:
-        raise InvalidInputError(f"The index {path} cannot be read: {error}.", code="food_index_unreadable") from error
+        raise InvalidInputError(
+            f"The index {path} cannot be read: {error}.", code="food_index_unreadable"
+        ) from error
 
 
 def labels_path(path: Path) -> Path:
@@ -107,7 +109,10 @@ def shipped_foods() -> tuple[KnownFood, ...]:
 
 def read_labels(text: str) -> tuple[KnownFood, ...]:
     """Lines of label, name, food_key. Raises ValueError for an empty cell, or a label or a food that stands twice."""
-    foods = tuple(KnownFood(row["label"], row["name"], row["food_key"]) for row in csv.DictReader(io.StringIO(text)))
+    foods = tuple(
+        KnownFood(row["label"], row["name"], row["food_key"])
+        for row in csv.DictReader(io.StringIO(text))
+    )
     if not all(food.label and food.name and food.food_key for food in foods):
         raise ValueError("a label, a name or a food_key is missing")
     for column in ({food.label for food in foods}, {food.food_key for food in foods}):
@@ -127,7 +132,9 @@ def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
     if unknown:
         raise ValueError(f"labels of the index that nobody knows: {', '.join(unknown)}")
     sizes: dict[str, list[float]] = {}
-    for label, volume in zip(held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True):
+    for label, volume in zip(
+        held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True
+    ):
         sizes.setdefault(label, []).append(volume)
     vectors = held["vectors"].astype(np.float64)
     return FoodIndex(
@@ -157,7 +164,15 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     try:
         with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
             held = {name: archive[name] for name in ARRAYS}
-    except (ValueError, KeyError, EOFError, OSError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+    except (
+        ValueError,
+        KeyError,
+        EOFError,
+        OSError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
         raise ValueError(f"this is no index of foods, or a damaged one: {error}") from error
     rows, length = held["vectors"].shape if held["vectors"].ndim == 2 else (0, 0)
     fits = (
@@ -167,12 +182,17 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
         and held["centre"].shape == held["sd"].shape == held["weight"].shape == (length,)
         and int(held["block_sizes"].sum()) == length
         and held["calibration"].shape == (2,)
-        and all(np.isfinite(held[name]).all() for name in ("vectors", "centre", "sd", "weight", "calibration"))
+        and all(
+            np.isfinite(held[name]).all()
+            for name in ("vectors", "centre", "sd", "weight", "calibration")
+        )
         and bool((held["sd"] > 0.0).all())
         and held["calibration"][0] > 0.0
     )
     if not fits:
-        raise ValueError("this is no index of foods, or a damaged one: its parts do not fit together")
+        raise ValueError(
+            "this is no index of foods, or a damaged one: its parts do not fit together"
+        )
     return held
 
 
@@ -180,7 +200,9 @@ def _digest(held: Mapping[str, NDArray[Any]]) -> str:
     """Of all that an archive holds, in the order of the names."""
     digest = hashlib.sha256()
     for name in sorted(held):
-        digest.update(f"{name} {held[name].dtype.str} {held[name].shape} ".encode() + held[name].tobytes())
+        digest.update(
+            f"{name} {held[name].dtype.str} {held[name].shape} ".encode() + held[name].tobytes()
+        )
     return digest.hexdigest()[:12]
 
 

@@ -14,7 +14,10 @@ SAME_TIME_SD_MINUTES = 90.0
 ANY_TIME = 0.35  # the weight of a meal at quite another time of day
 STUDY_WEIGHT = 10.0  # the others' shares stand for so many of the participant's items
 EQUAL_WEIGHT = 20.0  # equal shares stand for so many of the study's items
-NEW_FOODS, NEW_OF = 6.0, 20.0  # to begin with: an index of a few foods often meets others; a judgement
+NEW_FOODS, NEW_OF = (
+    6.0,
+    20.0,
+)  # to begin with: an index of a few foods often meets others; a judgement
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +42,9 @@ def log_prior(
     all_of_study, all_of_own = sum(of_study.values()), sum(of_own.values())
     out = []
     for food in foods:
-        study_share = (of_study.get(food, 0.0) + EQUAL_WEIGHT / len(foods)) / (all_of_study + EQUAL_WEIGHT)
+        study_share = (of_study.get(food, 0.0) + EQUAL_WEIGHT / len(foods)) / (
+            all_of_study + EQUAL_WEIGHT
+        )
         share = (of_own.get(food, 0.0) + STUDY_WEIGHT * study_share) / (all_of_own + STUDY_WEIGHT)
         out.append(math.log(share))
     return out
@@ -59,11 +64,15 @@ def new_food_share(known_before: frozenset[str], confirmed: Sequence[str]) -> fl
     return (once + NEW_FOODS) / (len(confirmed) + NEW_OF)
 
 
-def _weights(known: set[str], day_minute: int | None, eaten: Sequence[Eaten]) -> Mapping[str, float]:
+def _weights(
+    known: set[str], day_minute: int | None, eaten: Sequence[Eaten]
+) -> Mapping[str, float]:
     weights: dict[str, float] = {}
     for item in eaten:
         if item.food_key in known:
-            weights[item.food_key] = weights.get(item.food_key, 0.0) + _weight(day_minute, item.day_minute)
+            weights[item.food_key] = weights.get(item.food_key, 0.0) + _weight(
+                day_minute, item.day_minute
+            )
     return weights
 
 

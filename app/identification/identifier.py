@@ -19,7 +19,9 @@ from app.identification.metric import Vectors
 from app.identification.sizes import FoodSize, food_size, size_log_likelihood
 
 MOST_EATEN = 1400  # of the study's items that show what is eaten at a time of day: each answer looks at all of them
-MOST_EXAMPLES = 1400  # learned, beside those that ship: what one linear system solves in less than a second
+MOST_EXAMPLES = (
+    1400  # learned, beside those that ship: what one linear system solves in less than a second
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,24 +90,39 @@ class _Known:
 class Identifier:
     """An index with learned examples; immutable: later examples make another."""
 
-    def __init__(self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None) -> None:
+    def __init__(
+        self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None
+    ) -> None:
         """learned: the newest last. none_prior: probability of a food unknown to the index; None: from own examples.
 
         Raises ValueError if an example's vector is not of the index's length, or not finite, or none_prior is not
         between 0 and 1.
         """
         if none_prior is not None and not 0.0 < none_prior < 1.0:
-            raise ValueError(f"the share of foods that the index does not know is between 0 and 1, not {none_prior}")
+            raise ValueError(
+                f"the share of foods that the index does not know is between 0 and 1, not {none_prior}"
+            )
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
-        self._sizes = {known.food_key: known.size for known in self._known if known.size is not None}
+        self._sizes = {
+            known.food_key: known.size for known in self._known if known.size is not None
+        }
         place = {known.food_key: number for number, known in enumerate(self._known)}
-        labels = np.concatenate([index.labels, np.array([place[example.food_key] for example in kept], np.intp)])
-        vectors = np.concatenate([index.vectors, *(example.vector.reshape(1, -1) for example in kept)])
+        labels = np.concatenate(
+            [index.labels, np.array([place[example.food_key] for example in kept], np.intp)]
+        )
+        vectors = np.concatenate(
+            [index.vectors, *(example.vector.reshape(1, -1) for example in kept)]
+        )
         self._metric, self._calibration = index.metric, index.calibration
         self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
-        own = [example for example in learned if example.is_own]  # all: the kept ones have equal shares by design
-        self._eaten = [(example.eater, Eaten(example.food_key, example.day_minute)) for example in own[-MOST_EATEN:]]
+        own = [
+            example for example in learned if example.is_own
+        ]  # all: the kept ones have equal shares by design
+        self._eaten = [
+            (example.eater, Eaten(example.food_key, example.day_minute))
+            for example in own[-MOST_EATEN:]
+        ]
         others = {example.food_key for example in kept if not example.is_own}
         known_without = frozenset(others | {food.food_key for food in index.foods})
         estimated = new_food_share(known_without, [example.food_key for example in own])
@@ -133,14 +150,20 @@ class Identifier:
 
         Raises ValueError if the vector is of another length or not finite.
         """
-        scores = self._classifier.scores(self._metric.embed(np.asarray(vector, np.float64).reshape(1, -1)))
+        scores = self._classifier.scores(
+            self._metric.embed(np.asarray(vector, np.float64).reshape(1, -1))
+        )
         likelihoods, none = self._calibration.log_likelihoods(scores)
         volume_ml, relative_sd = circumstances.volume_ml, circumstances.volume_relative_sd
         sizes = [size_log_likelihood(known.size, volume_ml, relative_sd) for known in self._known]
-        others = [eaten for eater, eaten in self._eaten if eater is None or eater != circumstances.eater]
+        others = [
+            eaten for eater, eaten in self._eaten if eater is None or eater != circumstances.eater
+        ]
         foods = [known.food_key for known in self._known]
         habits = log_prior(foods, circumstances.day_minute, circumstances.own, others)
-        shares, none_share = posterior(likelihoods + np.array(sizes), none, np.array(habits), self._none_prior)
+        shares, none_share = posterior(
+            likelihoods + np.array(sizes), none, np.array(habits), self._none_prior
+        )
         best = np.argsort(-shares[0], kind="stable")[:most]
         return Identification(
             tuple(self._known[i].candidate(float(shares[0, i])) for i in best),

@@ -38,7 +38,9 @@ class Metric:
         """
         given = np.asarray(vectors, np.float64)
         if given.ndim != 2 or given.shape[1] != len(self.centre):
-            raise ValueError(f"vectors of {len(self.centre)} numbers each are expected, not {given.shape}")
+            raise ValueError(
+                f"vectors of {len(self.centre)} numbers each are expected, not {given.shape}"
+            )
         if not np.isfinite(given).all():
             raise ValueError("a vector has a number that is not finite")
         apart = (given - self.centre) / self.sd

@@ -14,14 +14,24 @@ from numpy.typing import NDArray
 from app.identification.sizes import ANY_LOG_ML, ANY_LOG_SD, AS_EXPECTED, FoodSize
 
 LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
-DECLARED_RIGHT, PRINT_LOG_SD = 0.95, 0.03  # of studies' boards; of a printer that scales to the page
+DECLARED_RIGHT, PRINT_LOG_SD = (
+    0.95,
+    0.03,
+)  # of studies' boards; of a printer that scales to the page
 WRONG_LOG_SD = 0.7  # a factor of two either way is usual among wrong ones: millimetres of another board, inches, A3
 # Median, mm, and spread in logarithms. Rims' radii: plates of 170 mm across to platters of 330, bowls of 110 to 240,
 # espresso cups of 55 to mugs of 115, in 90 % of tableware. Phones are held 210 to 680 mm above the table.
-USUAL_MM = {"plate": (120.0, 0.2), "bowl": (80.0, 0.25), "cup": (40.0, 0.22), "camera": (380.0, 0.35)}
+USUAL_MM = {
+    "plate": (120.0, 0.2),
+    "bowl": (80.0, 0.25),
+    "cup": (40.0, 0.22),
+    "camera": (380.0, 0.35),
+}
 UNUSUAL, UNUSUAL_LOG_SD = 0.1, 0.7  # share of other sizes, and their spread
 SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 times likelier with another one
-LEAST_LOG_FACTOR = math.log(1.2)  # that is told: below it the interval of a volume covers much of it
+LEAST_LOG_FACTOR = math.log(
+    1.2
+)  # that is told: below it the interval of a volume covers much of it
 
 Log = NDArray[np.float64]
 
@@ -38,7 +48,9 @@ class MeasuredFood:
     kinds: Sequence[tuple[float, FoodSize]] = ()
 
 
-def plausible_factor(lengths_mm: Mapping[str, Sequence[float]], foods: Sequence[MeasuredFood]) -> float | None:
+def plausible_factor(
+    lengths_mm: Mapping[str, Sequence[float]], foods: Sequence[MeasuredFood]
+) -> float | None:
     """Return the factor that all lengths should have; None unless the declared size is clearly not the right one.
 
     lengths_mm: kind, as in USUAL_MM -> radii of rims, the camera's height.
@@ -46,8 +58,13 @@ def plausible_factor(lengths_mm: Mapping[str, Sequence[float]], foods: Sequence[
     right = math.log(DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, PRINT_LOG_SD)
     wrong = math.log(1.0 - DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, WRONG_LOG_SD)
     likelihood = np.zeros_like(LOG_FACTORS)
-    for kind, of_kind_mm in lengths_mm.items():  # dishes of one kind are of one set: they count once
-        likelihood += np.mean([_length_log_likelihood(kind, length_mm) for length_mm in of_kind_mm], axis=0)
+    for (
+        kind,
+        of_kind_mm,
+    ) in lengths_mm.items():  # dishes of one kind are of one set: they count once
+        likelihood += np.mean(
+            [_length_log_likelihood(kind, length_mm) for length_mm in of_kind_mm], axis=0
+        )
     if foods:  # that all are small, or large, counts once; what each kind says, for itself
         likelihood += np.mean([_of_any_food(food) for food in foods], axis=0)
         likelihood += np.sum([_of_its_kind(food) for food in foods], axis=0)
@@ -80,9 +97,13 @@ def _of_its_kind(food: MeasuredFood) -> Log:
     logs, share = math.log(food.volume_ml) + 3.0 * LOG_FACTORS, 0.0
     of_kinds = np.zeros_like(logs)
     for probability, size in food.kinds:
-        of_kinds += probability * np.exp(_log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd)))
+        of_kinds += probability * np.exp(
+            _log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd))
+        )
         share += probability
-    return np.asarray(np.log(AS_EXPECTED * of_kinds / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share))
+    return np.asarray(
+        np.log(AS_EXPECTED * of_kinds / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share)
+    )
 
 
 def _log_normal(value: Log, mean: float, sd: float) -> Log:

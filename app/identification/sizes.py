@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ANY_LOG_ML, ANY_LOG_SD = math.log(150.0), 1.1  # of foods on plates at large: 17 to 1,300 ml in 95 %
-OWN_LOG_SD = 0.5  # between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
+OWN_LOG_SD = (
+    0.5  # between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
+)
 OWN_WEIGHT = 2.0  # pieces that this stands for
 AS_EXPECTED = 0.8  # of items: one whole piece, as those that are known; the others are cut, several, or half eaten
 
@@ -38,12 +40,18 @@ def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
     return FoodSize(mean, math.sqrt(variance * (1.0 + 1.0 / count)))
 
 
-def size_log_likelihood(size: FoodSize | None, volume_ml: float | None, relative_sd: float = 0.0) -> float:
+def size_log_likelihood(
+    size: FoodSize | None, volume_ml: float | None, relative_sd: float = 0.0
+) -> float:
     """Return the log likelihood ratio of this volume, the food against any food; 0 where either is not known.
 
     relative_sd: of the measurement. At least log(1 - AS_EXPECTED); 0 for values that are not finite.
     """
-    if size is None or volume_ml is None or not (0.0 < volume_ml < math.inf and math.isfinite(relative_sd)):
+    if (
+        size is None
+        or volume_ml is None
+        or not (0.0 < volume_ml < math.inf and math.isfinite(relative_sd))
+    ):
         return 0.0
     value = math.log(volume_ml)
     of_any = _log_density(value, ANY_LOG_ML, math.hypot(ANY_LOG_SD, relative_sd))

@@ -64,11 +64,15 @@ class Claims:
         self._claimed: set[uuid.UUID] = set()
         self._background: set[uuid.UUID] = set()  # those of them that are background jobs
         self._handed_back: set[uuid.UUID] = set()  # those of them that must make room
-        self._computed: set[uuid.UUID] = set()  # those of them that only wait to be sealed and saved
+        self._computed: set[uuid.UUID] = (
+            set()
+        )  # those of them that only wait to be sealed and saved
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._look = threading.Event()
-        self._thread = threading.Thread(target=self._claim_until_stopped, name="claims", daemon=True)
+        self._thread = threading.Thread(
+            target=self._claim_until_stopped, name="claims", daemon=True
+        )
 
     def start(self) -> None:
         """Start to claim jobs."""
@@ -139,7 +143,9 @@ class Claims:
             if is_background:
                 self._background.update(job_ids)
         for job_id in job_ids:
-            threading.Thread(target=self._perform, args=(job_id,), name=f"job-{job_id}", daemon=True).start()
+            threading.Thread(
+                target=self._perform, args=(job_id,), name=f"job-{job_id}", daemon=True
+            ).start()
 
     def _queue_backlog(self, room: int) -> int:
         """Queue background jobs, if there are any. Returns their number."""
@@ -159,7 +165,9 @@ class Claims:
                 return
             with self._database.write() as session:
                 self._lease.guard(session)
-                if not jobs.release_claims(session, self._lease.executor_id, chosen, is_takeover=False):
+                if not jobs.release_claims(
+                    session, self._lease.executor_id, chosen, is_takeover=False
+                ):
                     return  # it is just being saved
             with self._lock:
                 handed_back = self._claimed.intersection(chosen)
@@ -173,7 +181,9 @@ class Claims:
             self._run(job_id)
         except JobLeft:
             pass
-        except Exception:  # the worker's edge: job_worker.py finds jobs that are claimed but not running
+        except (
+            Exception
+        ):  # the worker's edge: job_worker.py finds jobs that are claimed but not running
             log.exception("job_broken_off", job_id=str(job_id))
         finally:
             with self._lock:

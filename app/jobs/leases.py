@@ -80,7 +80,9 @@ def living_workers(database: Database, times: WorkerTimes | None = None) -> list
     """Return the living workers, the oldest first."""
     if database.is_sqlite:
         files = lock_files(lock_folder(database))
-        return sorted(filter(None, map(_read_if_locked, files)), key=lambda executor: executor.started_at)
+        return sorted(
+            filter(None, map(_read_if_locked, files)), key=lambda executor: executor.started_at
+        )
     with database.read() as session:
         return jobs.fresh_leases(session, (times or WorkerTimes()).lease)
 
@@ -155,7 +157,9 @@ class FileLease:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-            fcntl.flock(file, fcntl.LOCK_EX)  # a worker that checks whether we live holds the lock for a moment
+            fcntl.flock(
+                file, fcntl.LOCK_EX
+            )  # a worker that checks whether we live holds the lock for a moment
             if _is_still_there(file, self._path):
                 break
             os.close(file)
@@ -184,7 +188,11 @@ class FileLease:
         for path in lock_files(self._path.parent):
             if path != self._path:
                 _remove_if_unlocked(path)
-        return {executor for executor in pending if not (self._path.parent / f"{executor}.lock").exists()}
+        return {
+            executor
+            for executor in pending
+            if not (self._path.parent / f"{executor}.lock").exists()
+        }
 
 
 def lock_folder(database: Database) -> Path:

@@ -36,7 +36,9 @@ class Executor:
 
 _TURNS = sa.select(  # built once, because every upload runs it
     sa.select(sa.func.max(Job.turn)).where(Job.started_at.is_not(None)).scalar_subquery(),
-    sa.select(sa.func.max(Job.turn)).where(Job.study_id == sa.bindparam("study_id")).scalar_subquery(),
+    sa.select(sa.func.max(Job.turn))
+    .where(Job.study_id == sa.bindparam("study_id"))
+    .scalar_subquery(),
 )
 
 
@@ -60,17 +62,24 @@ class JobNames:
 
 def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
     """Return the names of a job; None if it no longer exists."""
-    query = sa.select(Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts, Job.is_background).where(
-        Job.id == job_id
-    )
+    query = sa.select(
+        Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts, Job.is_background
+    ).where(Job.id == job_id)
     names = session.execute(query).one_or_none()
     return JobNames(*names) if names is not None else None
 
 
-_IS_LIVE = Job.finished_at.is_(None)  # the indexes' condition; finish_job and fail_job set finished_at with the state
+_IS_LIVE = Job.finished_at.is_(
+    None
+)  # the indexes' condition; finish_job and fail_job set finished_at with the state
 
 
-_CLAIM_ORDER = (Job.is_background, Job.turn, Job.enqueued_at, Job.id)  # the order of the index of waiting jobs
+_CLAIM_ORDER = (
+    Job.is_background,
+    Job.turn,
+    Job.enqueued_at,
+    Job.id,
+)  # the order of the index of waiting jobs
 
 
 def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
@@ -86,7 +95,9 @@ def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
 
 def waiting_kind(session: Session, protocol: int) -> Literal["ordinary", "background"] | None:
     """Return the kind of job that a worker of this protocol would claim next; None: no job waits."""
-    query = sa.select(Job.is_background).where(_is_waiting(protocol)).order_by(*_CLAIM_ORDER).limit(1)
+    query = (
+        sa.select(Job.is_background).where(_is_waiting(protocol)).order_by(*_CLAIM_ORDER).limit(1)
+    )
     is_background = session.scalar(query)
     return None if is_background is None else "background" if is_background else "ordinary"
 
@@ -104,7 +115,9 @@ def claim_jobs(
 
     is_background: claim background jobs instead of ordinary ones. but: jobs that this worker must not claim.
     """
-    query = sa.select(Job).where(_is_waiting(protocol), Job.is_background == is_background, Job.id.not_in(list(but)))
+    query = sa.select(Job).where(
+        _is_waiting(protocol), Job.is_background == is_background, Job.id.not_in(list(but))
+    )
     query = query.order_by(*_CLAIM_ORDER).limit(room)
     claimed = session.scalars(query.with_for_update(skip_locked=True)).all()
     for job in claimed:
@@ -124,7 +137,11 @@ def executors_with_claims(session: Session) -> set[str]:
 
 
 def release_claims(
-    session: Session, executor_id: str, job_ids: Collection[uuid.UUID] | None = None, *, is_takeover: bool
+    session: Session,
+    executor_id: str,
+    job_ids: Collection[uuid.UUID] | None = None,
+    *,
+    is_takeover: bool,
 ) -> int:
     """Release these jobs of a worker, or all of its jobs, at their old turns. Returns their number.
 
@@ -147,7 +164,9 @@ def one_meal(meal_id: uuid.UUID) -> sa.Select[uuid.UUID]:
 
 def live_jobs_of(session: Session, meals: sa.Select[uuid.UUID]) -> list[Job]:
     """Return the unfinished jobs of these meals, locked."""
-    query = sa.select(Job).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES)).order_by(Job.id)
+    query = (
+        sa.select(Job).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES)).order_by(Job.id)
+    )
     return list(session.scalars(query.with_for_update().execution_options(populate_existing=True)))
 
 
@@ -156,16 +175,23 @@ def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | Non
     meal_id = session.scalar(sa.select(Job.meal_id).where(Job.id == job_id))
     if meal_id is None:
         return None
-    meal = session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one_or_none()
+    meal = session.scalars(
+        sa.select(Meal).where(Meal.id == meal_id).with_for_update()
+    ).one_or_none()
     job = session.scalars(
-        sa.select(Job).where(Job.id == job_id).with_for_update().execution_options(populate_existing=True)
+        sa.select(Job)
+        .where(Job.id == job_id)
+        .with_for_update()
+        .execution_options(populate_existing=True)
     ).one_or_none()
     if job is None or meal is None:  # erased just now
         return None
     return (job, meal) if job.state in LIVE_STATES else None
 
 
-def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime) -> Job | None:
+def start_attempt(
+    session: Session, job_id: uuid.UUID, executor_id: str, now: datetime
+) -> Job | None:
     """Record that this worker begins the job; None: it has ended, or another worker has it.
 
     A job with a computed result is returned unchanged.
@@ -190,7 +216,9 @@ def keep_result(session: Session, job_id: uuid.UUID, executor_id: str, result_ke
     session.execute(query.values(result_key=result_key, faulty_since=None, not_before=None))
 
 
-def put_off(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime, times: WorkerTimes) -> None:
+def put_off(
+    session: Session, job_id: uuid.UUID, executor_id: str, now: datetime, times: WorkerTimes
+) -> None:
     """Give a job back, for half of the time that its fault has lasted.
 
     Without effect if another worker has the job.
@@ -208,12 +236,17 @@ def put_off(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime
 
 def count_faulty(session: Session) -> int:
     """Return how many jobs wait for a fault to pass."""
-    return session.scalar(sa.select(sa.func.count()).where(_IS_LIVE, Job.faulty_since.is_not(None))) or 0
+    return (
+        session.scalar(sa.select(sa.func.count()).where(_IS_LIVE, Job.faulty_since.is_not(None)))
+        or 0
+    )
 
 
 def unwanted_jobs(session: Session, job_ids: Collection[uuid.UUID]) -> set[uuid.UUID]:
     """Return those of the jobs that need not be done: cancelled, failed, or erased with their meal."""
-    return set(job_ids) - set(session.scalars(sa.select(Job.id).where(Job.id.in_(job_ids), _IS_LIVE)))
+    return set(job_ids) - set(
+        session.scalars(sa.select(Job.id).where(Job.id.in_(job_ids), _IS_LIVE))
+    )
 
 
 def finish_job(job: Job, now: datetime) -> None:
@@ -287,15 +320,21 @@ def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, PairPurp
     waiting: list[tuple[uuid.UUID, PairPurpose]] = []
     for purpose in get_args(PairPurpose):
         status = Meal.status if purpose == "meal" else Meal.after_status
-        live = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.state.in_(LIVE_STATES))
+        live = sa.exists().where(
+            Job.meal_id == Meal.id, Job.purpose == purpose, Job.state.in_(LIVE_STATES)
+        )
         query = sa.select(Meal.id).where(status.in_(WAITING), ~live)
-        waiting += [(meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))]
+        waiting += [
+            (meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))
+        ]
     return waiting
 
 
 def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int, int]:
     """Return the numbers of all and of unfinished jobs of a meal for this purpose."""
-    states = session.scalars(sa.select(Job.state).where(Job.meal_id == meal_id, Job.purpose == purpose)).all()
+    states = session.scalars(
+        sa.select(Job.state).where(Job.meal_id == meal_id, Job.purpose == purpose)
+    ).all()
     return len(states), sum(state in LIVE_STATES for state in states)
 
 
@@ -321,7 +360,9 @@ def hold_lease(session: Session, executor_id: str, lease_seconds: float) -> bool
     FOR KEY SHARE: the worker's own heartbeats are not blocked, and a takeover skips the row.
     """
     # a worker that is stopped within its transaction must not keep the rows locked against a takeover
-    session.execute(sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {int(lease_seconds * 1000)}"))
+    session.execute(
+        sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {int(lease_seconds * 1000)}")
+    )
     held = session.scalar(
         sa.select(WorkerLease.executor_id)
         .where(WorkerLease.executor_id == executor_id)
@@ -342,13 +383,17 @@ def delete_expired_leases(session: Session, lease_seconds: float, *, but: str) -
 
 def leases_ahead(session: Session) -> set[tuple[str, datetime]]:
     """Return (executor, heartbeat) of leases whose heartbeat lies in the future: the database's clock went back."""
-    query = sa.select(WorkerLease.executor_id, WorkerLease.heartbeat_at).where(WorkerLease.heartbeat_at > _clock())
+    query = sa.select(WorkerLease.executor_id, WorkerLease.heartbeat_at).where(
+        WorkerLease.heartbeat_at > _clock()
+    )
     return {(row.executor_id, row.heartbeat_at) for row in session.execute(query)}
 
 
 def delete_lease_ahead(session: Session, executor_id: str, heartbeat_at: datetime) -> None:
     """Delete a lease that still has this heartbeat, unless its worker is just saving under it."""
-    _delete_leases(session, WorkerLease.executor_id == executor_id, WorkerLease.heartbeat_at == heartbeat_at)
+    _delete_leases(
+        session, WorkerLease.executor_id == executor_id, WorkerLease.heartbeat_at == heartbeat_at
+    )
 
 
 def leases(session: Session) -> set[str]:
@@ -359,13 +404,22 @@ def leases(session: Session) -> set[str]:
 def fresh_leases(session: Session, lease_seconds: float) -> list[Executor]:
     """Return the workers whose heartbeat is recent on the database's clock."""
     rows = session.scalars(
-        sa.select(WorkerLease).where(_is_alive(lease_seconds)).order_by(WorkerLease.started_at, WorkerLease.executor_id)
+        sa.select(WorkerLease)
+        .where(_is_alive(lease_seconds))
+        .order_by(WorkerLease.started_at, WorkerLease.executor_id)
     )
-    return [Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows]
+    return [
+        Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows
+    ]
 
 
 def _delete_leases(session: Session, *conditions: sa.ColumnElement[bool]) -> list[str]:
-    chosen = sa.select(WorkerLease.executor_id).where(*conditions).with_for_update(skip_locked=True).subquery()
+    chosen = (
+        sa.select(WorkerLease.executor_id)
+        .where(*conditions)
+        .with_for_update(skip_locked=True)
+        .subquery()
+    )
     return list(
         session.scalars(
             sa.delete(WorkerLease)
@@ -386,4 +440,7 @@ def _is_fresh(lease_seconds: float) -> sa.ColumnElement[bool]:
 
 def _is_alive(lease_seconds: float) -> sa.ColumnElement[bool]:
     """Fresh, and not in the future: if the database's clock went back, a living worker has renewed it since."""
-    return sa.and_(_is_fresh(lease_seconds), WorkerLease.heartbeat_at < _clock() + timedelta(seconds=lease_seconds))
+    return sa.and_(
+        _is_fresh(lease_seconds),
+        WorkerLease.heartbeat_at < _clock() + timedelta(seconds=lease_seconds),
+    )

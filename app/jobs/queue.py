@@ -53,7 +53,9 @@ class JobQueue:
 
     def enqueue_rerun(self, session: Session, meal_id: uuid.UUID, pair: PairPurpose) -> Job:
         """Queue a pair's estimate by a remeasurement, in the background."""
-        purpose = cast("JobPurpose", next(purpose for purpose, of_pair in RERUN_OF.items() if of_pair == pair))
+        purpose = cast(
+            "JobPurpose", next(purpose for purpose, of_pair in RERUN_OF.items() if of_pair == pair)
+        )
         job = Job(
             id=uuid.uuid4(),
             meal_id=meal_id,

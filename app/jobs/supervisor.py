@@ -31,7 +31,8 @@ def settings_environment(settings: Settings) -> dict[str, str]:
         if isinstance(value, SecretStr):
             values[name] = value.get_secret_value()
     return {
-        f"TADA_{name.upper()}": value if isinstance(value, str) else json.dumps(value) for name, value in values.items()
+        f"TADA_{name.upper()}": value if isinstance(value, str) else json.dumps(value)
+        for name, value in values.items()
     }
 
 
@@ -45,8 +46,13 @@ class WorkerProcess:
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self._command = [*command, "--parent", str(os.getpid())]
-        others = ("TADA_", "PROMETHEUS_")  # the latter would let it count together with the server's processes
-        inherited = {name: value for name, value in os.environ.items() if not name.startswith(others)}
+        others = (
+            "TADA_",
+            "PROMETHEUS_",
+        )  # the latter would let it count together with the server's processes
+        inherited = {
+            name: value for name, value in os.environ.items() if not name.startswith(others)
+        }
         self._environment = inherited | settings_environment(settings) | dict(environment or {})
         self._stopping = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -62,7 +68,9 @@ class WorkerProcess:
     def start(self) -> None:
         """Start supervising; returns at once."""
         # the kernel ends the worker with the thread that started it; this one runs until stop()
-        self._thread = threading.Thread(target=self._supervise, name="worker-supervisor", daemon=True)
+        self._thread = threading.Thread(
+            target=self._supervise, name="worker-supervisor", daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:

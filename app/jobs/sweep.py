@@ -53,7 +53,9 @@ def _give_up(session: Session, job_id: uuid.UUID, settle: Settle) -> bool:
     return True
 
 
-def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: PairPurpose, settle: Settle) -> bool:
+def _move_meal(
+    session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: PairPurpose, settle: Settle
+) -> bool:
     meal = lock_meal(session, meal_id)
     if meal is None or jobs.pair_status(meal, purpose) not in WAITING:
         return False
@@ -64,9 +66,13 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: P
         jobs.advance_pair(meal, purpose, "queued")
         queue.enqueue_pair(session, meal, purpose)
         instruments.SWEPT.labels("queued").inc()
-        log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
+        log.warning(
+            "meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job"
+        )
         return True
-    jobs.fail_pair(meal, purpose, INTERNAL_ERROR)  # its job has ended without an answer, and so would another
+    jobs.fail_pair(
+        meal, purpose, INTERNAL_ERROR
+    )  # its job has ended without an answer, and so would another
     if purpose != "meal":
         settle(session, meal)
     instruments.SWEPT.labels("failed").inc()

@@ -35,4 +35,6 @@ def announce_meal(session: Session, meal: Meal) -> None:
         "local_date": meal.local_date.isoformat(),
         "failure_code": meal.failure_code if meal.status == "failed" else None,
     }
-    announce(session, meal.study_id, event, data, meal_id=meal.id, participant_id=meal.participant_id)
+    announce(
+        session, meal.study_id, event, data, meal_id=meal.id, participant_id=meal.participant_id
+    )

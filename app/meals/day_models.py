@@ -49,7 +49,9 @@ class DiaryDay(Base):
     __tablename__ = "diary_day"
     personal = Personal(("participant_id",), "days", order_by="local_date")
 
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), primary_key=True)
+    participant_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("participant.id"), primary_key=True
+    )
     local_date: Mapped[date] = mapped_column(primary_key=True)
     id: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))

@@ -14,7 +14,9 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
 
-Layer = Literal["automatic", "participant", "reviewer"]  # in the order of their precedence, the lowest first
+Layer = Literal[
+    "automatic", "participant", "reviewer"
+]  # in the order of their precedence, the lowest first
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 EventKind = Literal[
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",

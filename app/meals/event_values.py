@@ -119,10 +119,24 @@ class Answer(_Value):
 class Other(_Value):
     """Kinds without a value that the records depend on."""
 
-    kind: Literal["confirm", "reject", "set_food", "set_leftover", "nothing_left", "comment", "question"]
+    kind: Literal[
+        "confirm", "reject", "set_food", "set_leftover", "nothing_left", "comment", "question"
+    ]
 
 
-EventValue = SetAmount | SetShare | Redraw | Add | Declare | Split | Merge | ConfirmMeal | Undo | Answer | Other
+EventValue = (
+    SetAmount
+    | SetShare
+    | Redraw
+    | Add
+    | Declare
+    | Split
+    | Merge
+    | ConfirmMeal
+    | Undo
+    | Answer
+    | Other
+)
 _ADAPTER: TypeAdapter[EventValue] = TypeAdapter(Annotated[EventValue, Field(discriminator="kind")])
 
 

@@ -8,7 +8,9 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal
 
-OF_ITS_ITEM = "CASCADE"  # during a rolling upgrade, a process that does not know these tables may erase meals
+OF_ITS_ITEM = (
+    "CASCADE"  # during a rolling upgrade, a process that does not know these tables may erase meals
+)
 
 
 class ItemIdentification(Base):
@@ -22,7 +24,9 @@ class ItemIdentification(Base):
     __tablename__ = "item_identification"
     personal = Personal(("item_id",), "looks")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
+    item_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True
+    )
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
     vcm_version: Mapped[str] = mapped_column(sa.String(16), primary_key=True)
     vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
@@ -31,7 +35,9 @@ class ItemIdentification(Base):
     created_at: Mapped[datetime]
 
     __table_args__ = (
-        sa.CheckConstraint("(index_version IS NULL) = (none_probability IS NULL)", name="identified_by_an_index"),
+        sa.CheckConstraint(
+            "(index_version IS NULL) = (none_probability IS NULL)", name="identified_by_an_index"
+        ),
     )
 
 
@@ -46,7 +52,9 @@ class IndexEntry(Base):
     __tablename__ = "index_entry"
     personal = Personal(("item_id",), "known_to_the_index")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
+    item_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True
+    )
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
     vcm_version: Mapped[str] = mapped_column(sa.String(16))
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))

@@ -43,8 +43,12 @@ REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
 OF_REJECTED = "of_rejected"
-SCALE_DOUBTFUL = "scale_doubtful"  # dishes and foods around are of unusual sizes by the marker's declared size
-IMPLAUSIBLE_AMOUNT = "implausible_amount"  # nobody eats so much of a food, or the photographs show far more or less
+SCALE_DOUBTFUL = (
+    "scale_doubtful"  # dishes and foods around are of unusual sizes by the marker's declared size
+)
+IMPLAUSIBLE_AMOUNT = (
+    "implausible_amount"  # nobody eats so much of a food, or the photographs show far more or less
+)
 FOOD_IDENTIFIED = "food_identified"  # only the server has identified it
 FOOD_DOUBTFUL = "food_doubtful"  # the index is sure of another food than the hint's
 
@@ -159,7 +163,9 @@ def fold_meal(parts: MealParts) -> MealState:
     states = history.states()
     return MealState(
         items=tuple(state for state in states if state.item.origin != "after"),
-        leftovers=tuple(history.leftover(state) for state in states if state.item.origin == "after"),
+        leftovers=tuple(
+            history.leftover(state) for state in states if state.item.origin == "after"
+        ),
         answers=history.answers(),
         nothing_left=any(stated.event.kind == "nothing_left" for stated in history.effective),
         is_confirmed=any(isinstance(stated.value, ConfirmMeal) for stated in history.effective),
@@ -184,7 +190,11 @@ def live_events(events: Sequence[MealEvent]) -> list[StatedEvent]:
 def pipeline_measure(parts: MealParts, item: Item) -> Item | ItemMeasure:
     """Return the item's newest measurement by the pipeline: that of a remeasurement, else the item's own."""
     place = {run_id: number for number, run_id in enumerate(parts.runs)}
-    rows = [row for row in parts.measures.get(item.id, ()) if row.event_id is None and row.run_id in place]
+    rows = [
+        row
+        for row in parts.measures.get(item.id, ())
+        if row.event_id is None and row.run_id in place
+    ]
     return max(rows, key=lambda row: place[row.run_id]) if rows else item
 
 
@@ -239,15 +249,24 @@ class _History:
         for item_id, state in states.items():
             parent = states.get(state.item.parent_id) if state.item.parent_id is not None else None
             is_of_rejected = (
-                state.item.origin == "declared" and parent is not None and parent.stands and not parent.is_live
+                state.item.origin == "declared"
+                and parent is not None
+                and parent.stands
+                and not parent.is_live
             )
             if is_of_rejected and state.stands:
-                states[item_id] = replace(state, decision="rejected", flags=(*state.flags, OF_REJECTED))
+                states[item_id] = replace(
+                    state, decision="rejected", flags=(*state.flags, OF_REJECTED)
+                )
         return list(states.values())
 
     def leftover(self, state: ItemState) -> LeftoverState:
         """Match an item of the after-meal pair: to the merge of a merged item; a split item's is unmatched."""
-        rows = [row for row in self._parts.leftovers.get(state.item.id, ()) if self._counts(row.event_id)]
+        rows = [
+            row
+            for row in self._parts.leftovers.get(state.item.id, ())
+            if self._counts(row.event_id)
+        ]
         if not rows:
             return LeftoverState(state, "unmatched", None, ())
         row: Leftover = max(rows, key=lambda each: (LAYERS.index(each.layer), each.version))
@@ -263,7 +282,9 @@ class _History:
             values = [stated.value for stated in self._of_item.get(item.id, ())]
             made_by = self._made_by(item)
             made_from = (
-                required_items(made_by) if made_by is not None and isinstance(made_by.value, Split | Merge) else []
+                required_items(made_by)
+                if made_by is not None and isinstance(made_by.value, Split | Merge)
+                else []
             )
             own = frozenset(value.probe for value in values if isinstance(value, Declare))
             answers[item.id] = own.union(*(answers.get(each, frozenset()) for each in made_from))
@@ -296,7 +317,9 @@ class _History:
             stated = self._replaced_by[item_id]
             if not isinstance(stated.value, Merge):
                 return None
-            item_id = next(item.id for item in self._parts.items if item.event_id == stated.event.id)
+            item_id = next(
+                item.id for item in self._parts.items if item.event_id == stated.event.id
+            )
         return item_id if self._stands(item_id) else None
 
     def _state(self, item: Item) -> ItemState:
@@ -306,12 +329,18 @@ class _History:
         if made_by is not None:
             deciding.append(made_by)
         deciding += [
-            each for each in self.effective if isinstance(each.value, ConfirmMeal) and item.id in each.value.items
+            each
+            for each in self.effective
+            if isinstance(each.value, ConfirmMeal) and item.id in each.value.items
         ]
         food_assignment = self._newest_food(item)
-        food_key = self._parts.food_keys[food_assignment.food_id] if food_assignment is not None else None
+        food_key = (
+            self._parts.food_keys[food_assignment.food_id] if food_assignment is not None else None
+        )
         is_confirmed = any(each.event.kind in ("confirm", "confirm_meal") for each in deciding)
-        measured = _measured(self._parts, item, made_by, statements, food_key, is_confirmed=is_confirmed)
+        measured = _measured(
+            self._parts, item, made_by, statements, food_key, is_confirmed=is_confirmed
+        )
         decision, flags = _decision(deciding), measured.flags
         if item.id in self._replaced_by or REPLACED in pipeline_measure(self._parts, item).flags:
             decision, flags = "rejected", (*(flag for flag in flags if flag != REPLACED), REPLACED)
@@ -325,7 +354,8 @@ class _History:
             share=self._share(item),
             decision=decision,
             reviewed=any(each.event.layer == "reviewer" for each in deciding),
-            is_food_confirmed=is_confirmed or (food_assignment is not None and food_assignment.layer != "automatic"),
+            is_food_confirmed=is_confirmed
+            or (food_assignment is not None and food_assignment.layer != "automatic"),
             flags=flags,
             is_food_guessed=not is_confirmed and self._is_guessed(item, food_assignment),
             run_id=measured.run_id,
@@ -337,7 +367,9 @@ class _History:
         if food_assignment is None or food_assignment.layer != "automatic":
             return False
         sources = {candidate.source for candidate in self._parts.candidates.get(item.id, ())}
-        return FROM_HINT not in sources and (FROM_INDEX in sources or food_assignment.event_id is not None)
+        return FROM_HINT not in sources and (
+            FROM_INDEX in sources or food_assignment.event_id is not None
+        )
 
     def _share(self, item: Item) -> float:
         """Return the participant's share of an item; a declared item without one has the share of its parent."""
@@ -347,12 +379,22 @@ class _History:
             for stated in self._of_item.get(item.id, ())
             if isinstance(stated.value, SetShare)
         ]
-        first = made_by.value.share if made_by is not None and isinstance(made_by.value, MAKES_ITEMS) else None
+        first = (
+            made_by.value.share
+            if made_by is not None and isinstance(made_by.value, MAKES_ITEMS)
+            else None
+        )
         if made_by is not None and isinstance(made_by.value, Add | Declare) and first is not None:
-            shares.append((made_by.precedence, first))  # a split or a merge only passes the share on
+            shares.append(
+                (made_by.precedence, first)
+            )  # a split or a merge only passes the share on
         if shares:
             return max(shares)[1]
-        if made_by is not None and isinstance(made_by.value, Declare) and item.parent_id in self._items:
+        if (
+            made_by is not None
+            and isinstance(made_by.value, Declare)
+            and item.parent_id in self._items
+        ):
             return self._share(self._items[item.parent_id])
         return first if first is not None else 1.0
 
@@ -370,7 +412,10 @@ class _Measured:
     measured_ml: float | None
 
 
-PIPELINE_MEASUREMENT = (-1, 0)  # precedence of what the pipeline measured by itself: below every statement
+PIPELINE_MEASUREMENT = (
+    -1,
+    0,
+)  # precedence of what the pipeline measured by itself: below every statement
 
 
 def _measured(
@@ -389,10 +434,14 @@ def _measured(
     nothing counts only if somebody has confirmed it.
     """
     about = sorted(
-        [*([made_by] if made_by is not None else []), *statements], key=lambda stated: stated.precedence, reverse=True
+        [*([made_by] if made_by is not None else []), *statements],
+        key=lambda stated: stated.precedence,
+        reverse=True,
     )
     drawn = [stated for stated in about if drawn_region(stated, item) is not None]
-    rows = {row.event_id: row for row in parts.measures.get(item.id, ()) if row.event_id is not None}
+    rows = {
+        row.event_id: row for row in parts.measures.get(item.id, ()) if row.event_id is not None
+    }
     own = pipeline_measure(parts, item)
     settled = rows.keys() | parts.failed_remeasures
     done = next((stated for stated in drawn if stated.event.id in settled), None)
@@ -405,7 +454,11 @@ def _measured(
         row = rows.get(done.event.id)
         measured_at = done.precedence
         measured = _measured_amount(row, done.event.layer) if row is not None else UNKNOWN_AMOUNT
-        rings, flags = (row.rings, list(row.flags)) if row is not None else (_rings(done, item), [REMEASURE_FAILED])
+        rings, flags = (
+            (row.rings, list(row.flags))
+            if row is not None
+            else (_rings(done, item), [REMEASURE_FAILED])
+        )
         run_id = row.run_id if row is not None else None
     if drawn and drawn[0] is not done:
         rings, flags = _rings(drawn[0], item), [REMEASURING]
@@ -416,7 +469,13 @@ def _measured(
         if measured.volume_ml is None or stated.precedence > measured_at:
             is_newest = not drawn or stated.precedence >= drawn[0].precedence
             kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
-            return _Measured(_amount_from(amount, stated, measured), rings, tuple(kept), run_id, measured.volume_ml)
+            return _Measured(
+                _amount_from(amount, stated, measured),
+                rings,
+                tuple(kept),
+                run_id,
+                measured.volume_ml,
+            )
         break  # only the newest stated amount can count
     return _Measured(measured, rings, tuple(flags), run_id, measured.volume_ml)
 
@@ -432,7 +491,9 @@ def _decision(deciding: Sequence[StatedEvent]) -> RecordStatus | None:
         return None
     if max(deciding, key=lambda stated: stated.precedence).event.kind == "reject":
         return "rejected"
-    return "corrected" if any(stated.event.kind in CORRECTIONS for stated in deciding) else "confirmed"
+    return (
+        "corrected" if any(stated.event.kind in CORRECTIONS for stated in deciding) else "confirmed"
+    )
 
 
 def _part_of(value: Split, item: Item) -> Part:
@@ -449,14 +510,20 @@ def _stated_amount(stated: StatedEvent, item: Item, food_key: str | None) -> Amo
     if not isinstance(value, SetAmount) and not (is_made and isinstance(value, AmountValue)):
         return None
     is_of_food = value.portion_of in (None, food_key)
-    return value if (value.mass_g is not None and is_of_food) or value.volume_ml is not None else None
+    return (
+        value if (value.mass_g is not None and is_of_food) or value.volume_ml is not None else None
+    )
 
 
 def _amount_from(amount: AmountValue, stated: StatedEvent, measured: Amount) -> Amount:
     """Return the amount that an event sets. measured: its volume is shown beside stated grams."""
     layer, relative_sd = stated.event.layer, amount.relative_sd
     if amount.mass_g is not None:
-        return replace(measured, mass=SetMass(amount.mass_g, amount.of, relative_sd, amount.portion_of), layer=layer)
+        return replace(
+            measured,
+            mass=SetMass(amount.mass_g, amount.of, relative_sd, amount.portion_of),
+            layer=layer,
+        )
     if amount.volume_ml is None:
         raise ValueError(f"event {stated.event.id} states no amount")
     volume = estimate(amount.volume_ml, Doubt(item=relative_sd))
@@ -464,7 +531,9 @@ def _amount_from(amount: AmountValue, stated: StatedEvent, measured: Amount) -> 
 
 
 def _measured_amount(row: Item | ItemMeasure, layer: str = "automatic") -> Amount:
-    return Amount(row.volume_ml, row.volume_low_ml, row.volume_high_ml, row.relative_sd, layer=layer)
+    return Amount(
+        row.volume_ml, row.volume_low_ml, row.volume_high_ml, row.relative_sd, layer=layer
+    )
 
 
 def _says_nothing(row: Item | ItemMeasure) -> bool:

@@ -15,7 +15,10 @@ LIVE_STATES = ("queued", "processing")
 PairPurpose = Literal["meal", "after"]
 JobPurpose = Literal[PairPurpose, "remeasure", "rerun", "rerun_after"]
 JOB_PURPOSES: tuple[JobPurpose, ...] = get_args(JobPurpose)
-RERUN_OF: Mapping[str, PairPurpose] = {"rerun": "meal", "rerun_after": "after"}  # by purpose: the pair
+RERUN_OF: Mapping[str, PairPurpose] = {
+    "rerun": "meal",
+    "rerun_after": "after",
+}  # by purpose: the pair
 _HAS_BEGUN = sa.text("started_at IS NOT NULL")
 _IS_WAITING = sa.text("executor_id IS NULL AND finished_at IS NULL")
 _IS_CLAIMED = sa.text("executor_id IS NOT NULL AND finished_at IS NULL")
@@ -60,17 +63,23 @@ class Job(Base):
     __table_args__ = (
         one_of("state", JOB_STATES),
         one_of("purpose", JOB_PURPOSES),
-        sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name="finished"),
+        sa.CheckConstraint(
+            "(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name="finished"
+        ),
         sa.Index(None, "state", "enqueued_at"),
         sa.Index(None, "study_id", "turn", sqlite_where=_HAS_STUDY, postgresql_where=_HAS_STUDY),
-        sa.Index("ix_job_turn_of_begun", "turn", sqlite_where=_HAS_BEGUN, postgresql_where=_HAS_BEGUN),
+        sa.Index(
+            "ix_job_turn_of_begun", "turn", sqlite_where=_HAS_BEGUN, postgresql_where=_HAS_BEGUN
+        ),
         sa.Index(
             "ix_job_waiting",
             *("is_background", "turn", "enqueued_at", "id"),
             sqlite_where=_IS_WAITING,
             postgresql_where=_IS_WAITING,
         ),
-        sa.Index("ix_job_claimed", "executor_id", sqlite_where=_IS_CLAIMED, postgresql_where=_IS_CLAIMED),
+        sa.Index(
+            "ix_job_claimed", "executor_id", sqlite_where=_IS_CLAIMED, postgresql_where=_IS_CLAIMED
+        ),
     )
 
 

@@ -14,7 +14,15 @@ from app.meals.event_models import MealEvent
 from app.meals.identification_models import ItemIdentification
 from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
+from app.meals.record_models import (
+    EffectiveRecord,
+    Item,
+    ItemCandidate,
+    ItemFood,
+    ItemMeasure,
+    Leftover,
+    Run,
+)
 from app.meals.remeasurement_models import PAIRS
 
 FROM_HINT, FROM_INDEX, FROM_MODEL = "hint", "index", "model"  # sources of candidates
@@ -66,7 +74,9 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
     parts = {meal.id: MealParts(meal) for meal in meals}
     ids = list(parts)
     runs: dict[tuple[uuid.UUID, str], list[Run]] = {}
-    for run in session.scalars(sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)):
+    for run in session.scalars(
+        sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)
+    ):
         if run.purpose in PAIRS:
             runs.setdefault((run.meal_id, run.purpose), []).append(run)
     for (meal_id, purpose), runs_of_pair in runs.items():
@@ -101,7 +111,12 @@ def candidates_of_items(
     seen = ItemIdentification
     query = (
         sa.select(
-            seen.item_id, seen.run_id, seen.vcm_version, seen.index_version, seen.none_probability, seen.created_at
+            seen.item_id,
+            seen.run_id,
+            seen.vcm_version,
+            seen.index_version,
+            seen.none_probability,
+            seen.created_at,
         )
         .where(seen.item_id.in_(list(item_ids)))
         .order_by(seen.item_id, seen.created_at, seen.vcm_version)
@@ -113,7 +128,12 @@ def candidates_of_items(
 
 
 def meals_after(
-    session: Session, after: uuid.UUID | None, limit: int, *, lock: bool, study_id: uuid.UUID | None = None
+    session: Session,
+    after: uuid.UUID | None,
+    limit: int,
+    *,
+    lock: bool,
+    study_id: uuid.UUID | None = None,
 ) -> list[Meal]:
     """Return meals ordered by id, after the id `after`. lock: lock them against new events and runs."""
     query = sa.select(Meal).order_by(Meal.id).limit(limit)
@@ -128,22 +148,30 @@ def meals_after(
 
 def _counting(runs: Sequence[Run]) -> Sequence[Run]:
     """Return a pair's last run of its own job, and the remeasurements after it. runs: of one pair, oldest first."""
-    first = max((place for place, run in enumerate(runs) if run.remeasurement_id is None), default=0)
+    first = max(
+        (place for place, run in enumerate(runs) if run.remeasurement_id is None), default=0
+    )
     return runs[first:]
 
 
 def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
     has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
-    has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not yet done
+    has_no_run = ~sa.exists().where(
+        Run.id == Job.id
+    )  # in the transaction that saves its run it is not yet done
     is_to_come = sa.and_(Job.purpose == "meal", Job.state.in_(LIVE_STATES), has_no_run)
-    for job in session.scalars(sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))):
+    for job in session.scalars(
+        sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))
+    ):
         if job.purpose == "meal":
             parts[job.meal_id].waits_for_run = True
         elif job.event_id is not None:
             parts[job.meal_id].failed_remeasures.add(job.event_id)
 
 
-def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:
+def _add_items(
+    session: Session, parts: Mapping[uuid.UUID, MealParts]
+) -> dict[uuid.UUID, MealParts]:
     """Add items to each meal, except those of runs that do not count. Returns item -> its meal's parts."""
     by_item = {}
     query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
@@ -167,19 +195,29 @@ def _add_item_rows(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> 
     for item_id, parts in by_item.items():
         parts.candidates[item_id] = candidates.get(item_id, [])
         parts.identified[item_id] = identified.get(item_id, [])
-    after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
+    after = (
+        sa.select(Leftover)
+        .where(Leftover.after_item_id.in_(list(by_item)))
+        .order_by(Leftover.version)
+    )
     for leftover in session.scalars(after):
-        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
+        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(
+            leftover
+        )
 
 
 def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:
     if not food_ids:
         return {}
-    keys: dict[int, str] = dict(session.execute(sa.select(Food.id, Food.key).where(Food.id.in_(food_ids))).all())
+    keys: dict[int, str] = dict(
+        session.execute(sa.select(Food.id, Food.key).where(Food.id.in_(food_ids))).all()
+    )
     return keys
 
 
 def _of_items(session: Session, table: type[Row], items: Collection[uuid.UUID]) -> list[Row]:
     """Return the items' rows of a table, in the order of their keys."""
     order = list(sa.inspect(table).primary_key)
-    return list(session.scalars(sa.select(table).where(table.item_id.in_(list(items))).order_by(*order)))
+    return list(
+        session.scalars(sa.select(table).where(table.item_id.in_(list(items))).order_by(*order))
+    )

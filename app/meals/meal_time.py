@@ -17,13 +17,19 @@ from app.core.errors import ClockDiffersError, InvalidInputError
 log = structlog.get_logger()
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
-LATEST = datetime(2100, 1, 1, tzinfo=UTC)  # milliseconds read as seconds lie beyond it; merely wrong clocks do not
-CLOCK_AHEAD = timedelta(hours=24)  # a meal is accepted from a phone whose clock is ahead by that much
+LATEST = datetime(
+    2100, 1, 1, tzinfo=UTC
+)  # milliseconds read as seconds lie beyond it; merely wrong clocks do not
+CLOCK_AHEAD = timedelta(
+    hours=24
+)  # a meal is accepted from a phone whose clock is ahead by that much
 CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
 NOON = time(12)
 CLOCK_DOUBTFUL = "clock_doubtful"
-LONGEST_OFFLINE = timedelta(days=60)  # phones may be offline for a summer; a wrong clock is off by years
+LONGEST_OFFLINE = timedelta(
+    days=60
+)  # phones may be offline for a summer; a wrong clock is off by years
 MOST_AHEAD = timedelta(minutes=15)  # of the server's clock when the meal arrived
 
 
@@ -44,7 +50,8 @@ def require_zone(time_zone: str) -> ZoneInfo:
     """Return a time zone by its name. Raises InvalidInputError (`time_zone_unknown`)."""
     if time_zone not in _zones():
         raise InvalidInputError(
-            f"time_zone {time_zone!r} is no IANA time zone: use a name like Asia/Shanghai.", code="time_zone_unknown"
+            f"time_zone {time_zone!r} is no IANA time zone: use a name like Asia/Shanghai.",
+            code="time_zone_unknown",
         )
     return ZoneInfo(time_zone)
 
@@ -57,7 +64,8 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
     """
     if captured_at.tzinfo is None:
         raise InvalidInputError(
-            "captured_at has no offset: write it like 2026-11-21T12:30:00+08:00.", code="time_without_offset"
+            "captured_at has no offset: write it like 2026-11-21T12:30:00+08:00.",
+            code="time_without_offset",
         )
     zone = require_zone(time_zone)
     try:
@@ -113,7 +121,9 @@ def time_flags(origin: str, captured_at: datetime, received_at: datetime) -> lis
 
     origin: the meal's; declared meals have no flag.
     """
-    is_odd = origin == "photographed" and not -MOST_AHEAD <= received_at - captured_at <= LONGEST_OFFLINE
+    is_odd = (
+        origin == "photographed" and not -MOST_AHEAD <= received_at - captured_at <= LONGEST_OFFLINE
+    )
     return [CLOCK_DOUBTFUL] if is_odd else []
 
 

@@ -12,11 +12,15 @@ from app.meals.outline_json import Polygon
 from app.people.calibration_models import CameraDetails, PinholeDetails, RigDetails
 from app.photos.slots import SLOTS, VIEW_SLOTS
 
-MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+MealStatus = Literal[
+    "receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"
+]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
 MealOrigin = Literal["photographed", "declared"]
 MEAL_ORIGINS: tuple[MealOrigin, ...] = get_args(MealOrigin)
-AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
+AfterStatus = Literal[
+    "receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"
+]
 AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
 DEFAULT_VIEWS = 2
 
@@ -163,8 +167,18 @@ class Meal(Base):
         sa.Index(None, "study_id", "local_date", "participant_id"),
         sa.Index(None, "status", "submitted_at"),
         # lists of meals (meal_page_queries.py): each covers the page's order and the filter on days
-        sa.Index("ix_meal_list_of_status", "study_id", "status", "origin", "captured_at", "id", "local_date"),
-        sa.Index("ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"),
+        sa.Index(
+            "ix_meal_list_of_status",
+            "study_id",
+            "status",
+            "origin",
+            "captured_at",
+            "id",
+            "local_date",
+        ),
+        sa.Index(
+            "ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"
+        ),
         sa.Index(
             "ix_meal_list_of_failure",
             *("study_id", "failure_code", "captured_at", "id", "local_date"),

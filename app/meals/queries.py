@@ -17,7 +17,9 @@ UNESTIMATED = ("receiving", *WAITING)  # the plate's content is not known yet
 
 # Statements of each GET of a meal or page of records, made once: that takes longer than to execute them
 MEAL_ID, CLIENT_ID, PARTICIPANT_IDS = "meal_id", "client_id", "participant_ids"  # their parameters
-IMAGES = sa.select(MealImage).where(MealImage.meal_id == sa.bindparam(MEAL_ID)).order_by(MealImage.slot)
+IMAGES = (
+    sa.select(MealImage).where(MealImage.meal_id == sa.bindparam(MEAL_ID)).order_by(MealImage.slot)
+)
 MEALS = (
     sa.select(Meal, Participant.code, Study.code)
     .join(Participant, Participant.id == Meal.participant_id)
@@ -30,7 +32,9 @@ MEALS = (
 FIRST_DAYS = sa.select(  # start, first meal and first closed day
     Participant.id,
     Participant.starts_on,
-    sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery(),
+    sa.select(sa.func.min(Meal.local_date))
+    .where(Meal.participant_id == Participant.id)
+    .scalar_subquery(),
     sa.select(sa.func.min(DiaryDay.local_date))
     .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
     .scalar_subquery(),
@@ -73,10 +77,15 @@ def find_meals(
         query = query.where(Meal.study_id.in_(study_ids))
     if participant_code is not None:
         query = query.where(Participant.code == participant_code)
-    return [(meal, participant, study) for meal, participant, study in session.execute(query, {CLIENT_ID: client_id})]
+    return [
+        (meal, participant, study)
+        for meal, participant, study in session.execute(query, {CLIENT_ID: client_id})
+    ]
 
 
-def versions_of(session: Session, meal_ids: Collection[uuid.UUID]) -> Sequence[sa.Row[uuid.UUID, int]]:
+def versions_of(
+    session: Session, meal_ids: Collection[uuid.UUID]
+) -> Sequence[sa.Row[uuid.UUID, int]]:
     """Return (id, version) of these meals."""
     return session.execute(sa.select(Meal.id, Meal.version).where(Meal.id.in_(meal_ids))).all()
 
@@ -93,7 +102,12 @@ def set_progress(session: Session, meal_id: uuid.UUID, *, status: str, stage: st
 def after_windows_over(session: Session, now: datetime, limit: int) -> list[uuid.UUID]:
     """Return meals whose window for an after-meal pair has ended and whose pair does not wait, the oldest first."""
     is_still = sa.or_(Meal.after_status.is_(None), Meal.after_status.not_in(WAITING))
-    query = sa.select(Meal.id).where(Meal.after_due_at <= now, is_still).order_by(Meal.after_due_at).limit(limit)
+    query = (
+        sa.select(Meal.id)
+        .where(Meal.after_due_at <= now, is_still)
+        .order_by(Meal.after_due_at)
+        .limit(limit)
+    )
     return list(session.scalars(query))
 
 
@@ -107,7 +121,9 @@ def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict
     """Return participant -> their first day in the study; absent without a start, a meal or a closed day."""
     first_days: dict[uuid.UUID, date] = {}
     for ids in _batches(participant_ids):
-        for participant_id, starts_on, meal, closed in session.execute(FIRST_DAYS, {PARTICIPANT_IDS: ids}):
+        for participant_id, starts_on, meal, closed in session.execute(
+            FIRST_DAYS, {PARTICIPANT_IDS: ids}
+        ):
             days = [day for day in (meal, closed) if day is not None]
             if starts_on is not None or days:
                 first_days[participant_id] = starts_on or min(days)

@@ -68,7 +68,9 @@ class SealablePhoto:
 class PhotoIntake:
     """Inspects and seals the photographs of uploads; one per process."""
 
-    def __init__(self, database: Database, blobs: BlobStore, settings: Settings, children: ApiChildren) -> None:
+    def __init__(
+        self, database: Database, blobs: BlobStore, settings: Settings, children: ApiChildren
+    ) -> None:
         self._database = database
         self._blobs = blobs
         self._settings = settings
@@ -107,7 +109,9 @@ class PhotoIntake:
         depth_camera: DepthCameraDetails | None,
     ) -> SealablePhoto:
         if file.bytes == 0:
-            raise InvalidInputError(f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot)
+            raise InvalidInputError(
+                f"The {image_name(slot)} is empty: send its bytes.", code="part_empty", slot=slot
+            )
         request = {
             "file": str(file.path),
             "slot": slot,
@@ -123,7 +127,9 @@ class PhotoIntake:
         if received["failure"] is not None:
             raise self._refusal(slot, **received["failure"])
         location = Location(*received["location"]) if received["location"] is not None else None
-        return SealablePhoto(file.path, received_sha256=file.sha256, location=location, **received["facts"])
+        return SealablePhoto(
+            file.path, received_sha256=file.sha256, location=location, **received["facts"]
+        )
 
     def _received(
         self, caller: DeviceCaller, slot: str, file: ReceivedFile, request: Mapping[str, object]
@@ -139,7 +145,9 @@ class PhotoIntake:
             )
         except PhotographError as error:  # it needs too much memory or time, or breaks the reader
             if slot in DEPTH_SLOTS:
-                raise self._refusal(slot, "depth_unreadable", "It cannot be read here.", DEPTH_ADVICE) from error
+                raise self._refusal(
+                    slot, "depth_unreadable", "It cannot be read here.", DEPTH_ADVICE
+                ) from error
             raise PhotographError(f"The {image_name(slot)}: {error.message}", slot=slot) from error
 
     def _refusal(self, slot: str, code: str, message: str, advice: str) -> TadaError:
@@ -181,7 +189,9 @@ class PhotoIntake:
         try:
             try:
                 return write()
-            except IntegrityError:  # an identical upload was written at the same time and committed first
+            except (
+                IntegrityError
+            ):  # an identical upload was written at the same time and committed first
                 return write()
         except GoneError:  # erased while the photographs were sealed: the deleter spares blobs that a row still names
             with self._database.write() as session:
@@ -214,7 +224,9 @@ def require_unspent(session: Session, keys: Collection[str]) -> None:
         )
 
 
-def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
+def image_row(
+    meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime
+) -> MealImage:
     """Return the row of a photograph that is sealed under the key."""
     return MealImage(
         id=uuid.uuid4(),

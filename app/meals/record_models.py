@@ -33,11 +33,15 @@ RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
 ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
 ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 LeftoverClass = Literal["food_left", "refuse", "unmatched"]
-CandidateSource = Literal["hint", "index", "model"]  # the phone's hint, the food index, an operator's network
+CandidateSource = Literal[
+    "hint", "index", "model"
+]  # the phone's hint, the food index, an operator's network
 LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
 
 
-HintedLeftover = TypedDict("HintedLeftover", {"item": str, "class": str}, total=False)  # `class` is a keyword
+HintedLeftover = TypedDict(
+    "HintedLeftover", {"item": str, "class": str}, total=False
+)  # `class` is a keyword
 
 
 class TraitDetails(TypedDict, total=False):
@@ -100,14 +104,22 @@ class Run(Base):
     marker: Mapped[str | None] = mapped_column(sa.String(64))  # NULL: a rig, poses or a depth map
     camera: Mapped[Json | None] = mapped_column(JsonValue)
     parameters: Mapped[Json] = mapped_column(JsonValue)
-    colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(JsonValue)  # by side, "left" and "right"
+    colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(
+        JsonValue
+    )  # by side, "left" and "right"
     stages: Mapped[dict[str, float]]  # seconds
     seconds: Mapped[float]
-    food_releases: Mapped[list[str]]  # the tables in force, "name version", in the order of their precedence
+    food_releases: Mapped[
+        list[str]
+    ]  # the tables in force, "name version", in the order of their precedence
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
-    result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the complete answer, in the blob store
-    remeasurement_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("remeasurement.id"), index=True)
+    result_key: Mapped[str] = mapped_column(
+        sa.String(300), unique=True
+    )  # the complete answer, in the blob store
+    remeasurement_id: Mapped[uuid.UUID | None] = mapped_column(
+        sa.ForeignKey("remeasurement.id"), index=True
+    )
     created_at: Mapped[datetime]
 
     __table_args__ = (one_of("purpose", JOB_PURPOSES),)
@@ -158,7 +170,9 @@ class Item(Base):
     __table_args__ = (
         sa.UniqueConstraint("run_id", "position"),
         one_of("origin", ITEM_ORIGINS),
-        sa.CheckConstraint("(run_id IS NULL) = (origin NOT IN ('pipeline', 'after'))", name="run_of_what_it_found"),
+        sa.CheckConstraint(
+            "(run_id IS NULL) = (origin NOT IN ('pipeline', 'after'))", name="run_of_what_it_found"
+        ),
         sa.CheckConstraint(
             "(volume_ml IS NULL) = (volume_low_ml IS NULL) AND (volume_ml IS NULL) = (volume_high_ml IS NULL)",
             name="volume_with_interval",
@@ -211,7 +225,9 @@ class Leftover(Base):
     __table_args__ = (
         one_of("leftover_class", LEFTOVER_CLASSES),
         one_of("layer", LAYERS),
-        sa.CheckConstraint("(item_id IS NULL) = (leftover_class = 'unmatched')", name="matched_to_an_item"),
+        sa.CheckConstraint(
+            "(item_id IS NULL) = (leftover_class = 'unmatched')", name="matched_to_an_item"
+        ),
     )
 
 
@@ -247,7 +263,9 @@ class ItemFood(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
-    lies_as: Mapped[str | None] = mapped_column(sa.String(16))  # its form on the plate; NULL: the food's usual form
+    lies_as: Mapped[str | None] = mapped_column(
+        sa.String(16)
+    )  # its form on the plate; NULL: the food's usual form
     density_g_per_ml: Mapped[float | None]
     density_sd_g_per_ml: Mapped[float | None]
     density_state: Mapped[str | None] = mapped_column(sa.String(32))
@@ -301,7 +319,9 @@ class EffectiveRecord(Base):
     status: Mapped[RecordStatus] = mapped_column(sa.String(16))
     origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     provisional: Mapped[bool] = mapped_column(default=False)
-    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer decided last, and the amount is known
+    reviewed: Mapped[bool] = mapped_column(
+        default=False
+    )  # a reviewer decided last, and the amount is known
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
@@ -339,8 +359,17 @@ class EffectiveRecord(Base):
         one_of("origin", ITEM_ORIGINS),
         # pages of records (records/page_queries.py); with the local day, so that filters of days read no row
         sa.Index("ix_effective_record_page", "captured_at", "item_id", "local_date"),
-        sa.Index("ix_effective_record_page_of_study", "study_id", "captured_at", "item_id", "local_date"),
-        sa.Index("ix_effective_record_page_of_status", "study_id", "status", "captured_at", "item_id", "local_date"),
+        sa.Index(
+            "ix_effective_record_page_of_study", "study_id", "captured_at", "item_id", "local_date"
+        ),
+        sa.Index(
+            "ix_effective_record_page_of_status",
+            "study_id",
+            "status",
+            "captured_at",
+            "item_id",
+            "local_date",
+        ),
         sa.Index(
             "ix_effective_record_page_of_food",
             *("food_id", "study_id", "status", "captured_at", "item_id", "local_date"),
@@ -353,7 +382,15 @@ class EffectiveRecord(Base):
         sa.Index(None, "participant_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "change_seq"),
         sa.Index(None, "study_id", "reviewed", "status", "doubt", "item_id"),
-        sa.Index("ix_effective_record_queue_of_food", "food_id", "study_id", "reviewed", "status", "doubt", "item_id"),
+        sa.Index(
+            "ix_effective_record_queue_of_food",
+            "food_id",
+            "study_id",
+            "reviewed",
+            "status",
+            "doubt",
+            "item_id",
+        ),
         sa.Index(
             "ix_effective_record_queue_of_provisional",
             *("study_id", "reviewed", "doubt", "item_id"),
@@ -362,7 +399,14 @@ class EffectiveRecord(Base):
         ),
         sa.Index(  # all that a day sums (diary/day_definition.py)
             "ix_effective_record_days",
-            *("participant_id", "local_date", "status", "provisional", "consumed_g", *HEADLINE_COLUMNS),
+            *(
+                "participant_id",
+                "local_date",
+                "status",
+                "provisional",
+                "consumed_g",
+                *HEADLINE_COLUMNS,
+            ),
         ),
         # lists of meals filtered by their items (exports/lists/meal_page_queries.py)
         sa.Index(
@@ -403,14 +447,20 @@ class EffectiveRecord(Base):
     def eaten_g(self) -> Estimate | None:
         """The edible grams that were eaten, signed; None if unknown."""
         value, low, high = self.consumed_g, self.consumed_low_g, self.consumed_high_g
-        return Estimate(value, low, high) if value is not None and low is not None and high is not None else None
+        return (
+            Estimate(value, low, high)
+            if value is not None and low is not None and high is not None
+            else None
+        )
 
     def nutrient_intervals(self) -> dict[str, tuple[float, float] | None]:
         """Return the 90 % interval of each of HEADLINE_COLUMNS, in proportion to that of the grams; None if unknown."""
         grams = self.eaten_g
         amounts = {column: getattr(self, column) for column in HEADLINE_COLUMNS}
         return {
-            column: interval_in_proportion(amount, grams) if amount is not None and grams is not None else None
+            column: interval_in_proportion(amount, grams)
+            if amount is not None and grams is not None
+            else None
             for column, amount in amounts.items()
         }
 

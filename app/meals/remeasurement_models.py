@@ -61,8 +61,12 @@ class RemeasuredPair(Base):
     __tablename__ = "remeasured_pair"
     personal = Personal(("meal_id",), "remeasured_pairs", order_by="ended_at")
 
-    remeasurement_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("remeasurement.id"), primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), primary_key=True, index=True)
+    remeasurement_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("remeasurement.id"), primary_key=True
+    )
+    meal_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("meal.id"), primary_key=True, index=True
+    )
     pair: Mapped[PairPurpose] = mapped_column(sa.String(16), primary_key=True)
     position: Mapped[int]  # in the order in which the meals were eaten, from 0
     state: Mapped[PairState] = mapped_column(sa.String(16), default="pending")
@@ -94,8 +98,12 @@ class RemeasuredItem(Base):
     __tablename__ = "remeasured_item"
     personal = Personal(("item_id",), "remeasured_items")
 
-    remeasurement_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("remeasurement.id"), primary_key=True)
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True, index=True)
+    remeasurement_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("remeasurement.id"), primary_key=True
+    )
+    item_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("item.id"), primary_key=True, index=True
+    )
     old_volume_ml: Mapped[float | None]
     old_low_ml: Mapped[float | None]
     old_high_ml: Mapped[float | None]

@@ -26,7 +26,9 @@ def catalogue(name: Literal["sentences", "feedback", "cards"]) -> Mapping[str, M
 
 def photograph_codes() -> frozenset[str]:
     """Return the codes that have a sentence about photographs."""
-    return frozenset(catalogue("sentences")) - {f"where_{place}" for place in ("left", "right", ANY_PHOTO)}
+    return frozenset(catalogue("sentences")) - {
+        f"where_{place}" for place in ("left", "right", ANY_PHOTO)
+    }
 
 
 def feedback_sentence(code: str, locale: Locale, **values: object) -> str:

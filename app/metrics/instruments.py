@@ -27,7 +27,20 @@ REQUEST_BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0
 STAGE_BUCKETS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 JOB_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 DAY_SECONDS = 86400.0
-WAIT_BUCKETS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 21600.0, DAY_SECONDS)
+WAIT_BUCKETS = (
+    1.0,
+    3.0,
+    10.0,
+    30.0,
+    60.0,
+    120.0,
+    300.0,
+    600.0,
+    1800.0,
+    3600.0,
+    21600.0,
+    DAY_SECONDS,
+)
 
 BUILD = Gauge(
     "tada_build",
@@ -102,16 +115,29 @@ ESTIMATES = Counter(
     registry=REGISTRY,
 )
 STAGES = Histogram(
-    "tada_estimate_stage_seconds", "Steps of the pipeline.", ["stage"], buckets=STAGE_BUCKETS, registry=REGISTRY
+    "tada_estimate_stage_seconds",
+    "Steps of the pipeline.",
+    ["stage"],
+    buckets=STAGE_BUCKETS,
+    registry=REGISTRY,
 )
 ESTIMATE_SECONDS = Histogram(
-    "tada_estimate_seconds", "Estimates in the child process, whole.", buckets=JOB_BUCKETS, registry=REGISTRY
+    "tada_estimate_seconds",
+    "Estimates in the child process, whole.",
+    buckets=JOB_BUCKETS,
+    registry=REGISTRY,
 )
 JOB_WAIT = Histogram(
-    "tada_job_wait_seconds", "From a job's queueing to its first start.", buckets=WAIT_BUCKETS, registry=REGISTRY
+    "tada_job_wait_seconds",
+    "From a job's queueing to its first start.",
+    buckets=WAIT_BUCKETS,
+    registry=REGISTRY,
 )
 JOBS_RUNNING = Gauge(
-    "tada_jobs_running", "Jobs that this worker has in hand.", multiprocess_mode="livesum", registry=REGISTRY
+    "tada_jobs_running",
+    "Jobs that this worker has in hand.",
+    multiprocess_mode="livesum",
+    registry=REGISTRY,
 )
 JOB_STEPS_FAILED = Counter(
     "tada_job_steps_failed",
@@ -119,7 +145,9 @@ JOB_STEPS_FAILED = Counter(
     ["step", "passing"],
     registry=REGISTRY,
 )
-CHILDREN_STARTED = Counter("tada_children_started", "Child processes that were started.", registry=REGISTRY)
+CHILDREN_STARTED = Counter(
+    "tada_children_started", "Child processes that were started.", registry=REGISTRY
+)
 CHILD_RESULTS = Counter(
     "tada_child_results",
     "Requests to child processes, by how they ended. After all but ok the child is replaced.",
@@ -128,8 +156,12 @@ CHILD_RESULTS = Counter(
 )
 
 # a worker's life
-TAKEOVERS = Counter("tada_takeovers", "Dead workers whose jobs this worker put back.", registry=REGISTRY)
-LOST_JOBS = Counter("tada_lost_jobs", "Jobs claimed and never begun, queued again.", registry=REGISTRY)
+TAKEOVERS = Counter(
+    "tada_takeovers", "Dead workers whose jobs this worker put back.", registry=REGISTRY
+)
+LOST_JOBS = Counter(
+    "tada_lost_jobs", "Jobs claimed and never begun, queued again.", registry=REGISTRY
+)
 SWEPT = Counter(
     "tada_swept",
     "Meals that nothing would have moved, found by the sweep. what: queued (again) or failed.",
@@ -142,8 +174,12 @@ HEARTBEAT = Gauge(
     multiprocess_mode="max",
     registry=REGISTRY,
 )
-HEARTBEATS_FAILED = Counter("tada_worker_heartbeats_failed", "Heartbeats that failed.", registry=REGISTRY)
-CHORES_FAILED = Counter("tada_chores_failed", "Chores that ended with an error.", ["chore"], registry=REGISTRY)
+HEARTBEATS_FAILED = Counter(
+    "tada_worker_heartbeats_failed", "Heartbeats that failed.", registry=REGISTRY
+)
+CHORES_FAILED = Counter(
+    "tada_chores_failed", "Chores that ended with an error.", ["chore"], registry=REGISTRY
+)
 CHORE_DONE = Gauge(
     "tada_chore_done_timestamp_seconds",
     "When a chore last ended without an error.",
@@ -152,10 +188,16 @@ CHORE_DONE = Gauge(
     registry=REGISTRY,
 )
 DELIVERIES = Counter(
-    "tada_webhook_deliveries", "Tries to deliver. outcome: delivered, failed, given_up.", ["outcome"], registry=REGISTRY
+    "tada_webhook_deliveries",
+    "Tries to deliver. outcome: delivered, failed, given_up.",
+    ["outcome"],
+    registry=REGISTRY,
 )
 BLOBS_DELETED = Counter(
-    "tada_blobs_deleted", "Blobs deleted. why: erased, or orphan (no row named it).", ["why"], registry=REGISTRY
+    "tada_blobs_deleted",
+    "Blobs deleted. why: erased, or orphan (no row named it).",
+    ["why"],
+    registry=REGISTRY,
 )
 PHOTOGRAPHS_ERASED = Counter(
     "tada_photographs_erased",
@@ -185,7 +227,9 @@ def collect() -> Iterator[Metric]:
     families: dict[str, Metric] = {}
     for pid in process_ids():
         for family in ProcessCollector(pid=partial(str, pid), registry=None).collect():
-            together = families.setdefault(family.name, Metric(family.name, family.documentation, family.type))
+            together = families.setdefault(
+                family.name, Metric(family.name, family.documentation, family.type)
+            )
             for sample in family.samples:
                 together.add_sample(sample.name, {"pid": pid}, sample.value)
     yield from families.values()

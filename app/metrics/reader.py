@@ -9,7 +9,14 @@ from collections.abc import Mapping
 from typing import Literal
 
 # headers added by proxies: a local caller that sends one forwards another caller's request
-FORWARDING_HEADERS = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
+FORWARDING_HEADERS = (
+    "forwarded",
+    "x-forwarded-for",
+    "x-forwarded-host",
+    "x-forwarded-proto",
+    "x-real-ip",
+    "via",
+)
 LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]", "::1"})
 
 Access = Literal["may read", "wrong token", "hidden"]
@@ -40,4 +47,6 @@ def _is_direct(headers: Mapping[str, str]) -> bool:
     """Return whether no proxy is declared and the host name is local: pages in a local browser may use other names."""
     host = headers.get("host", "")
     name = host if host.endswith("]") else host.rpartition(":")[0] or host
-    return name.lower() in LOCAL_NAMES and not any(header in headers for header in FORWARDING_HEADERS)
+    return name.lower() in LOCAL_NAMES and not any(
+        header in headers for header in FORWARDING_HEADERS
+    )

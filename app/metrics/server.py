@@ -29,11 +29,15 @@ MAX_CALLERS = 16  # concurrent, each with a thread; further ones are refused
 class MetricsServer:
     """Serves a registry until it is stopped. port 0: any free one. token None: only to this machine."""
 
-    def __init__(self, registry: CollectorRegistry, host: str, port: int, token: str | None) -> None:
+    def __init__(
+        self, registry: CollectorRegistry, host: str, port: int, token: str | None
+    ) -> None:
         self._server = _Server((host, port), _Handler)
         self._server.registry = registry
         self._server.token = token
-        self._thread = threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, name="metrics", daemon=True
+        )
 
     @property
     def port(self) -> int:

@@ -34,7 +34,13 @@ class Component:
 
 _ROWS = packaged_rows("components.csv")
 COMPONENTS: tuple[Component, ...] = tuple(
-    Component(row["number"], row["name"], Unit(row["unit"]), row["tagname"] or None, row["expression"] or None)
+    Component(
+        row["number"],
+        row["name"],
+        Unit(row["unit"]),
+        row["tagname"] or None,
+        row["expression"] or None,
+    )
     for row in _ROWS
 )
 COMPONENT_BY_NUMBER = MappingProxyType({component.number: component for component in COMPONENTS})
@@ -62,7 +68,9 @@ COMPONENT_GROUPS: Final = (
     "Stimulants",
 )  # fmt: skip
 FATTY_ACIDS: Final = "Fatty acids"
-_FATTY_ACID = re.compile(r"\d+:\d|Fatty acids")  # named by carbons and double bonds: "18:3 n-3 c,c,c (ALA)"
+_FATTY_ACID = re.compile(
+    r"\d+:\d|Fatty acids"
+)  # named by carbons and double bonds: "18:3 n-3 c,c,c (ALA)"
 _PLACE = {row["number"]: (row["group"], int(row["place"])) for row in _ROWS if row["group"]}
 
 
@@ -80,7 +88,9 @@ def component_group(number: str, name: str) -> str:
 
 def by_component_group(components: Iterable[tuple[str, str, T]]) -> dict[str, list[T]]:
     """Group the values of components, both in reading order. components: number, name and value of each."""
-    groups: dict[str, list[tuple[int, T]]] = {group: [] for group in (*COMPONENT_GROUPS, FATTY_ACIDS, OTHERS)}
+    groups: dict[str, list[tuple[int, T]]] = {
+        group: [] for group in (*COMPONENT_GROUPS, FATTY_ACIDS, OTHERS)
+    }
     for number, name, value in components:
         groups[component_group(number, name)].append((_PLACE.get(number, ("", 0))[1], value))
     return {

@@ -69,18 +69,28 @@ def resolve_density(
     kind = KIND_OF_FORM[form]
     own = [replace(density, basis="study") for density in study_densities]
     # sorted() is stable: within one basis it keeps the table's order, which has the usual state first.
-    by_preference = sorted([*own, *food.densities], key=lambda density: DENSITY_BASES.index(density.basis))
+    by_preference = sorted(
+        [*own, *food.densities], key=lambda density: DENSITY_BASES.index(density.basis)
+    )
     if not by_preference:
         return None
     chosen = next((density for density in by_preference if density.kind == kind), None)
     if chosen is not None:
         reason = f"{_BASIS_TEXT[chosen.basis]}; {kind}, as for {_form_text(form)}"
         others = [density for density in by_preference if density is not chosen]
-        return DensityChoice(chosen, tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in others), reason)
+        return DensityChoice(
+            chosen, tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in others), reason
+        )
     best = by_preference[0]
-    widened = replace(best, sd_g_per_ml=max(best.sd_g_per_ml, WRONG_KIND_RELATIVE_SD * best.g_per_ml))
+    widened = replace(
+        best, sd_g_per_ml=max(best.sd_g_per_ml, WRONG_KIND_RELATIVE_SD * best.g_per_ml)
+    )
     reason = f"{_BASIS_TEXT[best.basis]}; no {kind} density is known, so a {best.kind} one with a wide spread"
-    return DensityChoice(widened, tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in by_preference[1:]), reason)
+    return DensityChoice(
+        widened,
+        tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in by_preference[1:]),
+        reason,
+    )
 
 
 def _why_not(density: Density, kind: DensityKind, form: FoodForm) -> str:

@@ -87,7 +87,9 @@ def combine(terms: Sequence[Term]) -> Estimate:
     means = [term.sign * term.value * math.exp(term.doubt.log_variance / 2.0) for term in terms]
     mean = math.fsum(means)
     variance = math.fsum(_covariances(terms, means))
-    sd = math.sqrt(max(variance, 0.0))  # rounding may leave a tiny negative number where terms cancel
+    sd = math.sqrt(
+        max(variance, 0.0)
+    )  # rounding may leave a tiny negative number where terms cancel
     if any(term.sign < 0 for term in terms):
         return Estimate(total, mean - Z_90 * sd, mean + Z_90 * sd)
     if mean == 0.0:

@@ -73,10 +73,18 @@ class Density:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.g_per_ml < math.inf and 0.0 <= self.sd_g_per_ml < math.inf):
-            raise ValueError(f"invalid density: {self.g_per_ml} +- {self.sd_g_per_ml} g/ml ({self.source})")
-        is_valid = self.kind in DENSITY_KINDS and self.basis in DENSITY_BASES and self.weighs in WEIGHED_PARTS
+            raise ValueError(
+                f"invalid density: {self.g_per_ml} +- {self.sd_g_per_ml} g/ml ({self.source})"
+            )
+        is_valid = (
+            self.kind in DENSITY_KINDS
+            and self.basis in DENSITY_BASES
+            and self.weighs in WEIGHED_PARTS
+        )
         if not is_valid:
-            raise ValueError(f"unknown kind {self.kind!r}, basis {self.basis!r} or {self.weighs!r} ({self.source})")
+            raise ValueError(
+                f"unknown kind {self.kind!r}, basis {self.basis!r} or {self.weighs!r} ({self.source})"
+            )
 
     @property
     def relative_sd(self) -> float:
@@ -120,7 +128,10 @@ class Food:
             raise ValueError(f"{self.key}: unknown slice form {self.slice_form!r}")
         if self.state is not None and self.state not in FOOD_STATES:
             raise ValueError(f"{self.key}: unknown state {self.state!r}")
-        if any(part.percent < 0.0 for part in self.refuse) or sum(part.percent for part in self.refuse) >= 100.0:
+        if (
+            any(part.percent < 0.0 for part in self.refuse)
+            or sum(part.percent for part in self.refuse) >= 100.0
+        ):
             raise ValueError(f"{self.key}: its refuse leaves nothing to eat")
         for number, content in self.per_100_g.items():
             if not 0.0 <= content < math.inf:

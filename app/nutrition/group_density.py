@@ -10,7 +10,14 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from app.nutrition.density import KIND_OF_FORM
-from app.nutrition.foods import DENSITY_KINDS, Density, DensityKind, Food, FoodForm, load_starter_table
+from app.nutrition.foods import (
+    DENSITY_KINDS,
+    Density,
+    DensityKind,
+    Food,
+    FoodForm,
+    load_starter_table,
+)
 from app.nutrition.portion_density import MIN_GROUP_FOODS, group_median, group_medians
 
 # Groups of the same tissue. Baked goods, snacks, sweets and dishes have no related group: a lasagna's density says
@@ -40,7 +47,9 @@ def with_group_medians(
     source: readable name of the table. starter_foods: by NDB number; their densities count for the group too.
     """
     portion_medians = group_medians(((food.food_group, food.portions) for food in foods), source)
-    medians: dict[_Pool, Density] = {(group, kind): median for (group, kind), median in portion_medians.items()}
+    medians: dict[_Pool, Density] = {
+        (group, kind): median for (group, kind), median in portion_medians.items()
+    }
     pools: dict[_Pool, list[float]] = {}
     for food in foods:
         same_food = starter_foods.get(food.source_ids.get("sr28_ndb", ""))
@@ -48,7 +57,9 @@ def with_group_medians(
         for name, g_per_ml in _own_densities(food.form, densities).items():
             pools.setdefault((food.food_group, name), []).append(g_per_ml)
     related = {
-        (group, name): [g_per_ml for other in sorted(groups) for g_per_ml in pools.get((other, name), [])]
+        (group, name): [
+            g_per_ml for other in sorted(groups) for g_per_ml in pools.get((other, name), [])
+        ]
         for groups in RELATED_GROUPS
         for group in groups
         for name in (*DENSITY_KINDS, "liquid")
@@ -69,11 +80,19 @@ def with_group_medians(
 
 def starter_foods_by_ndb() -> Mapping[str, Food]:
     """Return the starter table's foods by NDB number; they have measured densities and refuse."""
-    return {food.source_ids["sr28_ndb"]: food for food in load_starter_table().foods if "sr28_ndb" in food.source_ids}
+    return {
+        food.source_ids["sr28_ndb"]: food
+        for food in load_starter_table().foods
+        if "sr28_ndb" in food.source_ids
+    }
 
 
 def _pools_of(form: FoodForm) -> Sequence[str]:
-    return ("liquid",) if form == "liquid" else sorted(DENSITY_KINDS, key=lambda kind: kind != KIND_OF_FORM[form])
+    return (
+        ("liquid",)
+        if form == "liquid"
+        else sorted(DENSITY_KINDS, key=lambda kind: kind != KIND_OF_FORM[form])
+    )
 
 
 _POOL_NOUNS: Mapping[str, str] = {"solid": "pieces", "bulk": "heaps", "liquid": "liquids"}

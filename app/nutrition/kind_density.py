@@ -13,12 +13,25 @@ from app.nutrition.density import KIND_OF_FORM, resolve_density
 from app.nutrition.foods import Density, DensityKind, FoodForm, load_starter_table
 from app.nutrition.portion_density import group_median
 
-GROUPS = ("baked", "fast foods", "restaurant foods", "meals, entrees", "snacks")  # lower-case prefixes of group names
+GROUPS = (
+    "baked",
+    "fast foods",
+    "restaurant foods",
+    "meals, entrees",
+    "snacks",
+)  # lower-case prefixes of group names
 
 # Names of each kind; the first match wins: a cheeseburger on a bun is not bread. Doughs, crumbs and the like are of no
 # kind (_NONE).
 MIN_FOODS = 3
-_ALL = (*GROUPS, "beef", "pork", "poultry", "finfish", "vegetable")  # groups of the starter's fries, steaks, shrimps
+_ALL = (
+    *GROUPS,
+    "beef",
+    "pork",
+    "poultry",
+    "finfish",
+    "vegetable",
+)  # groups of the starter's fries, steaks, shrimps
 _NONE = re.compile(
     r"\b(?:mix|dough|(?<!soft )bread crumbs|croutons|pie crust|batter|pie fillings?|stuffing|salads?|ice cream|"
     r"rice cakes?|crab|chips|crisps|puffs|egg rolls?|bread, (?:banana|pumpkin|boston|irish|nut))\b",
@@ -49,7 +62,9 @@ _NAMES: Mapping[DensityKind, Mapping[str, str]] = {
 }
 _KINDS: Mapping[DensityKind, Mapping[str, re.Pattern[str]]] = MappingProxyType(
     {
-        density_kind: {kind: re.compile(rf"\b(?:{names})\b", re.IGNORECASE) for kind, names in kinds.items()}
+        density_kind: {
+            kind: re.compile(rf"\b(?:{names})\b", re.IGNORECASE) for kind, names in kinds.items()
+        }
         for density_kind, kinds in _NAMES.items()
     }
 )
@@ -78,7 +93,9 @@ def _medians() -> Mapping[str, Density]:
         if (
             kind is not None
             and food.form != "liquid"
-            and food.food_group.lower().startswith(GROUPS if density_kind == "solid" and kind != "meat" else _ALL)
+            and food.food_group.lower().startswith(
+                GROUPS if density_kind == "solid" and kind != "meat" else _ALL
+            )
             and choice is not None
             and choice.chosen.kind == density_kind
             and choice.chosen.basis != "group"
@@ -87,7 +104,9 @@ def _medians() -> Mapping[str, Density]:
     return MappingProxyType(
         {
             kind: group_median(
-                densities, density_kind, f"starter table: median of {len(densities)} foods of the kind {kind}"
+                densities,
+                density_kind,
+                f"starter table: median of {len(densities)} foods of the kind {kind}",
             )
             for (kind, density_kind), densities in densities_of_kind.items()
             if len(densities) >= MIN_FOODS

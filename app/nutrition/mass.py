@@ -21,7 +21,9 @@ class Mass:
     doubt: Doubt
 
 
-def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, edible_share: float = 1.0) -> Mass:
+def estimate_mass(
+    volume_ml: float, volume_doubt: Doubt, density: Density, *, edible_share: float = 1.0
+) -> Mass:
     """Return the mass of an item: volume (ml) x density (g/ml), and its edible share (0 to 1, from `edible_share`).
 
     The density's spread is added to the doubt's part "density". A density of edible mass (Density.weighs) gives the
@@ -32,11 +34,17 @@ def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, ed
         raise ValueError(f"a volume is positive and finite, not {volume_ml} ml")
     if not 0.0 < edible_share <= 1.0:
         raise ValueError(f"an edible share is above 0 and at most 1, not {edible_share}")
-    doubt = Doubt(volume_doubt.pair, math.hypot(volume_doubt.density, density.relative_sd), volume_doubt.item)
-    return _mass(volume_ml * density.g_per_ml, doubt, edible_share, is_edible=density.weighs == "edible")
+    doubt = Doubt(
+        volume_doubt.pair, math.hypot(volume_doubt.density, density.relative_sd), volume_doubt.item
+    )
+    return _mass(
+        volume_ml * density.g_per_ml, doubt, edible_share, is_edible=density.weighs == "edible"
+    )
 
 
-def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0) -> Mass:
+def weighed_mass(
+    mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0
+) -> Mass:
     """Return the mass of an item whose grams a person states. is_edible: without refuse; otherwise as seen.
 
     relative_sd: error of the person's figure. Raises ValueError if the mass is not positive and finite.
@@ -46,7 +54,9 @@ def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_s
     return _mass(mass_g, Doubt(item=relative_sd), edible_share, is_edible=is_edible)
 
 
-def consumed_mass(served: Mass, left: Sequence[Mass], *, food_key: str, share: float = 1.0) -> Estimate:
+def consumed_mass(
+    served: Mass, left: Sequence[Mass], *, food_key: str, share: float = 1.0
+) -> Estimate:
     """Return the edible grams eaten: served minus left, times the eater's share (above 0, at most 1) of the dish.
 
     Signed: if the doubt exceeds the amount eaten it may be below 0 and is not clipped, which would bias means over many
@@ -59,7 +69,9 @@ def consumed_mass(served: Mass, left: Sequence[Mass], *, food_key: str, share: f
     return combine(terms).scaled(share) if left else served.edible_g.scaled(share)
 
 
-def edible_share(food: Food, *, form: FoodForm | None = None, without: Collection[str] | None = None) -> float:
+def edible_share(
+    food: Food, *, form: FoodForm | None = None, without: Collection[str] | None = None
+) -> float:
     """Return the edible share of an item's mass as seen, from the food's refuse.
 
     form: of the item (None: the usual one). A food of solid pieces in a heap or a vessel was peeled and cut, so it has

@@ -65,7 +65,10 @@ class MassTotal:
 def nutrients_in(per_100_g: Mapping[str, float], edible_g: Estimate) -> Mapping[str, Estimate]:
     """Return component number -> amount in these edible grams with its interval, in the component's unit."""
     return MappingProxyType(
-        {number: edible_g.scaled(content_of_mass(content, 1.0)) for number, content in per_100_g.items()}
+        {
+            number: edible_g.scaled(content_of_mass(content, 1.0))
+            for number, content in per_100_g.items()
+        }
     )
 
 
@@ -99,11 +102,15 @@ def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:
     eaten_g = _eaten_g(measured)
     total_g = math.fsum(eaten_g.values())
     is_complete = len(measured) == len(portions)
-    numbers = dict.fromkeys([*COMPONENT_BY_NUMBER, *(n for portion, _, _ in measured for n in portion.per_100_g)])
+    numbers = dict.fromkeys(
+        [*COMPONENT_BY_NUMBER, *(n for portion, _, _ in measured for n in portion.per_100_g)]
+    )
     for number in numbers:
         covered = [entry for entry in measured if number in entry[0].per_100_g]
         if covered:
-            covered_g = math.fsum(eaten_g[key] for key in {portion.food_key for portion, _, _ in covered})
+            covered_g = math.fsum(
+                eaten_g[key] for key in {portion.food_key for portion, _, _ in covered}
+            )
             terms = [
                 _term(portion, doubt, content_of_mass(portion.per_100_g[number], edible_g))
                 for portion, doubt, edible_g in covered

@@ -8,7 +8,10 @@ from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME, Com
 
 LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed separately, those of a salmon in SR28 add up to 106.5
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
-MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0  # spun sugar has some ten times the minimum, crystals of salt 2.2
+MIN_G_PER_ML, MAX_G_PER_ML = (
+    0.005,
+    3.0,
+)  # spun sugar has some ten times the minimum, crystals of salt 2.2
 
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
 _OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))
@@ -36,5 +39,7 @@ def why_impossible(per_100_g: Mapping[str, float]) -> str | None:
     carbohydrate = next((per_100_g[number] for number in _CARBOHYDRATE if number in per_100_g), 0.0)
     total = math.fsum([carbohydrate, *(per_100_g.get(number, 0.0) for number in _OTHERS)])
     if total > LARGEST_SUM_G:
-        return f"Water, protein, fat, carbohydrate, ash and alcohol of 100 g add up to {total:.1f} g."
+        return (
+            f"Water, protein, fat, carbohydrate, ash and alcohol of 100 g add up to {total:.1f} g."
+        )
     return None

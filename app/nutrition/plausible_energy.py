@@ -55,8 +55,12 @@ def cut_offs(days: int, pal: float = USUAL_PAL) -> tuple[float, float]:
     Raises ValueError for less than one day or a PAL that is not positive.
     """
     if days < 1 or not 0.0 < pal < math.inf:
-        raise ValueError(f"limits need at least one day and a positive activity level, not {days} and {pal}")
-    spread_percent = math.sqrt(CV_ENERGY_WITHIN_PERCENT**2 / days + CV_BASAL_RATE_PERCENT**2 + CV_ACTIVITY_PERCENT**2)
+        raise ValueError(
+            f"limits need at least one day and a positive activity level, not {days} and {pal}"
+        )
+    spread_percent = math.sqrt(
+        CV_ENERGY_WITHIN_PERCENT**2 / days + CV_BASAL_RATE_PERCENT**2 + CV_ACTIVITY_PERCENT**2
+    )
     factor = math.exp(SD_LIMITS * spread_percent / 100.0)
     return pal / factor, pal * factor
 

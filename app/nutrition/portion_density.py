@@ -19,16 +19,26 @@ from app.nutrition.portions import Portion
 _RELATIVE_SD: Mapping[str, float] = {"liquid": 0.02, "solid": 0.08, "bulk": 0.12}
 GROUP_RELATIVE_SD = 0.25  # at least
 MIN_GROUP_FOODS = 5
-SMALL_UNITS = frozenset({Unit.TABLESPOON, Unit.FLUID_OUNCE})  # their weights are rounded more coarsely than a cup's
+SMALL_UNITS = frozenset(
+    {Unit.TABLESPOON, Unit.FLUID_OUNCE}
+)  # their weights are rounded more coarsely than a cup's
 _ROBUST_SD = 0.7413  # standard deviation of a normal distribution per unit of interquartile range
-POSSIBLE_G_PER_ML = (0.012, 1.6)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
+POSSIBLE_G_PER_ML = (
+    0.012,
+    1.6,
+)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
 
 _SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
 _GROUP_WORDS: Mapping[DensityKind, re.Pattern[str]] = {
     "solid": re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE),
-    "bulk": re.compile(r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b", re.IGNORECASE),
+    "bulk": re.compile(
+        r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b",
+        re.IGNORECASE,
+    ),
 }
-_MEASURE_NOISE = re.compile(r'\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),."/]')
+_MEASURE_NOISE = re.compile(
+    r'\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),."/]'
+)
 
 
 def usual_relative_sd(form: FoodForm, kind: DensityKind) -> float:
@@ -52,25 +62,42 @@ def portion_densities(
     differs from the form's.
     """
     densities: dict[tuple[DensityKind, str], Density] = {}
-    for portion in sorted(portions, key=lambda portion: (portion.sequence != usual_portion, _is_small(portion))):
+    for portion in sorted(
+        portions, key=lambda portion: (portion.sequence != usual_portion, _is_small(portion))
+    ):
         if portion.density_g_per_ml is None or not is_possible(portion.density_g_per_ml):
             continue
         kind, portion_state = kind_and_state(portion, form, state, cup_kind)
-        density = portion_density(portion, source, kind, portion_state, "portion", usual_relative_sd(form, kind))
+        density = portion_density(
+            portion, source, kind, portion_state, "portion", usual_relative_sd(form, kind)
+        )
         densities.setdefault((kind, portion_state), density)
     return list(densities.values())
 
 
 def portion_density(
-    portion: Portion, source: str, kind: DensityKind, state: str, basis: DensityBasis, relative_sd: float
+    portion: Portion,
+    source: str,
+    kind: DensityKind,
+    state: str,
+    basis: DensityBasis,
+    relative_sd: float,
 ) -> Density:
     """Return the density of a volume portion. Raises ValueError if its measure is not a volume."""
     volume, g_per_ml = portion.volume, portion.density_g_per_ml
     if volume is None or g_per_ml is None:
-        raise ValueError(f"{source}, portion {portion.sequence} ({portion.measure}) is not a volume")
+        raise ValueError(
+            f"{source}, portion {portion.sequence} ({portion.measure}) is not a volume"
+        )
     text = f"{source}, portion {portion.sequence}: {volume[0]:g} {volume[1]} ({portion.measure}) {portion.mass_g:g} g"
     return Density(
-        round(g_per_ml, 3), round(relative_sd * g_per_ml, 4), state, kind, basis, text[:300], weighed_part(kind)
+        round(g_per_ml, 3),
+        round(relative_sd * g_per_ml, 4),
+        state,
+        kind,
+        basis,
+        text[:300],
+        weighed_part(kind),
     )
 
 
@@ -95,7 +122,9 @@ def group_medians(
                 medians.setdefault((group, kind), []).append(statistics.median(food_densities))
     return {
         (group, kind): group_median(
-            densities, kind, f"{source}, volume portions: median of {len(densities)} foods of the group {group}"
+            densities,
+            kind,
+            f"{source}, volume portions: median of {len(densities)} foods of the group {group}",
         )
         for (group, kind), densities in medians.items()
         if len(densities) >= MIN_GROUP_FOODS
@@ -106,7 +135,9 @@ def group_median(densities: Sequence[float], kind: DensityKind, source: str) -> 
     """Return the median of at least two foods' densities, g/ml, with a spread of at least GROUP_RELATIVE_SD."""
     lower, median, upper = statistics.quantiles(densities, n=4)
     sd = max(GROUP_RELATIVE_SD * median, _ROBUST_SD * (upper - lower))
-    return Density(round(median, 3), round(sd, 3), "any", kind, "group", source[:300], weighed_part(kind))
+    return Density(
+        round(median, 3), round(sd, 3), "any", kind, "group", source[:300], weighed_part(kind)
+    )
 
 
 def kind_and_state(

@@ -20,7 +20,8 @@ _VOLUMES = (
 )
 # A cup of something other than the food: the dry food before cooking, or a drink together with its ice.
 _NOT_THE_FOOD = re.compile(
-    r"\b(?:dry|raw|uncooked|unprepared|frozen|unpopped)\b.*\byields?\b|with ice|\(NFS\)|guideline", re.IGNORECASE
+    r"\b(?:dry|raw|uncooked|unprepared|frozen|unpopped)\b.*\byields?\b|with ice|\(NFS\)|guideline",
+    re.IGNORECASE,
 )
 _SERVING = re.compile(r"^serving 1 (?=cup\b)")
 

@@ -19,13 +19,20 @@ from types import MappingProxyType
 
 from app.core.errors import InvalidInputError
 from app.core.units import content_of_mass, kj_from_kcal
-from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, is_fatty_acid
+from app.nutrition.components import (
+    COMPONENT_BY_NUMBER,
+    ENERGY_NUMBERS,
+    NUMBER_BY_TAGNAME,
+    is_fatty_acid,
+)
 from app.nutrition.foods import Food, FoodState
 
 WATER = NUMBER_BY_TAGNAME["WATER"]
 FAT = NUMBER_BY_TAGNAME["FAT"]
 KILOJOULES = NUMBER_BY_TAGNAME["ENERC_KJ"]
-DERIVED = frozenset({WATER, KILOJOULES, *ENERGY_NUMBERS})  # computed from the others, so they take no factor
+DERIVED = frozenset(
+    {WATER, KILOJOULES, *ENERGY_NUMBERS}
+)  # computed from the others, so they take no factor
 
 # kcal/g of the constituents of a food beside water: the Atwater general factors (FAO Food and Nutrition Paper 77,
 # 2003); 0 for ash. They apply only to what cooking removes.
@@ -81,19 +88,24 @@ def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish
         _check_ingredient(ingredient)
     if recipe_yield != 1.0 and all(ingredient.state == "cooked" for ingredient in ingredients):
         raise InvalidInputError(
-            "All ingredients are cooked already, so no yield applies: leave it at 1.", code="ingredient_is_cooked"
+            "All ingredients are cooked already, so no yield applies: leave it at 1.",
+            code="ingredient_is_cooked",
         )
     total_g = math.fsum(ingredient.mass_g for ingredient in ingredients)
     contents: dict[str, float] = {}
     coverage: dict[str, float] = {}
     for number in dict.fromkeys(n for n in (*COMPONENT_BY_NUMBER, *_other_numbers(ingredients))):
         amounts = [_amount(ingredient, number) for ingredient in ingredients]
-        known_g = math.fsum(i.mass_g for i, amount in zip(ingredients, amounts, strict=True) if amount is not None)
+        known_g = math.fsum(
+            i.mass_g for i, amount in zip(ingredients, amounts, strict=True) if amount is not None
+        )
         known_amounts = [amount for amount in amounts if amount is not None]
         if known_amounts:
             coverage[number] = 1.0 if len(known_amounts) == len(amounts) else known_g / total_g
         if len(known_amounts) == len(amounts):
-            total = math.fsum(known_amounts) + ((recipe_yield - 1.0) * total_g if number == WATER else 0.0)
+            total = math.fsum(known_amounts) + (
+                (recipe_yield - 1.0) * total_g if number == WATER else 0.0
+            )
             contents[number] = 100.0 * total / (recipe_yield * total_g)
     if contents.get(WATER, 0.0) < -_WATER_SLACK_G:
         raise InvalidInputError(
@@ -106,7 +118,9 @@ def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish
     )
 
 
-def cycle_through(key: str, ingredients: Collection[str], parts: Mapping[str, Collection[str]]) -> list[str] | None:
+def cycle_through(
+    key: str, ingredients: Collection[str], parts: Mapping[str, Collection[str]]
+) -> list[str] | None:
     """Return the path by which a dish of these ingredients would contain itself, from `key` to `key`, or None.
 
     parts: food key -> the keys of its ingredients, for every reachable food.
@@ -130,7 +144,9 @@ def _check_values(ingredients: Sequence[Ingredient], recipe_yield: float) -> Non
         raise ValueError(f"a yield is positive and finite, not {recipe_yield}")
     for ingredient in ingredients:
         if not 0.0 < ingredient.mass_g < math.inf:
-            raise ValueError(f"{ingredient.food.key}: a mass is positive and finite, not {ingredient.mass_g} g")
+            raise ValueError(
+                f"{ingredient.food.key}: a mass is positive and finite, not {ingredient.mass_g} g"
+            )
         if any(not 0.0 <= share <= 1.0 for share in ingredient.retention.values()):
             raise ValueError(f"{ingredient.food.key}: a retention is a share from 0 to 1")
 
@@ -179,7 +195,9 @@ def _amount(ingredient: Ingredient, number: str) -> float | None:
         return None
     if number == WATER:
         return amount + math.fsum(lost_g.values())
-    lost_kcal = math.fsum(grams * _KCAL_PER_G[macronutrient] for macronutrient, grams in lost_g.items())
+    lost_kcal = math.fsum(
+        grams * _KCAL_PER_G[macronutrient] for macronutrient, grams in lost_g.items()
+    )
     return max(0.0, amount - (kj_from_kcal(lost_kcal) if number == KILOJOULES else lost_kcal))
 
 
@@ -201,5 +219,7 @@ def _lost_g(ingredient: Ingredient) -> dict[str, float] | None:
         content = ingredient.food.per_100_g.get(number)
         if content is None:
             return None
-        lost[number] = content_of_mass(content, ingredient.mass_g) * (1.0 - ingredient.retention[number])
+        lost[number] = content_of_mass(content, ingredient.mass_g) * (
+            1.0 - ingredient.retention[number]
+        )
     return lost

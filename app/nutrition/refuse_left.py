@@ -12,8 +12,12 @@ from typing import Literal
 from app.nutrition.doubt import Z_90
 from app.nutrition.mass import Mass
 
-REFUSE_ASSUMED = "refuse_assumed"  # classified as refuse by its amount: it may be a small piece of food
-REFUSE_POSSIBLE = "refuse_possible"  # classified as food by its amount: it may be, or contain, refuse
+REFUSE_ASSUMED = (
+    "refuse_assumed"  # classified as refuse by its amount: it may be a small piece of food
+)
+REFUSE_POSSIBLE = (
+    "refuse_possible"  # classified as food by its amount: it may be, or contain, refuse
+)
 
 HOLLOW = 2.0  # largest factor by which a hollow peel's mass is overestimated: an assumption without a source
 
@@ -28,12 +32,16 @@ def classify_left(
     From the lightest piece on, pieces are refuse as long as all refuse together does not exceed the served food's,
     given the 90 % doubt of both. A food that is eaten whole leaves no refuse.
     """
-    classes: list[tuple[LeftoverClass, str | None]] = [(label or "food_left", None) for label in reviewed]
+    classes: list[tuple[LeftoverClass, str | None]] = [
+        (label or "food_left", None) for label in reviewed
+    ]
     if served is None or served.edible_share >= 1.0:
         return classes
     refuse_g = served.as_seen_g.value * (1.0 - served.edible_share)
     weighed = [(piece, place) for place, piece in enumerate(pieces) if piece is not None]
-    refuse_so_far_g = math.fsum(piece.as_seen_g.value for piece, place in weighed if reviewed[place] == "refuse")
+    refuse_so_far_g = math.fsum(
+        piece.as_seen_g.value for piece, place in weighed if reviewed[place] == "refuse"
+    )
     unreviewed = [(piece, place) for piece, place in weighed if reviewed[place] is None]
     for piece, place in sorted(unreviewed, key=lambda entry: entry[0].as_seen_g.value):
         sd = math.sqrt(_own_log_variance(served) + _own_log_variance(piece))

@@ -14,11 +14,15 @@ from app.nutrition.packaged_rows import packaged_rows
 from app.nutrition.words import is_unspaced, singular, split_words, word_forms
 
 MAX_QUERY_WORDS = 10  # further words are ignored
-STARRED_LETTERS = 2  # prefixes up to this length match only at the beginning of labels (posting_ranks)
+STARRED_LETTERS = (
+    2  # prefixes up to this length match only at the beginning of labels (posting_ranks)
+)
 
 # Costs, in tenths of an extra word. They were tuned on half of the judged queries (tests/data/food_search/judged.csv).
 OTHER_LABEL = 10  # the label is an alias
-SHARED_LABEL = 40  # an alias of a published table: many foods share it ("hamburger", of ground beef)
+SHARED_LABEL = (
+    40  # an alias of a published table: many foods share it ("hamburger", of ground beef)
+)
 TYPO, FURTHER_TYPO = 120, 60  # considered only if no food has the words as typed
 JOINED = 30  # "icecream" for "ice cream"
 BEGUN, BEGUN_PER_LETTER = 40, 2  # "app" for "apple"
@@ -30,7 +34,13 @@ CLASS_BEFORE_HEAD = 15  # "beverages, coffee" after "coffee"
 FURTHER_SEGMENT = 2
 OTHER_ORDER = 3
 EXTRA_WORD, EXTRA_IN_BRACKETS = 10, 1
-EXTRA_OF_KIND = {"plain": 1, "common": 3, "part": 1, "unusual": 20, "processed": 30}  # descriptors.csv
+EXTRA_OF_KIND = {
+    "plain": 1,
+    "common": 3,
+    "part": 1,
+    "unusual": 20,
+    "processed": 30,
+}  # descriptors.csv
 LONE_PART = 40  # "chicken, skin" is not chicken; "with skin" is
 BRAND_WORD, MOST_BRAND = 30, 60
 UNEXPECTED_STATE = 25
@@ -58,7 +68,9 @@ _EATEN_COOKED_GROUPS = re.compile(
 _SPECIAL_GROUPS = re.compile(r"\b(baby foods?|infant|american indian)\b", re.IGNORECASE)
 
 _PIECE = re.compile(r"[(),;]|[^(),;]+")
-_DETAILS_FOLLOW = frozenset(("with", "without", "in", "made", "prepared"))  # "lasagna with meat sauce" is a lasagna
+_DETAILS_FOLLOW = frozenset(
+    ("with", "without", "in", "made", "prepared")
+)  # "lasagna with meat sauce" is a lasagna
 _BRAND = re.compile(r"\b[A-Z][A-Z'\u2019]{3,}\b")
 
 
@@ -110,12 +122,16 @@ def rank(queries: Sequence[Query], candidates: Sequence[Candidate]) -> list[Rank
     queries: readings of what was typed. Among mixed dishes that the query names as a whole, those of FNDDS come first:
     a dish as eaten defaults to FNDDS once that is imported.
     """
-    matches = [match for i, food in enumerate(candidates) if (match := _best(queries, i, food)) is not None]
+    matches = [
+        match for i, food in enumerate(candidates) if (match := _best(queries, i, food)) is not None
+    ]
     matches.sort(key=lambda match: (match.cost, candidates[match.position].order))
     return _fndds_dishes_first(matches, candidates)
 
 
-def posting_ranks(name: str, other_names: Iterable[str], group: str, state: str | None) -> dict[str, int]:
+def posting_ranks(
+    name: str, other_names: Iterable[str], group: str, state: str | None
+) -> dict[str, int]:
     """Return word -> rank of a food for the index: its cost for that word alone, the lowest of its labels.
 
     Contains each form of each word and, for words at the beginning of a label, their first letter and first two letters
@@ -128,7 +144,9 @@ def posting_ranks(name: str, other_names: Iterable[str], group: str, state: str 
         label_cost = burden + label.cost // 2 + (OTHER_LABEL if number else 0)
         for place, (forms, segment) in enumerate(zip(label.forms, label.segments, strict=True)):
             is_head = segment == label.head
-            cost = label_cost + ((place and HEAD_BEGUN) if is_head else HEAD_MISSED + segment * FURTHER_SEGMENT)
+            cost = label_cost + (
+                (place and HEAD_BEGUN) if is_head else HEAD_MISSED + segment * FURTHER_SEGMENT
+            )
             words = list(forms)
             if is_head and may_be_begun(forms[0]):
                 words += [f"{forms[0][:letters]}*" for letters in range(1, STARRED_LETTERS + 1)]
@@ -181,7 +199,9 @@ def _label(text: str) -> _Label:
                 segment += 1
             words.append(word)
             segments.append(segment)
-            costs.append(EXTRA_IN_BRACKETS if brackets else _extra_word_cost(word, is_lone=segment != last))
+            costs.append(
+                EXTRA_IN_BRACKETS if brackets else _extra_word_cost(word, is_lone=segment != last)
+            )
             last = segment
     heads = segments.count(0)
     head = 1 if 1 in segments and tuple(map(singular, words[:heads])) in CLASSES else 0
@@ -308,8 +328,14 @@ def may_be_begun(word: str) -> bool:
 
 
 def _fndds_dishes_first(matches: list[Ranked], candidates: Sequence[Candidate]) -> list[Ranked]:
-    places = [i for i, match in enumerate(matches) if match.names_it and candidates[match.position].is_mixed_dish]
-    dishes = sorted((matches[i] for i in places), key=lambda match: not candidates[match.position].is_fndds)
+    places = [
+        i
+        for i, match in enumerate(matches)
+        if match.names_it and candidates[match.position].is_mixed_dish
+    ]
+    dishes = sorted(
+        (matches[i] for i in places), key=lambda match: not candidates[match.position].is_fndds
+    )
     for place, dish in zip(places, dishes, strict=True):
         matches[place] = dish
     return matches

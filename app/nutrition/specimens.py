@@ -37,5 +37,9 @@ def median_density(specimens: Sequence[Specimen], *, volume_step_ml: float) -> t
         raise ValueError(f"{len(specimens)} specimens; a spread needs two")
     densities = [specimen.g_per_ml for specimen in specimens]
     g_per_ml = statistics.median(densities)
-    rounding = volume_step_ml / math.sqrt(12.0) / statistics.fmean(specimen.volume_ml for specimen in specimens)
+    rounding = (
+        volume_step_ml
+        / math.sqrt(12.0)
+        / statistics.fmean(specimen.volume_ml for specimen in specimens)
+    )
     return g_per_ml, max(statistics.stdev(densities), rounding * g_per_ml)

@@ -52,11 +52,15 @@ _SMALL_FRUIT = _words(
     "blueberries|raspberries|strawberries|blackberries|cranberries|grapes|cherries|raisins|currants|gooseberries|"
     "mulberries|elderberries|olives|dates|berries"
 )
-_CUT = _words("canned|frozen|dried|sliced|cut|stewed|sauce|dehydrated|chunks|salad|chopped|mashed|candied")
+_CUT = _words(
+    "canned|frozen|dried|sliced|cut|stewed|sauce|dehydrated|chunks|salad|chopped|mashed|candied"
+)
 _ON_THE_COB = _words("on cob|on the cob")
 _FREED = _words("meat only|hard-boiled")
 _PITS = _words("pits?|stones?")
-_WHOLE_VEGETABLE = re.compile(r"^(?:tomato|tomatoes|potato|potatoes|sweet potato|avocados?|corn)\b", re.IGNORECASE)
+_WHOLE_VEGETABLE = re.compile(
+    r"^(?:tomato|tomatoes|potato|potatoes|sweet potato|avocados?|corn)\b", re.IGNORECASE
+)
 _MINCED = _words("crumbles|ground|minced|shredded|flaked|canned")
 _WHOLE_EGG = re.compile(r"^egg, (?:whole|duck|goose|quail|turkey)", re.IGNORECASE)
 _LOOSE_DAIRY = _words("cottage|ricotta|scrambled|grated|shredded")
@@ -116,7 +120,9 @@ def cup_kind(name: str, group: str, form: FoodForm) -> DensityKind | None:
 
     A cup of butter or of peanut butter contains no air: its weight gives the density of a slab.
     """
-    if form in {"whole", "lying", "slab"} and (group.lower().startswith("fats") or _PACKS.search(name)):
+    if form in {"whole", "lying", "slab"} and (
+        group.lower().startswith("fats") or _PACKS.search(name)
+    ):
         return "solid"
     return None
 
@@ -180,7 +186,9 @@ def _dairy(name: str) -> FoodForm:
 def _fat_or_sweet(name: str) -> FoodForm:
     if _ICE_CREAM.search(name):
         return _ice_cream(name)
-    return "liquid" if (_POURED.search(name) or _is_drink(name)) and not _FIRM.search(name) else "slab"
+    return (
+        "liquid" if (_POURED.search(name) or _is_drink(name)) and not _FIRM.search(name) else "slab"
+    )
 
 
 def _dish(name: str) -> FoodForm:

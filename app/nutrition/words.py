@@ -11,9 +11,8 @@ MAX_WORD_LETTERS = 64  # longer words are truncated
 
 _ASCII_WORD = re.compile(r"[a-z0-9]+")
 _APOSTROPHES = re.compile("['\u2019\u02bc`]")  # "McDonald's" is one word
-_VOICED_AND_VIRAMA = (
-    9  # combining classes up to this (kana voicing, Indic virama) change the letter and are not accents
-)
+# combining classes up to this (kana voicing, Indic virama) change the letter: they are no accents
+_VOICED_AND_VIRAMA = 9
 _WITHOUT_DECOMPOSITION = str.maketrans(
     {"\u00f8": "o", "\u0142": "l", "\u0111": "d", "\u00e6": "ae", "\u0153": "oe", "\u0131": "i"}
 )  # ø ł đ æ œ ı
@@ -34,7 +33,10 @@ def split_words(text: str) -> list[str]:
         return [word[:MAX_WORD_LETTERS] for word in _ASCII_WORD.findall(folded)]
     decomposed = unicodedata.normalize("NFKD", folded).casefold().translate(_WITHOUT_DECOMPOSITION)
     plain = "".join(c for c in decomposed if unicodedata.combining(c) <= _VOICED_AND_VIRAMA)
-    letters = "".join(c if unicodedata.category(c)[0] in "LNM" else " " for c in unicodedata.normalize("NFC", plain))
+    letters = "".join(
+        c if unicodedata.category(c)[0] in "LNM" else " "
+        for c in unicodedata.normalize("NFC", plain)
+    )
     return [word[:MAX_WORD_LETTERS] for word in _UNSPACED.sub(r" \g<0> ", letters).split()]
 
 

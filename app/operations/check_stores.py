@@ -17,15 +17,21 @@ def check_stores(settings: Settings) -> None:
     _check("TADA_ERASURE_URL", open_blob_store(settings.resolved_erasure_url, settings))
     if blobs.keeps_versions:  # the ledger may: it names nobody, and is kept
         log.error(
-            "store_keeps_versions", variable="TADA_BLOB_URL", detail="Erased blobs remain in it: docs/storage.md."
+            "store_keeps_versions",
+            variable="TADA_BLOB_URL",
+            detail="Erased blobs remain in it: docs/storage.md.",
         )
 
 
 def _check(variable: str, store: BlobStore) -> None:
     try:
         store.check()
-        next(store.keys("nobody/"), None)  # orphans cannot be deleted with a key that may write but not list
+        next(
+            store.keys("nobody/"), None
+        )  # orphans cannot be deleted with a key that may write but not list
     except StoreRefusesError as error:
-        raise InvalidInputError(f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid") from None
+        raise InvalidInputError(
+            f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid"
+        ) from None
     except OSError as error:
         log.warning("store_not_usable", variable=variable, reason=error.strerror)

@@ -28,13 +28,19 @@ UNDER_WAY = timedelta(minutes=10)  # a more recent erasure is still being carrie
 
 
 def worker_chores(
-    database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: TrustedClock | None = None
+    database: Database,
+    blobs: BlobStore,
+    box: SecretBox,
+    settings: Settings,
+    clock: TrustedClock | None = None,
 ) -> list[Chore]:
     """Return the chores of one worker. clock: for tests."""
     clock = clock or TrustedClock(database)
     deleter = BlobDeleter(database, blobs)
     is_bucket = settings.resolved_blob_url.startswith("s3://")
-    orphans = OrphanRounds(database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES)
+    orphans = OrphanRounds(
+        database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES
+    )
     ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)
     eraser = Eraser(database, box, ledger)
 
@@ -53,7 +59,11 @@ def worker_chores(
     files = FileThread(database, blobs, settings, box)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
-    reminders = [] if settings.push_contact is None else [SendReminders(database, box, post, settings.push_contact)]
+    reminders = (
+        []
+        if settings.push_contact is None
+        else [SendReminders(database, box, post, settings.push_contact)]
+    )
     return [
         *(Chore("send_reminders", 20.0, each.run, at_end=each.stop) for each in reminders),
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),

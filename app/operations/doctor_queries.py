@@ -36,9 +36,12 @@ class PostgresFacts:
 def postgres_facts(session: Session) -> PostgresFacts:
     """Return facts about the server and our connection to it."""
     rows = session.execute(
-        sa.text("SELECT name, setting FROM pg_settings WHERE name = ANY(:names)"), {"names": list(PG_SETTINGS)}
+        sa.text("SELECT name, setting FROM pg_settings WHERE name = ANY(:names)"),
+        {"names": list(PG_SETTINGS)},
     )
-    count = session.scalar(sa.text("SELECT count(*) FROM pg_stat_activity WHERE backend_type = 'client backend'"))
+    count = session.scalar(
+        sa.text("SELECT count(*) FROM pg_stat_activity WHERE backend_type = 'client backend'")
+    )
     return PostgresFacts({row.name: row.setting for row in rows}, count or 0)
 
 
@@ -71,7 +74,11 @@ def newest_photographs(session: Session, limit: int) -> list[tuple[str, str]]:
     rows = session.execute(
         sa.select(MealImage.blob_key, MealImage.stored_sha256)
         .join(Meal, Meal.id == MealImage.meal_id)
-        .where(Meal.status.in_(("queued", "processing", "estimated", "needs_review", "failed", "confirmed")))
+        .where(
+            Meal.status.in_(
+                ("queued", "processing", "estimated", "needs_review", "failed", "confirmed")
+            )
+        )
         .where(MealImage.erased_at.is_(None))
         .order_by(Meal.submitted_at.desc())
         .limit(limit)
@@ -92,10 +99,17 @@ def failing_deliveries(session: Session, least_attempts: int) -> int:
 
 def a_sealed_secret(session: Session) -> str | None:
     """Return the sealed secret of the newest webhook."""
-    return session.scalar(sa.select(Webhook.secret_sealed).order_by(Webhook.created_at.desc()).limit(1))
+    return session.scalar(
+        sa.select(Webhook.secret_sealed).order_by(Webhook.created_at.desc()).limit(1)
+    )
 
 
 def deletions_before(session: Session, before: datetime) -> int:
     """Return the number of blobs whose deletion was requested before this time and is still pending."""
-    rows = sa.select(sa.literal(1)).where(BlobDeletion.requested_at < before).limit(COUNTED_AT_MOST).subquery()
+    rows = (
+        sa.select(sa.literal(1))
+        .where(BlobDeletion.requested_at < before)
+        .limit(COUNTED_AT_MOST)
+        .subquery()
+    )
     return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0

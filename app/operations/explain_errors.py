@@ -57,7 +57,9 @@ def _of_database(error: BaseException | None, *, is_away: bool, is_full: bool) -
             f"The database denies permission: {text}. The role of TADA_DATABASE_URL must own its database."
         )
     if _sqlite_code(error) in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
-        return UnavailableError(f"The database's file is damaged, or not ours: {text}. docs/backup.md: restore it.")
+        return UnavailableError(
+            f"The database's file is damaged, or not ours: {text}. docs/backup.md: restore it."
+        )
     if (
         _sqlite_code(error) == sqlite3.SQLITE_ERROR
     ):  # no such table or invalid SQL: reported by the same exception class

@@ -18,7 +18,12 @@ from app.meals.models import Meal
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.privacy_models import IS_BACKUP, AuditEvent, BlobDeletion
 
-OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")  # of meals that are not finished
+OPEN_STATUSES = (
+    "receiving",
+    "queued",
+    "processing",
+    "needs_review",
+)  # of meals that are not finished
 COUNTED_AT_MOST = 100_000  # rows of one kind; counting stops here
 
 
@@ -52,8 +57,13 @@ def figures(session: Session) -> Figures:
     """Return all figures, in one snapshot."""
     now = database_now(session)
     meals = {status: _count(session, Meal.status == status) for status in OPEN_STATUSES}
-    jobs = {state: _count(session, Job.state == state, ~Job.is_background) for state in ("queued", "processing")}
-    waiting = sa.select(Meal.study_id).where(Meal.status == "queued").limit(COUNTED_AT_MOST).subquery()
+    jobs = {
+        state: _count(session, Job.state == state, ~Job.is_background)
+        for state in ("queued", "processing")
+    }
+    waiting = (
+        sa.select(Meal.study_id).where(Meal.status == "queued").limit(COUNTED_AT_MOST).subquery()
+    )
     return Figures(
         now=now,
         meals=meals,
@@ -61,7 +71,8 @@ def figures(session: Session) -> Figures:
         oldest_queued_at=session.scalar(
             sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued", ~Job.is_background)
         ),
-        studies_waiting=session.scalar(sa.select(sa.func.count(sa.distinct(waiting.c.study_id)))) or 0,
+        studies_waiting=session.scalar(sa.select(sa.func.count(sa.distinct(waiting.c.study_id))))
+        or 0,
         deliveries_waiting=_count(session, WebhookDelivery.state == "waiting"),
         oldest_delivery_at=_oldest(
             session, sa.select(WebhookDelivery.created_at).where(WebhookDelivery.state == "waiting")
@@ -70,7 +81,9 @@ def figures(session: Session) -> Figures:
         deletions_waiting=_count(session, BlobDeletion.requested_at.is_not(None)),
         oldest_deletion_at=_oldest(session, sa.select(BlobDeletion.requested_at)),
         files={"export": _exports_waiting(session), "release": _releases_waiting(session)},
-        releases_stuck=_count(session, Release.state == "changing", Release.failure_code.is_not(None)),
+        releases_stuck=_count(
+            session, Release.state == "changing", Release.failure_code.is_not(None)
+        ),
     )
 
 
@@ -78,20 +91,25 @@ def database_now(session: Session) -> datetime:
     """Return the database's time; on SQLite this machine's."""
     if session.get_bind().dialect.name == "sqlite":
         return datetime.now(UTC)
-    now: datetime = session.execute(sa.select(sa.func.clock_timestamp(type_=sa.DateTime(timezone=True)))).scalar_one()
+    now: datetime = session.execute(
+        sa.select(sa.func.clock_timestamp(type_=sa.DateTime(timezone=True)))
+    ).scalar_one()
     return now
 
 
 def _exports_waiting(session: Session) -> FilesWaiting:
     states = {state: _count(session, Export.state == state) for state in UNDER_WAY}
-    return FilesWaiting(states, _oldest(session, sa.select(Export.requested_at).where(Export.state.in_(UNDER_WAY))))
+    return FilesWaiting(
+        states, _oldest(session, sa.select(Export.requested_at).where(Export.state.in_(UNDER_WAY)))
+    )
 
 
 def _releases_waiting(session: Session) -> FilesWaiting:
     """Return pending releases; a changing one waits since the first erasure it must apply, not since it was frozen."""
     states = {state: _count(session, Release.state == state) for state in (*UNDER_WAY, "changing")}
     requested = sa.union_all(
-        sa.select(Release.requested_at).where(Release.state.in_(UNDER_WAY)), sa.select(ReleaseChange.requested_at)
+        sa.select(Release.requested_at).where(Release.state.in_(UNDER_WAY)),
+        sa.select(ReleaseChange.requested_at),
     ).subquery()
     return FilesWaiting(states, _oldest(session, sa.select(requested.c.requested_at)))
 
@@ -122,14 +140,23 @@ class LastBackup:
 
 def last_backup(session: Session) -> LastBackup | None:
     """Return the last backup, or None; uses an index, so that later events do not slow it down."""
-    query = sa.select(AuditEvent.at, AuditEvent.details).where(IS_BACKUP).order_by(AuditEvent.id.desc()).limit(1)
+    query = (
+        sa.select(AuditEvent.at, AuditEvent.details)
+        .where(IS_BACKUP)
+        .order_by(AuditEvent.id.desc())
+        .limit(1)
+    )
     row = session.execute(query).first()
     if row is None:
         return None
-    return LastBackup(row.at, int(row.details.get("damaged", 0)), piped=bool(row.details.get("piped", False)))
+    return LastBackup(
+        row.at, int(row.details.get("damaged", 0)), piped=bool(row.details.get("piped", False))
+    )
 
 
 def first_event_at(session: Session) -> datetime | None:
     """Return the time of the audit log's first event, when the deployment began; None: no event yet."""
-    first: datetime | None = session.scalar(sa.select(AuditEvent.at).order_by(AuditEvent.id).limit(1))
+    first: datetime | None = session.scalar(
+        sa.select(AuditEvent.at).order_by(AuditEvent.id).limit(1)
+    )
     return first

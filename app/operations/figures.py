@@ -50,13 +50,19 @@ class DeploymentFigures(Collector):
         self._blobs = blobs
         self._settings = settings
         self._lock = threading.Condition()
-        self._cached: tuple[float, Deployment | None] | None = None  # time (monotonic), figures; None: no result
+        self._cached: tuple[float, Deployment | None] | None = (
+            None  # time (monotonic), figures; None: no result
+        )
         self._is_querying = False
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
         """Yield all families; those of the database only if it answered."""
         deployment = self._fetch()
-        yield _gauge("tada_database_up", "1: the database answered the figures of this scrape.", deployment is not None)
+        yield _gauge(
+            "tada_database_up",
+            "1: the database answered the figures of this scrape.",
+            deployment is not None,
+        )
         yield from _pools(self._database)
         yield from self._disk()
         if deployment is not None:
@@ -80,7 +86,11 @@ class DeploymentFigures(Collector):
             with self._database.read() as session:
                 if not self._database.is_sqlite:
                     session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_MS}"))
-                current, backup, began_at = figures(session), last_backup(session), first_event_at(session)
+                current, backup, began_at = (
+                    figures(session),
+                    last_backup(session),
+                    first_event_at(session),
+                )
             workers = Counter(worker.version for worker in living_workers(self._database))
             deployment = Deployment(current, workers, backup, began_at)
         except sqlalchemy.exc.SQLAlchemyError as error:
@@ -98,7 +108,11 @@ class DeploymentFigures(Collector):
             return
         yield _gauge("tada_disk_free_bytes", "Room where uploads are written.", free)
         least = self._settings.min_free_bytes
-        yield _gauge("tada_disk_least_free_bytes", "Below it uploads are refused (TADA_MIN_FREE_BYTES).", least)
+        yield _gauge(
+            "tada_disk_least_free_bytes",
+            "Below it uploads are refused (TADA_MIN_FREE_BYTES).",
+            least,
+        )
 
 
 def _of_database(deployment: Deployment) -> Iterator[GaugeMetricFamily]:
@@ -106,24 +120,39 @@ def _of_database(deployment: Deployment) -> Iterator[GaugeMetricFamily]:
     yield _by("tada_meals", "Meals that are not through yet, by status.", "status", figures.meals)
     yield _by("tada_jobs", "Jobs that are not through yet, by state.", "state", figures.jobs)
     yield _age(
-        "tada_queue_oldest_seconds", "How long the oldest queued job waits.", figures.oldest_queued_at, figures.now
+        "tada_queue_oldest_seconds",
+        "How long the oldest queued job waits.",
+        figures.oldest_queued_at,
+        figures.now,
     )
-    yield _gauge("tada_studies_waiting", "Studies with a meal in the queue.", figures.studies_waiting)
+    yield _gauge(
+        "tada_studies_waiting", "Studies with a meal in the queue.", figures.studies_waiting
+    )
     yield _gauge("tada_workers_alive", "Workers that live.", deployment.workers.total())
     yield _by("tada_workers", "Workers that live, by version.", "version", deployment.workers)
     oldest = "How long the oldest of them waits."
-    yield _gauge("tada_webhooks_waiting", "Deliveries that are not made yet.", figures.deliveries_waiting)
+    yield _gauge(
+        "tada_webhooks_waiting", "Deliveries that are not made yet.", figures.deliveries_waiting
+    )
     yield _age("tada_webhooks_oldest_seconds", oldest, figures.oldest_delivery_at, figures.now)
     yield _gauge("tada_webhooks_disabled", "Webhooks that are disabled.", figures.webhooks_disabled)
-    yield _gauge("tada_blob_deletions_waiting", "Blobs that an erasure wants gone.", figures.deletions_waiting)
-    yield _age("tada_blob_deletions_oldest_seconds", oldest, figures.oldest_deletion_at, figures.now)
+    yield _gauge(
+        "tada_blob_deletions_waiting",
+        "Blobs that an erasure wants gone.",
+        figures.deletions_waiting,
+    )
+    yield _age(
+        "tada_blob_deletions_oldest_seconds", oldest, figures.oldest_deletion_at, figures.now
+    )
     yield from _of_files(figures)
     yield from _of_backup(deployment, figures.now)
 
 
 def _of_files(figures: Figures) -> Iterator[GaugeMetricFamily]:
     waiting = GaugeMetricFamily(
-        "tada_files_waiting", "Exports and releases that are not made yet, by state.", labels=["kind", "state"]
+        "tada_files_waiting",
+        "Exports and releases that are not made yet, by state.",
+        labels=["kind", "state"],
     )
     for kind, files in figures.files.items():
         for state, count in files.states.items():
@@ -133,20 +162,34 @@ def _of_files(figures: Figures) -> Iterator[GaugeMetricFamily]:
         "tada_files_oldest_seconds",
         "How long the oldest of them waits; a release that changes, since the erasure.",
         "kind",
-        {kind: _seconds_since(files.oldest_at, figures.now) for kind, files in figures.files.items()},
+        {
+            kind: _seconds_since(files.oldest_at, figures.now)
+            for kind, files in figures.files.items()
+        },
     )
-    description = "Releases that an erasure wants changed, and that could not be: they are not served."
+    description = (
+        "Releases that an erasure wants changed, and that could not be: they are not served."
+    )
     yield _gauge("tada_releases_stuck", description, figures.releases_stuck)
 
 
 def _of_backup(deployment: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:
     """Yield the age also without a backup, since an alert on a missing series never fires."""
     backup = deployment.backup
-    since, damaged = (backup.made_at, backup.damaged) if backup is not None else (deployment.began_at, 0)
-    yield _age(
-        "tada_backup_age_seconds", "Since the last `tada backup`; without one, since the first event.", since, now
+    since, damaged = (
+        (backup.made_at, backup.damaged) if backup is not None else (deployment.began_at, 0)
     )
-    yield _gauge("tada_backup_damaged_blobs", "Blobs that the last `tada backup` lacks: damaged or missing.", damaged)
+    yield _age(
+        "tada_backup_age_seconds",
+        "Since the last `tada backup`; without one, since the first event.",
+        since,
+        now,
+    )
+    yield _gauge(
+        "tada_backup_damaged_blobs",
+        "Blobs that the last `tada backup` lacks: damaged or missing.",
+        damaged,
+    )
 
 
 def _pools(database: Database) -> Iterator[GaugeMetricFamily]:
@@ -154,7 +197,9 @@ def _pools(database: Database) -> Iterator[GaugeMetricFamily]:
     engines = {"write": database.write_engine, "read": database.read_engine}
     if not database.is_sqlite:
         engines = {"all": database.write_engine}
-    pools = {name: engine.pool for name, engine in engines.items() if isinstance(engine.pool, QueuePool)}
+    pools = {
+        name: engine.pool for name, engine in engines.items() if isinstance(engine.pool, QueuePool)
+    }
     in_use = {name: pool.checkedout() for name, pool in pools.items()}
     most = dict.fromkeys(pools, database.limits.size + database.limits.overflow)
     yield _by("tada_database_connections_in_use", "This process's, at work.", "pool", in_use)

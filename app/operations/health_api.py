@@ -23,7 +23,9 @@ class Ready(BaseModel):
     ready: bool = Field(description="Whether meals can be taken.")
     checks: dict[str, str] = Field(description="Each `ok`, or what is wrong.")
     workers_alive: int = Field(description="Reported only: no worker refuses no meal.")
-    oldest_waiting_seconds: float | None = Field(description="Age of the meal that has waited longest, null if none.")
+    oldest_waiting_seconds: float | None = Field(
+        description="Age of the meal that has waited longest, null if none."
+    )
 
 
 @router.head("/healthz", include_in_schema=False)  # load balancers ask so

@@ -31,5 +31,6 @@ def get_metrics(state: State, accept: Annotated[str, Header()] = "") -> Response
     """Return the figures for Prometheus."""
     encode, content_type = choose_encoder(accept)
     return Response(
-        encode(_All(state.part(DeploymentFigures))), headers={"Content-Type": content_type, "Cache-Control": "no-store"}
+        encode(_All(state.part(DeploymentFigures))),
+        headers={"Content-Type": content_type, "Cache-Control": "no-store"},
     )

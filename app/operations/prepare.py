@@ -49,7 +49,9 @@ def prepare_patiently(
         except Exception as error:
             if not is_passing(error) or time.monotonic() + wait > deadline:
                 raise
-            log.warning("not_ready_to_start", reason=" ".join(str(error).split()), again_in_seconds=wait)
+            log.warning(
+                "not_ready_to_start", reason=" ".join(str(error).split()), again_in_seconds=wait
+            )
             time.sleep(wait)
             wait = min(2 * wait, LONGEST_WAIT_SECONDS)
         else:

@@ -29,7 +29,9 @@ def create_triggers(connection: sa.Connection) -> None:
             connection.exec_driver_sql(f"CREATE TRIGGER {name} {event} BEGIN {SQLITE_REFUSE} END")
         return
     connection.exec_driver_sql(POSTGRES_REFUSE.replace("%", "%%"))
-    connection.exec_driver_sql(f"CREATE TRIGGER {POSTGRES_TRIGGER} {POSTGRES_EVENT} EXECUTE FUNCTION refuse_change()")
+    connection.exec_driver_sql(
+        f"CREATE TRIGGER {POSTGRES_TRIGGER} {POSTGRES_EVENT} EXECUTE FUNCTION refuse_change()"
+    )
 
 
 def drop_triggers(connection: sa.Connection) -> None:

@@ -46,7 +46,9 @@ class TrustedClock:
                 row.clock_doubted_seconds = WAIT_SECONDS
                 log.error("clock_doubted", gap_seconds=round(gap), seen_at=seen_at.isoformat())
             else:
-                row.clock_doubted_seconds = max(0.0, row.clock_doubted_seconds - max(0.0, min(gap, ran)))
+                row.clock_doubted_seconds = max(
+                    0.0, row.clock_doubted_seconds - max(0.0, min(gap, ran))
+                )
             row.clock_at = now
             is_doubted = row.clock_doubted_seconds > 0
         instruments.CLOCK_DOUBTED.set(is_doubted)

@@ -61,7 +61,9 @@ class WebhookDelivery(Base):
     event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
     payload: Mapped[dict[str, object]] = mapped_column(JsonValue)
     meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    participant_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("participant.id"), index=True)
+    participant_id: Mapped[uuid.UUID | None] = mapped_column(
+        sa.ForeignKey("participant.id"), index=True
+    )
     state: Mapped[DeliveryState] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
     next_try_at: Mapped[datetime | None]

@@ -29,10 +29,14 @@ def announce(
     meal_id, participant_id: the subject, by which an erasure finds the delivery; None if its row is about to be erased.
     """
     subscribers = [
-        hook for hook in enabled_webhooks(session, study_id) if event in hook.events or ALL_EVENTS in hook.events
+        hook
+        for hook in enabled_webhooks(session, study_id)
+        if event in hook.events or ALL_EVENTS in hook.events
     ]
     if subscribers:
-        deliver_to(session, subscribers, event, data, meal_id=meal_id, participant_id=participant_id)
+        deliver_to(
+            session, subscribers, event, data, meal_id=meal_id, participant_id=participant_id
+        )
 
 
 def deliver_to(
@@ -54,7 +58,11 @@ def deliver_to(
             "timestamp": now.isoformat().replace("+00:00", "Z"),
             "data": {"study": session.get_one(Study, hook.study_id).code, **data},
         }
-        rows.append(add_delivery(session, hook, event, payload, now, meal_id=meal_id, participant_id=participant_id))
+        rows.append(
+            add_delivery(
+                session, hook, event, payload, now, meal_id=meal_id, participant_id=participant_id
+            )
+        )
     return rows
 
 

@@ -36,7 +36,9 @@ LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
 MAX_PER_DEVICE = 100
 MAX_STUDY_RIGS = 100  # in use: one per model of phone, and some to spare
-AUTHOR_PHONE = "device"  # not the participant's alias, which only the audit log and the participant's row hold
+AUTHOR_PHONE = (
+    "device"  # not the participant's alias, which only the audit log and the participant's row hold
+)
 MAX_LISTED = 1000
 PHOTOGRAPH_AGAIN = (
     "Photograph the whole board about ten times: from different sides, tilted by 30 to 45 degrees, near the middle and "
@@ -71,7 +73,9 @@ class CalibrationFit(BaseModel):
     left_out: list[RejectedPhotograph]
 
 
-CALIBRATION_RESULT: TypeAdapter[CalibrationFailure | CalibrationFit] = TypeAdapter(CalibrationFailure | CalibrationFit)
+CALIBRATION_RESULT: TypeAdapter[CalibrationFailure | CalibrationFit] = TypeAdapter(
+    CalibrationFailure | CalibrationFit
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +117,11 @@ def calibrate_device(
     inspected = children.inspect([file.path for file in files], whose)
     result = children.run(
         "calibrate",
-        {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},
+        {
+            "photos": [str(file.path) for file in files],
+            "marker": board,
+            "max_pixels": settings.max_photo_pixels,
+        },
         seconds=SECONDS,
         whose=whose,
         is_costly=inspected.is_costly,
@@ -158,7 +166,12 @@ def keep_own_rig(database: Database, caller: DeviceCaller, rig: RigIn) -> Camera
         row.device_id, row.model = caller.device_id, session.get_one(Device, caller.device_id).model
         session.add(row)
         audit.note(
-            session, caller, "calibration.create", subject=caller.participant_alias, calibration=str(row.id), kind="rig"
+            session,
+            caller,
+            "calibration.create",
+            subject=caller.participant_alias,
+            calibration=str(row.id),
+            kind="rig",
         )
     return row
 
@@ -180,7 +193,14 @@ def keep_study_rig(
                 limit=MAX_STUDY_RIGS,
             )
         session.add(row)
-        audit.note(session, caller, "calibration.create", study_id=row.study_id, calibration=str(row.id), kind="rig")
+        audit.note(
+            session,
+            caller,
+            "calibration.create",
+            study_id=row.study_id,
+            calibration=str(row.id),
+            kind="rig",
+        )
     return row
 
 
@@ -212,7 +232,9 @@ def own_calibrations(database: Database, caller: DeviceCaller) -> Sequence[Camer
         return calibrations.of_device(session, caller.device_id, MAX_LISTED)
 
 
-def study_calibrations(database: Database, study_code: str) -> list[tuple[CameraCalibration, str | None]]:
+def study_calibrations(
+    database: Database, study_code: str
+) -> list[tuple[CameraCalibration, str | None]]:
     """Return the newest MAX_LISTED (calibration, participant's code) of a study and its phones.
 
     Raises NotFoundError.
@@ -221,7 +243,9 @@ def study_calibrations(database: Database, study_code: str) -> list[tuple[Camera
         return calibrations.of_study(session, load_study(session, study_code).id, MAX_LISTED)
 
 
-def withdraw_calibration(database: Database, caller: Caller, calibration_id: uuid.UUID) -> CameraCalibration:
+def withdraw_calibration(
+    database: Database, caller: Caller, calibration_id: uuid.UUID
+) -> CameraCalibration:
     """Withdraw a calibration, so that the phone uses the one before it. Repeating it changes nothing.
 
     Raises NotFoundError, NotAllowedError.
@@ -253,7 +277,9 @@ def _accepted_fit(result: CalibrationFailure | CalibrationFit) -> CalibrationFit
         failure = result.failure
         where = f"Photograph {result.photo + 1}: " if result.photo is not None else ""
         facts = {"photograph": result.photo + 1} if result.photo is not None else {}
-        raise InvalidInputError(f"{where}{failure.message} {failure.advice}".strip(), code=failure.code, **facts)
+        raise InvalidInputError(
+            f"{where}{failure.message} {failure.advice}".strip(), code=failure.code, **facts
+        )
     for rejected in result.left_out:
         if rejected.code == "calibration_size_differs":
             number = rejected.photo + 1
@@ -272,7 +298,9 @@ def _accepted_fit(result: CalibrationFailure | CalibrationFit) -> CalibrationFit
 
 
 def _require_small_error(rms_px: float, camera: Camera) -> None:
-    limit_px = max(TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
+    limit_px = max(
+        TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP
+    )
     if rms_px > limit_px:
         raise InvalidInputError(
             f"The board's corners fit the camera to {rms_px:.2f} px only, {limit_px:.2f} px is the limit: glue "

@@ -22,7 +22,9 @@ def newest_of_device(session: Session, device_id: uuid.UUID) -> CameraCalibratio
     return _newest(session, IS_CAMERA, CameraCalibration.device_id == device_id)
 
 
-def newest_rig_of_device(session: Session, device_id: uuid.UUID, before: datetime | None) -> CameraCalibration | None:
+def newest_rig_of_device(
+    session: Session, device_id: uuid.UUID, before: datetime | None
+) -> CameraCalibration | None:
     """Return a phone's own rig. before: kept by then; None: at any time."""
     return _newest(session, *_rigs_by(before), CameraCalibration.device_id == device_id)
 
@@ -79,7 +81,9 @@ def newest_of_model(session: Session, study_id: uuid.UUID, model: str) -> list[C
         .subquery()
     )
     newest = sa.select(ranked.c.id).where(ranked.c.age == 1).limit(MAX_DEVICES)
-    return list(session.scalars(sa.select(CameraCalibration).where(CameraCalibration.id.in_(newest))))
+    return list(
+        session.scalars(sa.select(CameraCalibration).where(CameraCalibration.id.in_(newest)))
+    )
 
 
 def of_device(session: Session, device_id: uuid.UUID, limit: int) -> Sequence[CameraCalibration]:
@@ -92,7 +96,9 @@ def of_device(session: Session, device_id: uuid.UUID, limit: int) -> Sequence[Ca
     ).all()
 
 
-def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[CameraCalibration, str | None]]:
+def of_study(
+    session: Session, study_id: uuid.UUID, limit: int
+) -> list[tuple[CameraCalibration, str | None]]:
     """Return (calibration, participant's code) of a study and its phones, withdrawn ones too, the newest first."""
     rows = session.execute(
         sa.select(CameraCalibration, Participant.code)
@@ -105,11 +111,15 @@ def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[Ca
     return [(calibration, code) for calibration, code in rows]
 
 
-def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID | None] | None:
+def find(
+    session: Session, calibration_id: uuid.UUID
+) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID | None] | None:
     """Return (calibration, its study's id, its participant's alias; None: the study's own)."""
     row = session.execute(
         sa.select(
-            CameraCalibration, sa.func.coalesce(Participant.study_id, CameraCalibration.study_id), Participant.alias
+            CameraCalibration,
+            sa.func.coalesce(Participant.study_id, CameraCalibration.study_id),
+            Participant.alias,
         )
         .outerjoin(Device, Device.id == CameraCalibration.device_id)
         .outerjoin(Participant, Participant.id == Device.participant_id)
@@ -125,8 +135,12 @@ def count_of_device(session: Session, device_id: uuid.UUID) -> int:
 
 def count_rigs_of_study(session: Session, study_id: uuid.UUID) -> int:
     """Count the rigs that staff sent for the study's phones and did not withdraw."""
-    return _count(session, CameraCalibration.study_id == study_id, CameraCalibration.withdrawn_at.is_(None))
+    return _count(
+        session, CameraCalibration.study_id == study_id, CameraCalibration.withdrawn_at.is_(None)
+    )
 
 
 def _count(session: Session, *conditions: sa.ColumnElement[bool]) -> int:
-    return session.execute(sa.select(sa.func.count()).select_from(CameraCalibration).where(*conditions)).scalar_one()
+    return session.execute(
+        sa.select(sa.func.count()).select_from(CameraCalibration).where(*conditions)
+    ).scalar_one()

@@ -46,7 +46,9 @@ class RigIn(BaseModel):
     rms_px: Annotated[JsonNumber, Field(ge=0)] | None = Field(
         default=None, description="Reprojection error (rms) of the board's corners, px."
     )
-    pairs: int | None = Field(default=None, ge=0, le=100_000, description="Number of pairs of photographs used.")
+    pairs: int | None = Field(
+        default=None, ge=0, le=100_000, description="Number of pairs of photographs used."
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -54,7 +56,11 @@ class RigIn(BaseModel):
         if not isinstance(data, dict):
             return data
         shared = {key: data[key] for key in ("width", "height") if key in data}
-        cameras = {side: shared | data[side] for side in ("left", "right") if isinstance(data.get(side), dict)}
+        cameras = {
+            side: shared | data[side]
+            for side in ("left", "right")
+            if isinstance(data.get(side), dict)
+        }
         return data | cameras
 
 
@@ -70,10 +76,14 @@ class RigOut(BaseModel):
 class CalibrationMetadataIn(BaseModel):
     """Metadata of the photographs; all fields are optional."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}})
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}}
+    )
 
     marker: Text | None = Field(
-        default=None, max_length=64, description="The board, such as plain:9x7:11; default: the study's."
+        default=None,
+        max_length=64,
+        description="The board, such as plain:9x7:11; default: the study's.",
     )
 
 
@@ -95,8 +105,12 @@ class CalibrationOut(BaseModel):
     model: str | None = Field(
         description="The phone's model, from the photographs or its app; null: not known, or all."
     )
-    marker: str | None = Field(description="The board that was photographed, such as plain:9x7:11; null: of a rig.")
-    camera: CameraIn = Field(description="The measured intrinsics; of a rig, those of its left camera.")
+    marker: str | None = Field(
+        description="The board that was photographed, such as plain:9x7:11; null: of a rig."
+    )
+    camera: CameraIn = Field(
+        description="The measured intrinsics; of a rig, those of its left camera."
+    )
     rig: RigOut | None = Field(description="The rig; null: a single camera.")
     rms_px: float | None = Field(
         description="Reprojection error (rms) of the board's corners, px; null: a rig sent without it."
@@ -111,20 +125,26 @@ class CalibrationOut(BaseModel):
 class NewCalibrationOut(CalibrationOut):
     """A new calibration and the photographs that were not used."""
 
-    left_out: list[LeftOutPhotographOut] = Field(description="Photographs that were not used, with reasons.")
+    left_out: list[LeftOutPhotographOut] = Field(
+        description="Photographs that were not used, with reasons."
+    )
 
 
 class StudyCalibrationOut(CalibrationOut):
     """A calibration, its phone and participant."""
 
     participant: str | None = Field(description=f"{PARTICIPANT} null: staff sent it for the study.")
-    device_id: uuid.UUID | None = Field(description="The phone's id; null: staff sent it for the study.")
+    device_id: uuid.UUID | None = Field(
+        description="The phone's id; null: staff sent it for the study."
+    )
 
 
 class CalibrationList(BaseModel):
     """A phone's calibrations, the newest first."""
 
-    items: list[CalibrationOut] = Field(description="The phone's calibrations, including withdrawn ones.")
+    items: list[CalibrationOut] = Field(
+        description="The phone's calibrations, including withdrawn ones."
+    )
 
 
 class StudyCalibrationList(BaseModel):

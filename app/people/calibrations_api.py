@@ -48,7 +48,11 @@ MULTIPART_BODY: dict[str, Any] = {
                             "type": "array",
                             "minItems": calibrate_device.MIN_PHOTOGRAPHS,
                             "maxItems": MAX_PHOTOGRAPHS,
-                            "items": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                            "items": {
+                                "type": "string",
+                                "format": "binary",
+                                "description": "JPEG, PNG, WebP or HEIC",
+                            },
                         },
                     },
                 },
@@ -65,7 +69,9 @@ MULTIPART_BODY: dict[str, Any] = {
     responses=problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503),
     openapi_extra=MULTIPART_BODY,
 )
-async def post_calibration(request: Request, state: State, caller: CurrentDevice) -> NewCalibrationOut:
+async def post_calibration(
+    request: Request, state: State, caller: CurrentDevice
+) -> NewCalibrationOut:
     """Measure this phone's camera: 3 to 30 parts `photo` of the whole board from different sides, and `metadata`.
 
     Ten are enough: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
@@ -73,18 +79,29 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
     await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     staging = state.blobs.staging_folder()
-    async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:
-        metadata = validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None
+    async with received_parts(
+        request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS
+    ) as parts:
+        metadata = (
+            validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None
+        )
         marker = metadata.marker if metadata is not None else None
 
         def work() -> NewCalibration:
             return calibrate_device.calibrate_device(
-                state.database, state.part(ApiChildren), state.settings, caller, marker, list(parts.files.values())
+                state.database,
+                state.part(ApiChildren),
+                state.settings,
+                caller,
+                marker,
+                list(parts.files.values()),
             )
 
         new = await anyio.to_thread.run_sync(work)
     left_out = [
-        LeftOutPhotographOut(photograph=rejected.photo + 1, code=rejected.code, message=rejected.message)
+        LeftOutPhotographOut(
+            photograph=rejected.photo + 1, code=rejected.code, message=rejected.message
+        )
         for rejected in new.rejected
     ]
     return NewCalibrationOut(**_fields(new.calibration), left_out=left_out)
@@ -115,7 +132,11 @@ def post_own_rig(body: RigIn, state: State, caller: CurrentDevice) -> Calibratio
     return CalibrationOut(**_fields(calibrate_device.keep_own_rig(state.database, caller, body)))
 
 
-@router.post("/v1/studies/{study}/rigs", status_code=201, responses=problem_responses(401, 403, 404, 409, 413, 422))
+@router.post(
+    "/v1/studies/{study}/rigs",
+    status_code=201,
+    responses=problem_responses(401, 403, 404, 409, 413, 422),
+)
 def post_study_rig(
     study: StudyCode,
     body: RigIn,
@@ -123,19 +144,32 @@ def post_study_rig(
     owner: CurrentStaff,
     model: Annotated[
         Text | None,
-        Query(min_length=1, max_length=200, description="Only for the study's phones of this model; default: for all."),
+        Query(
+            min_length=1,
+            max_length=200,
+            description="Only for the study's phones of this model; default: for all.",
+        ),
     ] = None,
 ) -> CalibrationOut:
     """Keep a stereo rig for the study's phones that have none of their own."""
-    return CalibrationOut(**_fields(calibrate_device.keep_study_rig(state.database, owner, study, model, body)))
+    return CalibrationOut(
+        **_fields(calibrate_device.keep_study_rig(state.database, owner, study, model, body))
+    )
 
 
-@router.post("/v1/calibrations/{calibration_id}/withdrawal", responses=problem_responses(401, 403, 404, 410, 422))
+@router.post(
+    "/v1/calibrations/{calibration_id}/withdrawal",
+    responses=problem_responses(401, 403, 404, 410, 422),
+)
 def post_calibration_withdrawal(
-    calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")], state: State, caller: CurrentCaller
+    calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")],
+    state: State,
+    caller: CurrentCaller,
 ) -> CalibrationOut:
     """Withdraw a calibration, as the phone itself or an owner of the study. Repeating it changes nothing."""
-    return CalibrationOut(**_fields(calibrate_device.withdraw_calibration(state.database, caller, calibration_id)))
+    return CalibrationOut(
+        **_fields(calibrate_device.withdraw_calibration(state.database, caller, calibration_id))
+    )
 
 
 class _CalibrationFields(TypedDict):

@@ -29,7 +29,9 @@ def get_devices(
     """The study's phones, including revoked ones, the last enrolled first."""
     page = devices.list_devices(state.database, study, participant, cursor=cursor, limit=limit)
     items = [
-        DeviceOut(**PhoneOut.model_validate(device, from_attributes=True).model_dump(), participant=code)
+        DeviceOut(
+            **PhoneOut.model_validate(device, from_attributes=True).model_dump(), participant=code
+        )
         for device, code in page.rows
     ]
     return DeviceList(items=items, next=next_page(request, page.cursor))

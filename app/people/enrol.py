@@ -61,7 +61,9 @@ def issue_enrolment_code(
     with database.write() as session:
         study, participant = require_participant(session, study_code, participant_code, lock=True)
         if participant.withdrawn_at is not None:
-            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
+            raise ConflictError(
+                "This participant has left the study.", code="participant_withdrawn"
+            )
         people.end_enrolments(session, participant.id, now)
         expires_at = now + (SANDBOX_ENROLMENT_VALID if study.is_sandbox else ENROLMENT_VALID)
         session.add(
@@ -86,25 +88,39 @@ def enrol_device(
     ask again, as long as the token is valid. Raises NotFoundError for an unknown, used or expired code, and for a
     secret whose token has ended, also with a sandbox's code.
     """
-    token = new_token() if secret is None else token_of(box.digest("device.token", f"{code}\0{secret}"))
+    token = (
+        new_token() if secret is None else token_of(box.digest("device.token", f"{code}\0{secret}"))
+    )
     now = datetime.now(UTC)
     with database.write() as session:
-        participant = privacy.join_participant(session, people.participant_of_code(session, sha256_hex(code)))
-        is_taken = people.take_enrolment(session, sha256_hex(code), now) is not None  # a sandbox's, time and again
+        participant = privacy.join_participant(
+            session, people.participant_of_code(session, sha256_hex(code))
+        )
+        is_taken = (
+            people.take_enrolment(session, sha256_hex(code), now) is not None
+        )  # a sandbox's, time and again
         token_sha256 = sha256_hex(token)
         issued = people.find_token(session, token_sha256, now, idle_since=now)
-        is_new = is_taken and not people.is_token_used(session, token_sha256, box.digest("token", token_sha256))
+        is_new = is_taken and not people.is_token_used(
+            session, token_sha256, box.digest("token", token_sha256)
+        )
         if participant is None or participant.withdrawn_at is not None or not (is_new or issued):
             raise NotFoundError(
                 "This enrolment code is unknown, used or expired. Ask the study for a new one.",
                 code="enrolment_code_invalid",
             )
         study = session.get_one(Study, participant.study_id)
-        device_id = issued.Device.id if issued else _add_device(session, participant, device, token, now)
-    return IssuedDevice(token, device_id, participant.code, study.code, study.marker, issued is None)
+        device_id = (
+            issued.Device.id if issued else _add_device(session, participant, device, token, now)
+        )
+    return IssuedDevice(
+        token, device_id, participant.code, study.code, study.marker, issued is None
+    )
 
 
-def _add_device(session: Session, participant: Participant, device: NewDevice, token: str, now: datetime) -> uuid.UUID:
+def _add_device(
+    session: Session, participant: Participant, device: NewDevice, token: str, now: datetime
+) -> uuid.UUID:
     row = Device(
         id=uuid.uuid4(),
         participant_id=participant.id,
@@ -116,7 +132,13 @@ def _add_device(session: Session, participant: Participant, device: NewDevice, t
     session.add(row)
     session.flush()
     session.add(
-        AccessToken(id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=row.id, created_at=now)
+        AccessToken(
+            id=uuid.uuid4(),
+            token_sha256=sha256_hex(token),
+            kind="device",
+            device_id=row.id,
+            created_at=now,
+        )
     )
     phone = DeviceCaller(row.id, participant.id, participant.study_id, participant.alias)
     note(session, phone, "device.enrol", subject=participant.alias)

@@ -16,7 +16,9 @@ ERROR_LEVEL = "m"  # up to 15 % may be covered: fingers, glare, a fold
 
 def enrolment_text(server: str, code: str) -> str:
     """Return the QR code's text: {"tada": 1, "server": "https://...", "code": "..."}; tada: version of the format."""
-    return json.dumps({"tada": 1, "server": server, "code": code}, separators=(",", ":"), ensure_ascii=False)
+    return json.dumps(
+        {"tada": 1, "server": server, "code": code}, separators=(",", ":"), ensure_ascii=False
+    )
 
 
 def capture_link(server: str, code: str) -> str:

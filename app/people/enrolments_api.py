@@ -15,13 +15,18 @@ router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 
 
 ENROL_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"model": EnrolmentOut, "description": "The same as before: this phone was enrolled by the same secret."},
+    200: {
+        "model": EnrolmentOut,
+        "description": "The same as before: this phone was enrolled by the same secret.",
+    },
     **problem_responses(404, 422, 429),
 }
 
 
 @router.post("", status_code=201, responses=ENROL_RESPONSES)
-def post_enrolment(body: EnrolmentIn, request: Request, response: Response, state: State) -> EnrolmentOut:
+def post_enrolment(
+    body: EnrolmentIn, request: Request, response: Response, state: State
+) -> EnrolmentOut:
     """Exchange a code for a device's token. An unknown, used or expired code gets the same 404.
 
     With a `secret` the call may be repeated: if the answer was lost, the same call gets the same token.

@@ -13,7 +13,9 @@ from app.people.profiles import Profile
 
 LocationPolicy = Literal["drop", "round", "keep"]
 LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
-WithdrawalPolicy = Literal["keep", "anonymise", "erase"]  # each does all that the one before it does
+WithdrawalPolicy = Literal[
+    "keep", "anonymise", "erase"
+]  # each does all that the one before it does
 WITHDRAWAL_POLICIES: tuple[WithdrawalPolicy, ...] = get_args(WithdrawalPolicy)
 Locale = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
@@ -41,7 +43,9 @@ class Study(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     code: Mapped[str] = mapped_column(sa.String(64), unique=True)
     name: Mapped[str] = mapped_column(sa.String(200))
-    marker: Mapped[str | None] = mapped_column(sa.String(64))  # the board that its participants were given
+    marker: Mapped[str | None] = mapped_column(
+        sa.String(64)
+    )  # the board that its participants were given
     camera: Mapped[CameraDetails | None] = mapped_column(JsonValue)
     expects_after_pair: Mapped[bool] = mapped_column(default=False)
     after_window_minutes: Mapped[int] = mapped_column(default=240)
@@ -64,7 +68,10 @@ class Study(Base):
         one_of("location_policy", LOCATION_POLICIES),
         one_of("withdrawal_policy", WITHDRAWAL_POLICIES),
         one_of("locale", LOCALES),
-        sa.CheckConstraint("(location_policy = 'round') = (location_decimals IS NOT NULL)", name="decimals_to_round"),
+        sa.CheckConstraint(
+            "(location_policy = 'round') = (location_decimals IS NOT NULL)",
+            name="decimals_to_round",
+        ),
     )
 
 
@@ -130,7 +137,9 @@ class StudyMember(Base):
     __tablename__ = "study_member"
 
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
-    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), primary_key=True, index=True)
+    staff_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("staff.id"), primary_key=True, index=True
+    )
     role: Mapped[Role] = mapped_column(sa.String(16))
     created_at: Mapped[datetime]
 
@@ -213,7 +222,9 @@ class PushSubscription(Base):
     personal = Personal(("device_id",), "reminders")
 
     # with CASCADE, an older server that knows no subscriptions can still erase a phone
-    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id", ondelete="CASCADE"), primary_key=True)
+    device_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("device.id", ondelete="CASCADE"), primary_key=True
+    )
     endpoint: Mapped[str] = mapped_column(sa.String(500))
     public_key: Mapped[str] = mapped_column(sa.String(100))
     auth: Mapped[str] = mapped_column(sa.String(40))

@@ -45,26 +45,43 @@ def create_participant(
     change: ParticipantChange | None = None,
 ) -> Participant:
     """Create a participant of a study. Raises NotFoundError, ConflictError, InvalidInputError."""
-    conflict = ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
+    conflict = ConflictError(
+        f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists"
+    )
     with unless_taken(conflict), database.write() as session:
         study = load_study(session, study_code)
         if people.find_participant(session, study.id, code) is not None:
             raise conflict
-        if is_code_spent(session, box, study.id, code):  # after looking for the row: an erasure of it spends the code
+        if is_code_spent(
+            session, box, study.id, code
+        ):  # after looking for the row: an erasure of it spends the code
             raise ConflictError(
                 f"The code {code!r} belonged to a participant who has left study {study_code!r}: use another code.",
                 code="participant_code_spent",
             )
         participant = Participant(
-            id=uuid.uuid4(), study_id=study.id, code=code, alias=uuid.uuid4(), created_at=datetime.now(UTC)
+            id=uuid.uuid4(),
+            study_id=study.id,
+            code=code,
+            alias=uuid.uuid4(),
+            created_at=datetime.now(UTC),
         )
         fields = _apply(participant, change or ParticipantChange({}))
         session.add(participant)
-        note(session, caller, "participant.create", study_id=study.id, subject=participant.alias, fields=fields)
+        note(
+            session,
+            caller,
+            "participant.create",
+            study_id=study.id,
+            subject=participant.alias,
+            fields=fields,
+        )
     return participant
 
 
-def list_participants(database: Database, study_code: str, *, cursor: str | None, limit: int) -> Page[Participant]:
+def list_participants(
+    database: Database, study_code: str, *, cursor: str | None, limit: int
+) -> Page[Participant]:
     """Return a page of a study's participants by code, with those who have left and whose rows are kept."""
     list_name = f"participants of {study_code}"
     after = decode_cursor(list_name, cursor, TEXT)
@@ -90,10 +107,19 @@ def change_participant(
     with database.write() as session:
         study, participant = require_participant(session, study_code, code, lock=True)
         if participant.withdrawn_at is not None:
-            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
+            raise ConflictError(
+                "This participant has left the study.", code="participant_withdrawn"
+            )
         fields = _apply(participant, change)
         if fields:
-            note(session, caller, "participant.change", study_id=study.id, subject=participant.alias, fields=fields)
+            note(
+                session,
+                caller,
+                "participant.change",
+                study_id=study.id,
+                subject=participant.alias,
+                fields=fields,
+            )
         return participant
 
 
@@ -133,7 +159,9 @@ def _check_profile(profile: Profile, current_year: int) -> None:
     if birth_year is not None:
         oldest = current_year - birth_year
         if not 0 <= oldest <= MAX_AGE_YEARS:
-            raise InvalidInputError(f"Nobody who is alive was born in {birth_year}.", code="profile_impossible")
+            raise InvalidInputError(
+                f"Nobody who is alive was born in {birth_year}.", code="profile_impossible"
+            )
         ages = [float(oldest), max(0.0, oldest - 1.0)]
     errors = []
     for age in ages:
@@ -142,7 +170,9 @@ def _check_profile(profile: Profile, current_year: int) -> None:
         except ValueError as error:
             errors.append(str(error))
     if len(errors) == len(ages):
-        raise InvalidInputError(f"{errors[0][:1].upper()}{errors[0][1:]}.", code="profile_impossible")
+        raise InvalidInputError(
+            f"{errors[0][:1].upper()}{errors[0][1:]}.", code="profile_impossible"
+        )
 
 
 def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:

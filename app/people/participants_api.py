@@ -43,37 +43,59 @@ def post_participant(
 ) -> ParticipantOut:
     """Add a participant."""
     row = participants.create_participant(
-        state.database, state.part(SecretBox), study_code=study, code=body.code, caller=caller, change=change_of(body)
+        state.database,
+        state.part(SecretBox),
+        study_code=study,
+        code=body.code,
+        caller=caller,
+        change=change_of(body),
     )
     response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
     return _render(row)
 
 
 @router.get("/{participant}", responses=problem_responses(401, 403, 404, 422))
-def get_participant(study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff) -> ParticipantOut:
+def get_participant(
+    study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff
+) -> ParticipantOut:
     """A participant with the profile that reference intakes depend on."""
     return _render(participants.read_participant(state.database, study, participant))
 
 
 @router.patch("/{participant}", responses=problem_responses(401, 403, 404, 409, 422))
 def patch_participant(
-    study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
+    study: StudyCode,
+    participant: ParticipantCode,
+    body: ParticipantPatch,
+    state: State,
+    caller: CurrentStaff,
 ) -> ParticipantOut:
     """Change the named fields of profile and first day; null removes a key of the profile."""
-    return _render(participants.change_participant(state.database, caller, study, participant, change_of(body)))
+    return _render(
+        participants.change_participant(state.database, caller, study, participant, change_of(body))
+    )
 
 
 @router.post(
-    "/{participant}/enrolment-codes", status_code=201, response_model=EnrolmentCodeOut, responses=CODE_RESPONSES
+    "/{participant}/enrolment-codes",
+    status_code=201,
+    response_model=EnrolmentCodeOut,
+    responses=CODE_RESPONSES,
 )
 def post_enrolment_code(
-    request: Request, study: StudyCode, participant: ParticipantCode, state: State, caller: CurrentStaff
+    request: Request,
+    study: StudyCode,
+    participant: ParticipantCode,
+    state: State,
+    caller: CurrentStaff,
 ) -> Response:
     """Issue a one-time code for the participant's next phone, as text and as a QR code; earlier unused codes end.
 
     With `Accept: image/svg+xml` or `image/png` the response is only the QR code.
     """
-    issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
+    issued = issue_enrolment_code(
+        state.database, study_code=study, participant_code=participant, caller=caller
+    )
     server = state.settings.public_url or str(request.base_url).rstrip("/")
     text = enrolment_text(server, issued.code)
     media_type = _preferred_picture(request.headers.get("accept", ""))
@@ -103,7 +125,10 @@ def _preferred_picture(accept: str) -> str | None:
 
 
 def change_of(
-    body: ParticipantIn | ParticipantPatch, *, also: Mapping[str, None] | None = None, moves_start: bool = False
+    body: ParticipantIn | ParticipantPatch,
+    *,
+    also: Mapping[str, None] | None = None,
+    moves_start: bool = False,
 ) -> ParticipantChange:
     """Return the change that a body describes. also: further keys to remove; moves_start: set starts_on if unnamed."""
     return ParticipantChange(

@@ -14,11 +14,14 @@ PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white
 RULER_MM = 100.0
 FOOTER_MM = 30.0  # ruler and text
 Colour = tuple[int, int, int]  # sRGB
-Rectangle = tuple[float, float, float, float, Colour]  # x, y of the upper left corner from the print's, width, height
+Rectangle = tuple[
+    float, float, float, float, Colour
+]  # x, y of the upper left corner from the print's, width, height
 BLACK: Colour = (0, 0, 0)
 WHITE: Colour = (255, 255, 255)
 INSTRUCTION = (
-    'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. Keep the sheet flat and its margin white.'
+    'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. '
+    "Keep the sheet flat and its margin white."
 )
 
 
@@ -64,7 +67,13 @@ def _squares(spec: MarkerSpec) -> Iterator[Rectangle]:
         for column in range(spec.columns):
             colour = _colour(spec, row, column)
             if colour is not None:
-                yield column * spec.pitch_mm, row * spec.pitch_mm, spec.square_mm, spec.square_mm, colour
+                yield (
+                    column * spec.pitch_mm,
+                    row * spec.pitch_mm,
+                    spec.square_mm,
+                    spec.square_mm,
+                    colour,
+                )
 
 
 def _colour(spec: MarkerSpec, row: int, column: int) -> Colour | None:
@@ -93,7 +102,13 @@ def _tags(spec: MarkerSpec) -> Iterator[Rectangle]:
             for black, run in groupby(cells):
                 count = len(list(run))
                 if not black:
-                    yield left + start * cell_mm, top + down * cell_mm, count * cell_mm, cell_mm, WHITE
+                    yield (
+                        left + start * cell_mm,
+                        top + down * cell_mm,
+                        count * cell_mm,
+                        cell_mm,
+                        WHITE,
+                    )
                 start += count
 
 
@@ -109,6 +124,10 @@ def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> N
     pdf.set_text_color(*BLACK)
     pdf.set_font("Helvetica", size=7)
     pdf.text(left + RULER_MM + 2, baseline, "100 mm")
-    size = f"tags of {spec.tag_mm:g} mm" if spec.kind == "aruco" else f"squares of {spec.square_mm:g} mm"
+    size = (
+        f"tags of {spec.tag_mm:g} mm"
+        if spec.kind == "aruco"
+        else f"squares of {spec.square_mm:g} mm"
+    )
     for line, text in enumerate((f"{spec}  ({size})", INSTRUCTION)):
         pdf.text((page_mm[0] - pdf.get_string_width(text)) / 2, baseline + 5 + 4 * line, text)

@@ -18,7 +18,9 @@ ErasedKind = Literal["participant", "meal", "photographs"]
 ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
 ERASED_KINDS: tuple[ErasedKind, ...] = get_args(ErasedKind)
 
-IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")  # with a bound parameter, queries would not match the index
+IS_BACKUP = sa.text(
+    f"action = '{BACKUP_MADE}'"
+)  # with a bound parameter, queries would not match the index
 
 BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up INTEGER keys only
 
@@ -36,16 +38,22 @@ class AuditEvent(Base):
     at: Mapped[datetime]
     study_id: Mapped[uuid.UUID | None]
     actor_kind: Mapped[ActorKind] = mapped_column(sa.String(16))
-    actor: Mapped[str] = mapped_column(sa.String(200))  # a staff member's name, a participant's alias, or "system"
+    actor: Mapped[str] = mapped_column(
+        sa.String(200)
+    )  # a staff member's name, a participant's alias, or "system"
     action: Mapped[str] = mapped_column(sa.String(64))  # such as "photograph.read", "study.change"
-    subject: Mapped[str | None] = mapped_column(sa.String(200))  # alias or id of the person or object concerned
+    subject: Mapped[str | None] = mapped_column(
+        sa.String(200)
+    )  # alias or id of the person or object concerned
     details: Mapped[dict[str, object]] = mapped_column(JsonValue)
     request_id: Mapped[str | None] = mapped_column(sa.String(32))
 
     __table_args__ = (
         one_of("actor_kind", ACTOR_KINDS),
         sa.Index(None, "study_id", "id"),
-        sa.Index("ix_audit_event_last_backup", "id", sqlite_where=IS_BACKUP, postgresql_where=IS_BACKUP),
+        sa.Index(
+            "ix_audit_event_last_backup", "id", sqlite_where=IS_BACKUP, postgresql_where=IS_BACKUP
+        ),
     )
 
 

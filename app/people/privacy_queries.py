@@ -47,13 +47,19 @@ def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant
 
 def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
     """Lock a participant against withdrawal, to add rows that refer to them; waits for a running withdrawal."""
-    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
+    query = (
+        sa.select(Participant)
+        .where(Participant.id == participant_id)
+        .with_for_update(read=True, key_share=True)
+    )
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def enrolments_of(session: Session, participant_id: uuid.UUID) -> list[Enrolment]:
     """Return a participant's enrolment codes, used or not."""
-    return list(session.scalars(sa.select(Enrolment).where(Enrolment.participant_id == participant_id)))
+    return list(
+        session.scalars(sa.select(Enrolment).where(Enrolment.participant_id == participant_id))
+    )
 
 
 def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
@@ -67,21 +73,29 @@ def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
     session.execute(sa.delete(PushSubscription).where(PushSubscription.device_id.in_(devices)))
     return list(
         session.scalars(
-            sa.delete(AccessToken).where(AccessToken.device_id.in_(devices)).returning(AccessToken.token_sha256)
+            sa.delete(AccessToken)
+            .where(AccessToken.device_id.in_(devices))
+            .returning(AccessToken.token_sha256)
         )
     )
 
 
 def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
     """Return a participant's phones in the order of enrolment."""
-    query = sa.select(Device).where(Device.participant_id == participant_id).order_by(Device.enrolled_at, Device.id)
+    query = (
+        sa.select(Device)
+        .where(Device.participant_id == participant_id)
+        .order_by(Device.enrolled_at, Device.id)
+    )
     return list(session.scalars(query))
 
 
 def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
     """Count the erased participants of a study; each has one receipt."""
     query = sa.select(sa.func.count()).where(
-        ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
+        ErasureReceipt.study_id == study_id,
+        ErasureReceipt.what == "participant",
+        ErasureReceipt.policy == "erase",
     )
     return session.scalars(query).one()
 
@@ -130,7 +144,11 @@ def schedule_deletion(session: Session, keys: Collection[str], now: datetime) ->
 
 def scheduled_deletions(session: Session, limit: int) -> list[str]:
     """Return the keys of blobs to delete, the oldest first."""
-    query = sa.select(BlobDeletion.blob_key).order_by(BlobDeletion.requested_at, BlobDeletion.blob_key).limit(limit)
+    query = (
+        sa.select(BlobDeletion.blob_key)
+        .order_by(BlobDeletion.requested_at, BlobDeletion.blob_key)
+        .limit(limit)
+    )
     return list(session.scalars(query))
 
 
@@ -140,7 +158,12 @@ def remove_scheduled_deletions(session: Session, keys: Collection[str]) -> None:
 
 
 def page_of_audit(
-    session: Session, chosen: AuditFilter, *, after: int | None, limit: int, is_newest_first: bool = False
+    session: Session,
+    chosen: AuditFilter,
+    *,
+    after: int | None,
+    limit: int,
+    is_newest_first: bool = False,
 ) -> list[AuditRow]:
     """Return at most `limit` events in order, after the id `after`."""
     event = AuditEvent
@@ -174,7 +197,10 @@ def page_of_audit(
 
 
 def _among(
-    session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
+    session: Session,
+    column: InstrumentedAttribute[str],
+    values: Collection[str],
+    *where: sa.ColumnElement[bool],
 ) -> set[str]:
     """Return the values that the column contains."""
     present: set[str] = set()

@@ -36,12 +36,15 @@ _TOKEN = (  # built once, since every request uses it
         sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > sa.bindparam("now")),
         sa.or_(
             AccessToken.kind != "session",
-            sa.func.coalesce(AccessToken.last_used_at, AccessToken.created_at) > sa.bindparam("idle_since"),
+            sa.func.coalesce(AccessToken.last_used_at, AccessToken.created_at)
+            > sa.bindparam("idle_since"),
         ),
     )
 )
 
-MEAL = sa.table("meal", sa.column("study_id", sa.Uuid()))  # the models of meals, a higher domain, cannot be imported
+MEAL = sa.table(
+    "meal", sa.column("study_id", sa.Uuid())
+)  # the models of meals, a higher domain, cannot be imported
 
 
 def find_token(
@@ -58,12 +61,17 @@ def find_token(
 def is_token_used(session: Session, token_sha256: str, tombstone: str) -> bool:
     """Return true if a token was ever issued. tombstone: the digest that it has if its participant was erased."""
     issued = sa.select(AccessToken.id).where(AccessToken.token_sha256 == token_sha256)
-    return session.scalar(issued) is not None or find_tombstone(session, "token", tombstone) is not None
+    return (
+        session.scalar(issued) is not None
+        or find_tombstone(session, "token", tombstone) is not None
+    )
 
 
 def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Role]:
     """Return a staff member's role by study."""
-    query = sa.select(StudyMember.study_id, StudyMember.role).where(StudyMember.staff_id == staff_id)
+    query = sa.select(StudyMember.study_id, StudyMember.role).where(
+        StudyMember.staff_id == staff_id
+    )
     return {row.study_id: row.role for row in session.execute(query)}
 
 
@@ -72,7 +80,9 @@ def find_tombstone(session: Session, kind: str, digest: str) -> Tombstone | None
     return session.get(Tombstone, (kind, digest))
 
 
-def receipt_of_erasure(session: Session, tombstone: Tombstone, what: ErasedKind) -> uuid.UUID | None:
+def receipt_of_erasure(
+    session: Session, tombstone: Tombstone, what: ErasedKind
+) -> uuid.UUID | None:
     """Return the receipt of the erasure that left a tombstone: one transaction wrote both, with one time."""
     query = sa.select(ErasureReceipt.id).where(
         ErasureReceipt.study_id == tombstone.study_id,
@@ -92,14 +102,18 @@ def page_of_studies(
     session: Session, study_ids: frozenset[uuid.UUID] | None, *, after: str | None, limit: int
 ) -> list[Study]:
     """Return studies by code, after the code `after`. study_ids: None for all."""
-    query = sa.select(Study) if study_ids is None else sa.select(Study).where(Study.id.in_(study_ids))
+    query = (
+        sa.select(Study) if study_ids is None else sa.select(Study).where(Study.id.in_(study_ids))
+    )
     return list(session.scalars(_page_after(query, Study.code, after, limit)))
 
 
 def study_codes(session: Session, study_ids: frozenset[uuid.UUID] | None) -> list[str]:
     """Return the codes of studies, sorted. study_ids: None for all."""
     query = sa.select(Study.code).order_by(Study.code)
-    return list(session.scalars(query if study_ids is None else query.where(Study.id.in_(study_ids))))
+    return list(
+        session.scalars(query if study_ids is None else query.where(Study.id.in_(study_ids)))
+    )
 
 
 def web_origins(session: Session) -> list[tuple[uuid.UUID, list[str]]]:
@@ -121,7 +135,12 @@ def codes_of_studies(session: Session, study_ids: Collection[uuid.UUID]) -> dict
 
 def has_meals(session: Session, study_id: uuid.UUID) -> bool:
     """Whether the study has a meal."""
-    return session.execute(sa.select(MEAL.c.study_id).where(MEAL.c.study_id == study_id).limit(1)).first() is not None
+    return (
+        session.execute(
+            sa.select(MEAL.c.study_id).where(MEAL.c.study_id == study_id).limit(1)
+        ).first()
+        is not None
+    )
 
 
 def unschedule_reminders(session: Session, study_id: uuid.UUID) -> None:
@@ -135,13 +154,17 @@ def unschedule_reminders(session: Session, study_id: uuid.UUID) -> None:
     )
 
 
-def find_participant(session: Session, study_id: uuid.UUID, code: str, *, lock: bool = False) -> Participant | None:
+def find_participant(
+    session: Session, study_id: uuid.UUID, code: str, *, lock: bool = False
+) -> Participant | None:
     """Return the participant with a code in a study. lock: nobody else changes the row until commit."""
     query = sa.select(Participant).where(Participant.study_id == study_id, Participant.code == code)
     return session.scalars(_locked(query, lock)).one_or_none()
 
 
-def page_of_participants(session: Session, study_id: uuid.UUID, *, after: str | None, limit: int) -> list[Participant]:
+def page_of_participants(
+    session: Session, study_id: uuid.UUID, *, after: str | None, limit: int
+) -> list[Participant]:
     """Return participants of a study by code, after the code `after`."""
     query = sa.select(Participant).where(Participant.study_id == study_id)
     return list(session.scalars(_page_after(query, Participant.code, after, limit)))
@@ -168,7 +191,9 @@ def page_of_devices(
     if after is not None:
         enrolled_at = sa.bindparam(None, after[0], type_=Device.enrolled_at.type)
         device_id = sa.bindparam(None, after[1], type_=Device.id.type)
-        query = query.where(sa.tuple_(Device.enrolled_at, Device.id) < sa.tuple_(enrolled_at, device_id))
+        query = query.where(
+            sa.tuple_(Device.enrolled_at, Device.id) < sa.tuple_(enrolled_at, device_id)
+        )
     return [(device, code) for device, code in session.execute(query)]
 
 
@@ -213,7 +238,10 @@ def page_of_members(
         .join(Staff, Staff.id == StudyMember.staff_id)
         .where(StudyMember.study_id == study_id)
     )
-    return [(member, staff) for member, staff in session.execute(_page_after(query, Staff.name, after, limit))]
+    return [
+        (member, staff)
+        for member, staff in session.execute(_page_after(query, Staff.name, after, limit))
+    ]
 
 
 def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
@@ -221,7 +249,11 @@ def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
     query = (
         sa.select(StudyMember.staff_id)
         .join(Staff, Staff.id == StudyMember.staff_id)
-        .where(StudyMember.study_id == study_id, StudyMember.role == "owner", Staff.disabled_at.is_(None))
+        .where(
+            StudyMember.study_id == study_id,
+            StudyMember.role == "owner",
+            Staff.disabled_at.is_(None),
+        )
     )
     return set(session.scalars(query))
 
@@ -260,7 +292,9 @@ def delete_sessions(session: Session, staff_id: uuid.UUID, before: datetime) -> 
     """Delete a staff member's sessions that ended before a time; the audit log still has them."""
     session.execute(
         sa.delete(AccessToken).where(
-            AccessToken.staff_id == staff_id, AccessToken.kind == "session", AccessToken.expires_at < before
+            AccessToken.staff_id == staff_id,
+            AccessToken.kind == "session",
+            AccessToken.expires_at < before,
         )
     )
 
@@ -269,7 +303,11 @@ def end_enrolments(session: Session, participant_id: uuid.UUID, now: datetime) -
     """End a participant's unused enrolment codes."""
     session.execute(
         sa.update(Enrolment)
-        .where(Enrolment.participant_id == participant_id, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
+        .where(
+            Enrolment.participant_id == participant_id,
+            Enrolment.used_at.is_(None),
+            Enrolment.expires_at > now,
+        )
         .values(expires_at=now)
     )
 
@@ -294,7 +332,11 @@ def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolme
     )
     query = (
         sa.update(Enrolment)
-        .where(Enrolment.code_sha256 == code_sha256, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
+        .where(
+            Enrolment.code_sha256 == code_sha256,
+            Enrolment.used_at.is_(None),
+            Enrolment.expires_at > now,
+        )
         .values(used_at=sa.case((of_sandbox, None), else_=now))
         .returning(Enrolment)
     )
@@ -302,7 +344,11 @@ def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolme
 
 
 def note_device(
-    session: Session, device_id: uuid.UUID, at: datetime, clock_skew_seconds: float | None, app_version: str | None
+    session: Session,
+    device_id: uuid.UUID,
+    at: datetime,
+    clock_skew_seconds: float | None,
+    app_version: str | None,
 ) -> None:
     """Store when a phone was last used, its clock's skew and, if given, its app's version.
 
@@ -311,12 +357,16 @@ def note_device(
     values: dict[str, object] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
     if app_version is not None:
         values["app_version"] = app_version
-    session.execute(sa.update(Device).where(Device.id == device_id, Device.revoked_at.is_(None)).values(values))
+    session.execute(
+        sa.update(Device).where(Device.id == device_id, Device.revoked_at.is_(None)).values(values)
+    )
 
 
 def note_token(session: Session, token_id: uuid.UUID, at: datetime) -> None:
     """Store when a token was last used."""
-    session.execute(sa.update(AccessToken).where(AccessToken.id == token_id).values(last_used_at=at))
+    session.execute(
+        sa.update(AccessToken).where(AccessToken.id == token_id).values(last_used_at=at)
+    )
 
 
 def note_app_version(session: Session, device_id: uuid.UUID, app_version: str) -> None:

@@ -6,15 +6,35 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
-from app.http.field_descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICIPANT, PHONE_MODEL, SANDBOX, STUDY
+from app.http.field_descriptions import (
+    APP_VERSION,
+    LOCALE,
+    NEXT,
+    PAGE,
+    PARTICIPANT,
+    PHONE_MODEL,
+    SANDBOX,
+    STUDY,
+)
 from app.http.text_schemas import LocalDay, Number, Text, unless_named
-from app.nutrition.intakes.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
+from app.nutrition.intakes.energy_requirement import (
+    HEIGHT_LIMITS_M,
+    WEIGHT_LIMITS_KG,
+    Activity,
+    Trimester,
+)
 from app.nutrition.intakes.life_stage import Sex
 from app.people.calibration_schemas import CameraIn
 from app.people.models import Locale, LocationPolicy, WithdrawalPolicy
 
 Code = Annotated[
-    str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="Letters, digits, - _")
+    str,
+    Field(
+        min_length=1,
+        max_length=64,
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$",
+        description="Letters, digits, - _",
+    ),
 ]
 DayStart = Annotated[
     str,
@@ -38,14 +58,22 @@ class ProtocolIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     marker: Text | None = Field(
-        default=None, max_length=64, description="The board that participants are given, such as plain:9x7:11."
+        default=None,
+        max_length=64,
+        description="The board that participants are given, such as plain:9x7:11.",
     )
     camera: CameraIn | None = Field(
-        default=None, description="Intrinsics for meals that neither their metadata nor their phone provides any for."
+        default=None,
+        description="Intrinsics for meals that neither their metadata nor their phone provides any for.",
     )
-    expects_after_pair: bool = Field(default=False, description="Whether a second pair is taken after the meal.")
+    expects_after_pair: bool = Field(
+        default=False, description="Whether a second pair is taken after the meal."
+    )
     after_window_minutes: int = Field(
-        default=240, ge=5, le=2880, description="How long the after-meal pair is expected, in minutes."
+        default=240,
+        ge=5,
+        le=2880,
+        description="How long the after-meal pair is expected, in minutes.",
     )
     location_policy: LocationPolicy = Field(
         default="drop",
@@ -53,17 +81,24 @@ class ProtocolIn(BaseModel):
         "them expire; frozen releases keep them.",
     )
     location_decimals: int | None = Field(
-        default=None, ge=0, le=4, description="Decimals of a degree, with `round` only: 2 are about a kilometre."
+        default=None,
+        ge=0,
+        le=4,
+        description="Decimals of a degree, with `round` only: 2 are about a kilometre.",
     )
     retention_days: int | None = Field(
-        default=None, ge=1, le=36_500, description="Photographs are deleted so many days after upload; null: never."
+        default=None,
+        ge=1,
+        le=36_500,
+        description="Photographs are deleted so many days after upload; null: never.",
     )
     withdrawal_policy: WithdrawalPolicy = Field(
         default="erase", description="What happens to the data of a participant who leaves."
     )
     locale: Locale = Field(default="en", description="The participants' language.")
     gives_feedback: bool = Field(
-        default=False, description="Whether participants see what they ate; it changes what people eat."
+        default=False,
+        description="Whether participants see what they ate; it changes what people eat.",
     )
     day_starts: DayStart = "00:00"
     shares_index: bool = Field(
@@ -77,7 +112,8 @@ class ProtocolIn(BaseModel):
         description="Origins of web apps that participants may use, such as https://app.example.org.",
     )
     reminder_times: ReminderTimes = Field(
-        default=[], description="Local times, HH:MM, at which phones that want it are reminded of their meals."
+        default=[],
+        description="Local times, HH:MM, at which phones that want it are reminded of their meals.",
     )
 
 
@@ -85,7 +121,9 @@ class StudyIn(ProtocolIn):
     """A new study."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": {"code": "pilot", "name": "Pilot study", "marker": "plain:9x7:11"}},
+        json_schema_extra={
+            "example": {"code": "pilot", "name": "Pilot study", "marker": "plain:9x7:11"}
+        },
     )
 
     code: Code
@@ -100,7 +138,9 @@ class StudyPatch(ProtocolIn):
     """A change of a study's named fields."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": {"location_policy": "round", "location_decimals": 2, "gives_feedback": True}},
+        json_schema_extra={
+            "example": {"location_policy": "round", "location_decimals": 2, "gives_feedback": True}
+        },
     )
 
     name: Text = Field(
@@ -133,8 +173,12 @@ class StudyOut(BaseModel):
     location_decimals: int | None = Field(
         description="Decimals of a degree that are kept with `round`; null with another policy."
     )
-    retention_days: int | None = Field(description="Photographs are deleted so many days after upload; null: never.")
-    withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
+    retention_days: int | None = Field(
+        description="Photographs are deleted so many days after upload; null: never."
+    )
+    withdrawal_policy: WithdrawalPolicy = Field(
+        description="What happens to the data of a participant who leaves."
+    )
     locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether participants see what they ate.")
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
@@ -144,7 +188,9 @@ class StudyOut(BaseModel):
     web_origins: list[str] = Field(
         description="Origins of web apps that participants may use, beside those of the server's setting."
     )
-    reminder_times: list[str] = Field(description="Local times, HH:MM, at which phones are reminded.")
+    reminder_times: list[str] = Field(
+        description="Local times, HH:MM, at which phones are reminded."
+    )
     sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study; the ETag names it.")
     created_at: datetime = Field(description="When the study was created.")
@@ -162,8 +208,12 @@ class ProfileIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    sex: Sex | None = Field(default=None, description="Sex by which reference intakes are chosen; null: unknown.")
-    birth_year: int | None = Field(default=None, ge=1900, le=2200, description="Year of birth; null: unknown.")
+    sex: Sex | None = Field(
+        default=None, description="Sex by which reference intakes are chosen; null: unknown."
+    )
+    birth_year: int | None = Field(
+        default=None, ge=1900, le=2200, description="Year of birth; null: unknown."
+    )
     height_cm: Number | None = Field(
         default=None,
         ge=100 * HEIGHT_LIMITS_M[0],
@@ -171,15 +221,24 @@ class ProfileIn(BaseModel):
         description="Body height; null: unknown.",
     )
     weight_kg: Number | None = Field(
-        default=None, ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, the weight before it."
+        default=None,
+        ge=WEIGHT_LIMITS_KG[0],
+        le=WEIGHT_LIMITS_KG[1],
+        description="In pregnancy, the weight before it.",
     )
-    activity: Activity | None = Field(default=None, description="Physical activity level; null: unknown.")
+    activity: Activity | None = Field(
+        default=None, description="Physical activity level; null: unknown."
+    )
     is_pregnant: bool | None = Field(default=None, description="Whether pregnant; null: unknown.")
     trimester: Trimester | None = Field(
         default=None, description="Trimester of the pregnancy; null: unknown, or not pregnant."
     )
-    is_lactating: bool | None = Field(default=None, description="Whether breastfeeding; null: unknown.")
-    lactation_months: int | None = Field(default=None, ge=0, le=60, description="Completed months since birth.")
+    is_lactating: bool | None = Field(
+        default=None, description="Whether breastfeeding; null: unknown."
+    )
+    lactation_months: int | None = Field(
+        default=None, ge=0, le=60, description="Completed months since birth."
+    )
 
 
 class ParticipantIn(BaseModel):
@@ -191,14 +250,17 @@ class ParticipantIn(BaseModel):
     starts_on: LocalDay | None = Field(
         default=None, description="Local day that is day 1; null: that of the first meal."
     )
-    profile: ProfileIn = Field(default_factory=ProfileIn, description="The person's profile; empty by default.")
+    profile: ProfileIn = Field(
+        default_factory=ProfileIn, description="The person's profile; empty by default."
+    )
 
 
 class ParticipantPatch(BaseModel):
     """A change of a participant's named fields. null removes a key of the profile."""
 
     model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}}
+        extra="forbid",
+        json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}},
     )
 
     starts_on: LocalDay | None = Field(
@@ -211,8 +273,12 @@ class ParticipantRow(BaseModel):
     """A participant in a list."""
 
     code: str = Field(description=PARTICIPANT)
-    starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
-    withdrawn_at: datetime | None = Field(description="When they left the study; null: they are in it.")
+    starts_on: date | None = Field(
+        description="Local day that is day 1; null: that of the first meal."
+    )
+    withdrawn_at: datetime | None = Field(
+        description="When they left the study; null: they are in it."
+    )
     created_at: datetime = Field(description="When the participant was created.")
 
 
@@ -236,7 +302,9 @@ class EnrolmentCodeOut(BaseModel):
     expires_at: datetime = Field(description="Until when it can be used.")
     qr_text: str = Field(description="The text of the QR code: JSON with server and code.")
     qr_svg: str = Field(description="The QR code as SVG, to embed in a page.")
-    capture_url: str = Field(description="The link that enrols a phone's browser in the capture page.")
+    capture_url: str = Field(
+        description="The link that enrols a phone's browser in the capture page."
+    )
 
 
 class EnrolmentIn(BaseModel):
@@ -244,9 +312,17 @@ class EnrolmentIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    code: Text = Field(min_length=1, max_length=100, description="The one-time code that the participant was given.")
-    device_name: Text = Field(min_length=1, max_length=200, description="Such as the phone's model.")
-    model: Text | None = Field(default=None, min_length=1, max_length=200, description="The phone's model.")
+    code: Text = Field(
+        min_length=1,
+        max_length=100,
+        description="The one-time code that the participant was given.",
+    )
+    device_name: Text = Field(
+        min_length=1, max_length=200, description="Such as the phone's model."
+    )
+    model: Text | None = Field(
+        default=None, min_length=1, max_length=200, description="The phone's model."
+    )
     app_version: Text | None = Field(
         default=None, min_length=1, max_length=64, description="The version of the phone's app."
     )
@@ -269,7 +345,9 @@ class EnrolmentOut(BaseModel):
     device_id: uuid.UUID = Field(description="The phone's id.")
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
-    marker: str | None = Field(description="The board that the study gives out, such as plain:9x7:11; null: none.")
+    marker: str | None = Field(
+        description="The board that the study gives out, such as plain:9x7:11; null: none."
+    )
 
 
 class PhoneOut(BaseModel):
@@ -282,7 +360,9 @@ class PhoneOut(BaseModel):
     clock_skew_seconds: float | None = Field(
         description="The phone's clock minus the server's when it was last used; null: unknown."
     )
-    last_used_at: datetime | None = Field(description="When it was last used, accurate to five minutes.")
+    last_used_at: datetime | None = Field(
+        description="When it was last used, accurate to five minutes."
+    )
     enrolled_at: datetime = Field(description="When it was enrolled.")
     revoked_at: datetime | None = Field(description="When its token was ended; null: it is valid.")
 
@@ -313,10 +393,16 @@ class PhoneProtocol(BaseModel):
         description="How long the after-meal pair is waited for, from when the meal was eaten."
     )
     locale: Locale = Field(description=LOCALE)
-    gives_feedback: bool = Field(description="Whether the participant may see what they ate (GET /v1/me/summary).")
+    gives_feedback: bool = Field(
+        description="Whether the participant may see what they ate (GET /v1/me/summary)."
+    )
     location_policy: LocationPolicy = Field(description="What is kept of a meal's place.")
-    retention_days: int | None = Field(description="Photographs are deleted so many days after upload; null: never.")
-    withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
+    retention_days: int | None = Field(
+        description="Photographs are deleted so many days after upload; null: never."
+    )
+    withdrawal_policy: WithdrawalPolicy = Field(
+        description="What happens to the data of a participant who leaves."
+    )
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
     sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study.")
@@ -326,7 +412,11 @@ class MeOut(BaseModel):
     """The phone, its participant and study."""
 
     participant: str = Field(description=PARTICIPANT)
-    starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
+    starts_on: date | None = Field(
+        description="Local day that is day 1; null: that of the first meal."
+    )
     joined_at: datetime = Field(description="When the participant's first phone was enrolled.")
-    study: PhoneProtocol = Field(description="The part of the study's protocol that concerns the phone.")
+    study: PhoneProtocol = Field(
+        description="The part of the study's protocol that concerns the phone."
+    )
     device: PhoneOut = Field(description="This phone.")

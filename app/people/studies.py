@@ -54,7 +54,9 @@ def create_study(
     """
     conflict = ConflictError(f"There is already a study {code!r}.", code="study_exists")
     protocol = protocol or {}
-    study = Study(id=uuid.uuid4(), code=code, name=name, change_seq=0, version=1, created_at=datetime.now(UTC))
+    study = Study(
+        id=uuid.uuid4(), code=code, name=name, change_seq=0, version=1, created_at=datetime.now(UTC)
+    )
     study.location_policy, study.location_decimals = "drop", None
     study.shares_index, study.withdrawal_policy, study.is_sandbox = False, "erase", is_sandbox
     _apply(study, protocol)
@@ -66,7 +68,9 @@ def create_study(
     return study
 
 
-def list_studies(database: Database, caller: StaffCaller, *, cursor: str | None, limit: int) -> Page[Study]:
+def list_studies(
+    database: Database, caller: StaffCaller, *, cursor: str | None, limit: int
+) -> Page[Study]:
     """Return a page of the studies in which the caller has a role, by code; all studies for an admin."""
     study_ids, after = studies_with_role(caller), decode_cursor("studies", cursor, TEXT)
     with database.read() as session:
@@ -104,7 +108,8 @@ def change_study(
         study = load_study(session, code, lock=True)
         if expected is not None and study.version not in expected:
             raise PreconditionFailedError(
-                "The study was changed after you read it: read it again, then change it.", version=study.version
+                "The study was changed after you read it: read it again, then change it.",
+                version=study.version,
             )
         day_started = study.day_starts_minutes
         changed = _apply(study, changes)

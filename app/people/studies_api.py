@@ -25,7 +25,9 @@ def get_studies(
 ) -> StudyList:
     """The studies in which the caller has a role."""
     page = studies.list_studies(state.database, caller, cursor=cursor, limit=limit)
-    return StudyList(items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor))
+    return StudyList(
+        items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
@@ -51,7 +53,12 @@ def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Respons
 
 @router.patch("/{study}", responses=problem_responses(401, 403, 404, 409, 412, 422, 428))
 def patch_study(
-    study: StudyCode, body: StudyPatch, state: State, caller: CurrentStaff, response: Response, if_match: IfMatch = None
+    study: StudyCode,
+    body: StudyPatch,
+    state: State,
+    caller: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> StudyOut:
     """Change the named fields of the protocol. The day's start is fixed once the study has a meal."""
     changes = protocol_columns(body)
@@ -60,7 +67,12 @@ def patch_study(
     expected = expected_versions(if_match)
     return _tagged(
         studies.change_study(
-            state.database, caller, study, changes, expected=expected, files_with_places=state.part(FilesWithPlaces)
+            state.database,
+            caller,
+            study,
+            changes,
+            expected=expected,
+            files_with_places=state.part(FilesWithPlaces),
         ),
         response,
     )
@@ -69,7 +81,11 @@ def patch_study(
 def render_study(study: Study) -> StudyOut:
     """Return a study as the API shows it."""
     return StudyOut.model_validate(
-        {name: getattr(study, name) for name in StudyOut.model_fields if name not in {"day_starts", "sandbox"}}
+        {
+            name: getattr(study, name)
+            for name in StudyOut.model_fields
+            if name not in {"day_starts", "sandbox"}
+        }
         | {
             "day_starts": clock(study.day_starts_minutes),
             "web_origins": study.web_origins or [],
@@ -86,7 +102,9 @@ def clock(minutes: int) -> str:
 
 def protocol_columns(body: ProtocolIn) -> ProtocolChange:
     """Return the protocol's fields that a body names, as columns of Study."""
-    columns = body.model_dump(include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json")
+    columns = body.model_dump(
+        include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json"
+    )
     if "day_starts" in columns:
         hours, minutes = columns.pop("day_starts").split(":")
         columns["day_starts_minutes"] = 60 * int(hours) + int(minutes)

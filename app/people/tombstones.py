@@ -11,7 +11,9 @@ from app.people.access.secret_box import SecretBox
 from app.people.models import WithdrawalPolicy
 
 Kind = Literal["participant", "meal"]
-MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; internal ids of meals derive from it
+MEAL_NAMESPACE = uuid.UUID(
+    "6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1"
+)  # drawn once; internal ids of meals derive from it
 
 
 def digest_of(box: SecretBox, kind: Kind, policy: WithdrawalPolicy, subject_id: uuid.UUID) -> str:
@@ -28,7 +30,9 @@ def require_not_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) ->
     if tombstone is not None:
         receipt = people.receipt_of_erasure(session, tombstone, "meal")
         facts = {"receipt": str(receipt)} if receipt is not None else {}
-        raise GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted", **facts)
+        raise GoneError(
+            "This meal was deleted; it cannot be sent again.", code="meal_deleted", **facts
+        )
 
 
 def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:

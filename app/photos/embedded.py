@@ -13,7 +13,12 @@ from collections.abc import Callable, Iterator
 from app.photos.byte_file import Edits, Extent
 from app.photos.gps import without_gps
 from app.photos.iptc import resources_without_places
-from app.photos.metadata import EXTENDED_XMP_HEADER_BYTES, EXTENDED_XMP_MARK, PHOTOSHOP_MARK, XMP_MARK
+from app.photos.metadata import (
+    EXTENDED_XMP_HEADER_BYTES,
+    EXTENDED_XMP_MARK,
+    PHOTOSHOP_MARK,
+    XMP_MARK,
+)
 from app.photos.tiff import HEADERS
 from app.photos.xmp import emptied_packet, without_places
 
@@ -23,12 +28,25 @@ MAX_ATOM_BYTES = 4096  # of a location atom: coordinates and a place's name
 ISO6709_REACH_BYTES = 1 << 16  # from the key's name to its value in the same small box
 MAX_SAMSUNG_BLOCKS = 64
 MAX_TEXT_BYTES = 1 << 20  # of a Samsung block that is searched for words
-ISO6709 = re.compile(rb"[+-]\d{2,6}(?:\.\d{1,12})?[+-]\d{3,7}(?:\.\d{1,12})?(?:[+-]\d{1,6}(?:\.\d{1,12})?)?/?")
-PLACE_WORDS = (b"latitude", b"Latitude", b"LATITUDE", b"GPSInfo")  # who tells a longitude tells a latitude
-CLEANERS: tuple[tuple[bytes, int, Callable[[bytes], bytes]], ...] = (  # of JPEG segments: mark, header with it
+ISO6709 = re.compile(
+    rb"[+-]\d{2,6}(?:\.\d{1,12})?[+-]\d{3,7}(?:\.\d{1,12})?(?:[+-]\d{1,6}(?:\.\d{1,12})?)?/?"
+)
+PLACE_WORDS = (
+    b"latitude",
+    b"Latitude",
+    b"LATITUDE",
+    b"GPSInfo",
+)  # who tells a longitude tells a latitude
+CLEANERS: tuple[
+    tuple[bytes, int, Callable[[bytes], bytes]], ...
+] = (  # of JPEG segments: mark, header with it
     (PHOTOSHOP_MARK, len(PHOTOSHOP_MARK), resources_without_places),
     (XMP_MARK, len(XMP_MARK), without_places),
-    (EXTENDED_XMP_MARK, EXTENDED_XMP_HEADER_BYTES, lambda part: emptied_packet(len(part))),  # alone it is no XML
+    (
+        EXTENDED_XMP_MARK,
+        EXTENDED_XMP_HEADER_BYTES,
+        lambda part: emptied_packet(len(part)),
+    ),  # alone it is no XML
 )
 PACKET_START, PACKET_END = b"<x:xmpmeta", b"</x:xmpmeta>"
 
@@ -38,7 +56,10 @@ def clean_embedded(edits: Edits, start: int, end: int) -> None:
     for header in HEADERS:
         mark = b"Exif\0\0" + header
         for at in _marks(edits, mark, start, end):
-            block = (at + 6, _segment_end(edits, at, start, end) or min(at + MAX_SEGMENT_BYTES, end))
+            block = (
+                at + 6,
+                _segment_end(edits, at, start, end) or min(at + MAX_SEGMENT_BYTES, end),
+            )
             edits.write([block], without_gps(edits.read([block])))
     for mark, header_bytes, clean in CLEANERS:
         for at in _marks(edits, mark, start, end):
@@ -70,7 +91,9 @@ def clean_samsung_trailer(edits: Edits, start: int, end: int) -> None:
         block_start = head - int.from_bytes(data[entry + 4 : entry + 8], "little")
         block_end = block_start + int.from_bytes(data[entry + 8 : entry + 12], "little")
         if start <= block_start < block_end <= head and block_end - block_start <= MAX_TEXT_BYTES:
-            name_end = block_start + 8 + int.from_bytes(data[block_start + 4 : block_start + 8], "little")
+            name_end = (
+                block_start + 8 + int.from_bytes(data[block_start + 4 : block_start + 8], "little")
+            )
             if _speaks_of_place(edits, block_start, block_end) and name_end <= block_end:
                 edits.blank(name_end, block_end)
 

@@ -61,7 +61,9 @@ def without_gps(block: bytes) -> bytes:
     gps_directories = [directory for directory in directories if directory.tag == GPS_IFD]
     if not all(_has_known_places(directory, len(block)) for directory in gps_directories):
         return _reduced(block)
-    for start, end in merged(extent for directory in gps_directories for extent in _extents(directory)):
+    for start, end in merged(
+        extent for directory in gps_directories for extent in _extents(directory)
+    ):
         result[start:end] = bytes(end - start)
     for directory in directories:
         if directory.tag != GPS_IFD:
@@ -98,11 +100,17 @@ def _drop_gps_pointers(block: bytearray, directory: Directory, order: ByteOrder)
     end = directory.at + 2 + len(directory.entries) * ENTRY_BYTES
     after = bytes(block[end : end + 4])
     content = b"".join(bytes(block[entry.at : entry.at + ENTRY_BYTES]) for entry in kept) + after
-    block[directory.at : end + len(after)] = len(kept).to_bytes(2, order) + content + bytes(dropped * ENTRY_BYTES)
+    block[directory.at : end + len(after)] = (
+        len(kept).to_bytes(2, order) + content + bytes(dropped * ENTRY_BYTES)
+    )
 
 
 def _degrees(
-    block: bytes, entries: dict[int, Entry], tag: int, positive_negative: tuple[bytes, bytes], order: ByteOrder
+    block: bytes,
+    entries: dict[int, Entry],
+    tag: int,
+    positive_negative: tuple[bytes, bytes],
+    order: ByteOrder,
 ) -> float | None:
     """Degrees, minutes and seconds with their hemisphere as signed degrees; None where one of them is missing."""
     entry, reference = entries.get(tag), _letter(block, entries.get(tag - 1))
@@ -114,4 +122,6 @@ def _degrees(
 
 
 def _letter(block: bytes, entry: Entry | None) -> bytes:
-    return block[entry.start : entry.start + 1].upper() if entry and entry.end <= len(block) else b""
+    return (
+        block[entry.start : entry.start + 1].upper() if entry and entry.end <= len(block) else b""
+    )

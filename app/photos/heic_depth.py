@@ -15,11 +15,15 @@ from app.photos.byte_file import Data, Extent, length_of, read_extents
 from app.photos.depth import MAX_MAP_PIXELS
 from app.photos.heif import HeifAuxiliary, HeifLayout
 
-DEPTH_URNS = frozenset({b"urn:mpeg:hevc:2015:auxid:2", b"urn:mpeg:mpegB:cicp:systems:auxiliary:depth"})
+DEPTH_URNS = frozenset(
+    {b"urn:mpeg:hevc:2015:auxid:2", b"urn:mpeg:mpegB:cicp:systems:auxiliary:depth"}
+)
 MAX_PACKET_BYTES = 1_000_000  # the lens's tables are in it; 10,000 are usual
 MAX_SHAPE_ERROR = 0.02  # by which map and photograph may differ in width over height: the map shows the same picture
 LARGEST = 1e4  # of a map's numbers, m or 1/m
-FORMATS = {int.from_bytes(name): name for name in (b"hdis", b"fdis", b"hdep", b"fdep")}  # CVPixelBuffer.h
+FORMATS = {
+    int.from_bytes(name): name for name in (b"hdis", b"fdis", b"hdep", b"fdep")
+}  # CVPixelBuffer.h
 VALUE = rb"[:\s]%s\s*(?:>|=\s*[\"'])\s*([^<\"']{1,64})"  # of an element or an attribute, under any prefix
 
 
@@ -52,7 +56,10 @@ def read_heic_depth(data: Data, layout: HeifLayout) -> HeicDepth | Failure | Non
         return _unreadable(f"it has {auxiliary.width} x {auxiliary.height} px")
     packet = _packet(data, auxiliary.packets)
     native = _number(packet, b"NativeFormat")
-    numbers = [_number(packet, key) for key in (b"IntMinValue", b"IntMaxValue", b"FloatMinValue", b"FloatMaxValue")]
+    numbers = [
+        _number(packet, key)
+        for key in (b"IntMinValue", b"IntMaxValue", b"FloatMinValue", b"FloatMaxValue")
+    ]
     if native is not None and int(native) not in FORMATS:
         return None  # a matte that calls itself depth: its format is grey
     if native is None or None in numbers:
@@ -62,7 +69,9 @@ def read_heic_depth(data: Data, layout: HeifLayout) -> HeicDepth | Failure | Non
         return _unreadable("its levels stand for no range of numbers")
     orientation = _missing_turn(auxiliary, layout)
     if orientation is None:
-        return _unreadable("it is turned otherwise than the photograph, or shows another part of the scene")
+        return _unreadable(
+            "it is turned otherwise than the photograph, or shows another part of the scene"
+        )
     accuracy = re.search(VALUE % b"Accuracy", packet)
     return HeicDepth(
         auxiliary.width,
@@ -77,7 +86,9 @@ def read_heic_depth(data: Data, layout: HeifLayout) -> HeicDepth | Failure | Non
 
 def _packet(data: Data, places: Sequence[Sequence[Extent]]) -> bytes:
     """The first packet that describes pixels; empty if there is none."""
-    packets = (read_extents(data, place) for place in places if length_of(place) <= MAX_PACKET_BYTES)
+    packets = (
+        read_extents(data, place) for place in places if length_of(place) <= MAX_PACKET_BYTES
+    )
     return next((packet for packet in packets if b"NativeFormat" in packet), b"")
 
 
@@ -93,7 +104,9 @@ def _number(packet: bytes, key: bytes) -> float | None:
 def _missing_turn(auxiliary: HeifAuxiliary, layout: HeifLayout) -> int | None:
     """The orientation that the map still needs when its own is applied; None if it is not the photograph's."""
     size = auxiliary.width, auxiliary.height
-    upright = (layout.width, layout.height) if layout.orientation <= 4 else (layout.height, layout.width)
+    upright = (
+        (layout.width, layout.height) if layout.orientation <= 4 else (layout.height, layout.width)
+    )
     if auxiliary.orientation == layout.orientation:
         orientation = 1
     elif auxiliary.orientation == 1:

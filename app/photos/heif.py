@@ -106,11 +106,15 @@ class _File:
     extents: dict[int, tuple[Extent, ...]] = field(default_factory=dict)
     properties: list[Part] = field(default_factory=list)
     associations: dict[int, list[int]] = field(default_factory=dict)
-    parts: dict[int, list[int]] = field(default_factory=dict)  # of derived pictures: grids, overlays
+    parts: dict[int, list[int]] = field(
+        default_factory=dict
+    )  # of derived pictures: grids, overlays
     auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
     descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
     has_auxiliaries: bool = False
-    pixels: dict[tuple[int, int], int] = field(default_factory=dict)  # that an item makes, by item and depth
+    pixels: dict[tuple[int, int], int] = field(
+        default_factory=dict
+    )  # that an item makes, by item and depth
 
     def spend(self) -> None:
         self.steps_left -= 1
@@ -131,7 +135,11 @@ class _File:
         data, position = self.data, start
         while position + 8 <= end:
             self.spend()
-            size, kind, content = int.from_bytes(data[position : position + 4]), data[position + 4 : position + 8], 8
+            size, kind, content = (
+                int.from_bytes(data[position : position + 4]),
+                data[position + 4 : position + 8],
+                8,
+            )
             if size == 1:
                 size, content = int.from_bytes(data[position + 8 : position + 16]), 16
             elif size == 0:  # to the end
@@ -159,10 +167,16 @@ def read_heif_layout(data: Data, *, has_auxiliaries: bool = False) -> HeifLayout
     if meta is None or file.steps_left < 0:
         if layout.damage is None:
             has_video = any(box.kind == b"moov" for box in layout.parts)
-            error = unreadable("the HEIC has no still picture") if has_video else truncated("the HEIC has no content")
+            error = (
+                unreadable("the HEIC has no still picture")
+                if has_video
+                else truncated("the HEIC has no content")
+            )
             layout.damage = error.damage
         return layout
-    layout.damage = None  # past the boxes may be a maker's record, or a cut video: the items' places decide
+    layout.damage = (
+        None  # past the boxes may be a maker's record, or a cut video: the items' places decide
+    )
     with damage_recorded(layout):
         _read_meta(file, meta)
         _read_primary_picture(file, layout)
@@ -171,7 +185,8 @@ def read_heif_layout(data: Data, *, has_auxiliaries: bool = False) -> HeifLayout
             ids = _unique(file.auxiliaries.get(file.primary or 0, []))
             layout.auxiliaries = tuple(_auxiliary(file, item_id) for item_id in ids)
     layout.items = tuple(
-        HeifItem(*file.types.get(item_id, (b"", b"")), extents) for item_id, extents in file.extents.items()
+        HeifItem(*file.types.get(item_id, (b"", b"")), extents)
+        for item_id, extents in file.extents.items()
     )
     return layout
 
@@ -210,7 +225,9 @@ def _read_item_types(file: _File, iinf: Part) -> None:
         item_id = entry.number(2 if version == 2 else 4)
         entry.number(2)  # protection
         kind = entry.take(4)
-        names = entry.take(min(1024, box.end - entry.position)).split(b"\0")  # item name, then content type
+        names = entry.take(min(1024, box.end - entry.position)).split(
+            b"\0"
+        )  # item name, then content type
         file.types[item_id] = (kind, names[1] if kind == b"mime" and len(names) > 1 else b"")
 
 
@@ -220,7 +237,9 @@ def _read_item_locations(file: _File, iloc: Part, idat: Extent | None) -> None:
     sizes = reader.number(2)
     offset_size, length_size, base_size = sizes >> 12, sizes >> 8 & 15, sizes >> 4 & 15
     index_size = sizes & 15 if version in {1, 2} else 0
-    metadata_left = len(file.data)  # extents may overlap; all metadata together may still not pass the file's length
+    metadata_left = len(
+        file.data
+    )  # extents may overlap; all metadata together may still not pass the file's length
     for _ in file.counted(reader.number(2 if version < 2 else 4)):
         item_id = reader.number(2 if version < 2 else 4)
         method = reader.number(2) & 15 if version in {1, 2} else 0
@@ -264,7 +283,9 @@ def _read_associations(file: _File, ipma: Part) -> None:
 def _read_references(file: _File, iref: Part) -> None:
     version, _ = file.reader(iref).version_and_flags()
     size = 2 if version == 0 else 4
-    of_target = {b"auxl": file.auxiliaries, b"cdsc": file.descriptions} if file.has_auxiliaries else {}
+    of_target = (
+        {b"auxl": file.auxiliaries, b"cdsc": file.descriptions} if file.has_auxiliaries else {}
+    )
     for box in file.boxes(iref.start + 4, iref.end):
         if box.kind != b"dimg" and box.kind not in of_target:
             continue
@@ -291,7 +312,9 @@ def _pixels_of_parts(file: _File, item_id: int, depth: int = 0) -> int:
 
 def _properties(file: _File, item_id: int) -> list[Part]:
     """In the order in which they apply."""
-    indices = [index for index in file.associations.get(item_id, []) if 1 <= index <= len(file.properties)]
+    indices = [
+        index for index in file.associations.get(item_id, []) if 1 <= index <= len(file.properties)
+    ]
     return [file.properties[index - 1] for index in indices]
 
 
@@ -343,7 +366,11 @@ def _turned(file: _File, item_id: int, size: tuple[int, int]) -> tuple[tuple[int
                 size = (size[1], size[0])
         elif box.kind == b"imir":
             is_left_right = reader.number(1) & 1
-            turn = (-turn[0], -turn[1], *turn[2:]) if is_left_right else (*turn[:2], -turn[2], -turn[3])
+            turn = (
+                (-turn[0], -turn[1], *turn[2:])
+                if is_left_right
+                else (*turn[:2], -turn[2], -turn[3])
+            )
     return size, ORIENTATIONS[turn]
 
 
@@ -368,5 +395,7 @@ def _cropped(reader: _Reader, size: tuple[int, int]) -> tuple[int, int]:
 def _other_coding(kind: bytes) -> Failure:
     what = "an AVIF picture" if kind == b"av01" else "a HEIF picture in another coding than HEVC"
     return Failure(
-        "not_an_image", f"The file looks like {what}, which is not read.", "Send a JPEG, PNG, WebP or HEIC file."
+        "not_an_image",
+        f"The file looks like {what}, which is not read.",
+        "Send a JPEG, PNG, WebP or HEIC file.",
     )

@@ -36,7 +36,9 @@ READERS: dict[str, Callable[[Data], Layout]] = {
     WEBP: read_webp_layout,
 }
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
-COSTLY_PIXELS = 200_000_000  # more than a baseline JPEG of 108 megapixels, or a progressive one of 12
+COSTLY_PIXELS = (
+    200_000_000  # more than a baseline JPEG of 108 megapixels, or a progressive one of 12
+)
 HEIC_PASSES = 6  # decoding a pixel of HEVC takes as long as that of 6 pixels of a baseline JPEG
 ADVICE = "Send a JPEG, PNG, WebP or HEIC file."
 
@@ -120,7 +122,11 @@ def sniff(data: Data) -> str | Failure:
     if is_webp(start):
         return WEBP
     what = _other_kind(start)
-    message = f"The file looks like {what}, not like a photograph." if what else "The file is no photograph."
+    message = (
+        f"The file looks like {what}, not like a photograph."
+        if what
+        else "The file is no photograph."
+    )
     return Failure("not_an_image", message, ADVICE)
 
 
@@ -132,7 +138,11 @@ def _orientation(data: Data, media_type: str, layout: Layout) -> int:
         if media_type == JPEG:
             packets, _ = jpeg_xmp_packets(data, layout.parts)
         else:
-            packets = png_xmp_packets(data, layout.parts) if media_type == PNG else webp_xmp_packets(layout.parts)
+            packets = (
+                png_xmp_packets(data, layout.parts)
+                if media_type == PNG
+                else webp_xmp_packets(layout.parts)
+            )
         orientation = read_xmp_orientation(read_extents(data, packets[0])) if packets else None
     return 1 if orientation is None else orientation
 

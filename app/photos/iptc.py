@@ -20,7 +20,13 @@ def resources_without_places(block: bytes) -> bytes:
         size_at = position + 6 + (name_bytes + 2) // 2 * 2
         start = size_at + 4
         end = start + int.from_bytes(block[size_at:start])
-        if block[position : position + 4] not in {b"8BIM", b"MeSa", b"AgHg", b"PHUT", b"DCSR"} or end > len(block):
+        if block[position : position + 4] not in {
+            b"8BIM",
+            b"MeSa",
+            b"AgHg",
+            b"PHUT",
+            b"DCSR",
+        } or end > len(block):
             break
         kind = int.from_bytes(block[position + 4 : position + 6])
         content = block[start:end]

@@ -11,12 +11,22 @@ from app.photos.layout import Layout, Part, damage_recorded, truncated, unreadab
 
 SOI, EOI, SOS, TEM, COM = b"\xd8", b"\xd9", b"\xda", b"\x01", b"\xfe"  # markers, without their FF
 APP0, APP1, APP2, APP13, APP14, APP15 = b"\xe0", b"\xe1", b"\xe2", b"\xed", b"\xee", b"\xef"
-FRAME_MARKERS = frozenset(bytes([code]) for code in range(0xC0, 0xD0)) - {b"\xc4", b"\xc8", b"\xcc"}  # no DHT, JPG, DAC
-ALONE = frozenset({TEM, EOI, *(bytes([code]) for code in range(0xD0, 0xD8))})  # markers without length
+FRAME_MARKERS = frozenset(bytes([code]) for code in range(0xC0, 0xD0)) - {
+    b"\xc4",
+    b"\xc8",
+    b"\xcc",
+}  # no DHT, JPG, DAC
+ALONE = frozenset(
+    {TEM, EOI, *(bytes([code]) for code in range(0xD0, 0xD8))}
+)  # markers without length
 FIRST_SEGMENT_MARKER = b"\xc0"  # below are TEM and codes that no encoder may write
 
-MAX_SCANS = 100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
-MAX_SCAN_PIXELS = 1_200_000_000  # scans x pixels: 20 scans of the largest photograph that is taken by default
+MAX_SCANS = (
+    100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
+)
+MAX_SCAN_PIXELS = (
+    1_200_000_000  # scans x pixels: 20 scans of the largest photograph that is taken by default
+)
 FILL = re.compile(rb"\xff*+")
 SCAN_END = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
 
@@ -82,7 +92,10 @@ def _segment_at(data: Data, position: int) -> Part:
 def _frame_size(data: Data, segment: Part) -> tuple[int, int]:
     """Width and height. A height of 0 would come in a later DNL segment, which decoders do not read."""
     start = segment.start
-    height, width = int.from_bytes(data[start + 1 : start + 3]), int.from_bytes(data[start + 3 : start + 5])
+    height, width = (
+        int.from_bytes(data[start + 1 : start + 3]),
+        int.from_bytes(data[start + 3 : start + 5]),
+    )
     if segment.end - start < 6 or not (width and height):
         raise unreadable("the JPEG's frame header gives no size")
     return width, height

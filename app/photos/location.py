@@ -32,7 +32,9 @@ from app.photos.tiff import XMP, read_directories
 from app.photos.xmp import emptied_packet, without_places
 
 # ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
-PLAIN_PNG_CHUNKS = frozenset({b"IHDR", b"PLTE", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"tRNS", b"fdAT"})
+PLAIN_PNG_CHUNKS = frozenset(
+    {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"tRNS", b"fdAT"}
+)
 PLAIN_WEBP_CHUNKS = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"EXIF", b"XMP "})
 PLAIN_HEIF_BOXES = frozenset({b"ftyp", b"meta", b"mdat"})
 

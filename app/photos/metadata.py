@@ -26,17 +26,23 @@ def jpeg_exif_blocks(data: Data, segments: Iterable[Part]) -> list[list[Extent]]
     single = [
         (segment.start + 6, segment.end)
         for segment in segments
-        if segment.kind == APP1 and _begins(data, segment, EXIF_MARK) and segment.end - segment.start >= 6
+        if segment.kind == APP1
+        and _begins(data, segment, EXIF_MARK)
+        and segment.end - segment.start >= 6
     ]
     if len(single) <= 1:
         return [single] if single else []
     return [single, *([one] for one in single[1:] if data[one[0] : one[0] + 4] in HEADERS)]
 
 
-def jpeg_xmp_packets(data: Data, segments: Iterable[Part]) -> tuple[list[list[Extent]], list[list[Extent]]]:
+def jpeg_xmp_packets(
+    data: Data, segments: Iterable[Part]
+) -> tuple[list[list[Extent]], list[list[Extent]]]:
     """XMP packets: each main one, and each extended one put together in order; and parts that do not make a whole."""
     packets: list[list[Extent]] = []
-    parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(list)  # by the extended packet's digest and length
+    parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(
+        list
+    )  # by the extended packet's digest and length
     for segment in segments:
         if segment.kind != APP1:
             continue
@@ -51,7 +57,9 @@ def jpeg_xmp_packets(data: Data, segments: Iterable[Part]) -> tuple[list[list[Ex
     for key, found in parts.items():
         found.sort()
         ends = [offset + end - start for offset, (start, end) in found]
-        is_whole = [offset for offset, _ in found] == [0, *ends[:-1]] and ends[-1] == int.from_bytes(key[-4:])
+        is_whole = [offset for offset, _ in found] == [0, *ends[:-1]] and ends[
+            -1
+        ] == int.from_bytes(key[-4:])
         (packets if is_whole else fragments).append([extent for _, extent in found])
     return packets, fragments
 
@@ -69,7 +77,14 @@ def jpeg_photoshop_blocks(data: Data, segments: Iterable[Part]) -> list[list[Ext
 def chunk_exif_blocks(data: Data, chunks: Iterable[Part], kind: bytes) -> list[list[Extent]]:
     """EXIF blocks of a PNG's or WebP's chunks of this kind; some writers put JPEG's mark before them."""
     return [
-        [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
+        [
+            (
+                chunk.start + 6
+                if data[chunk.start : chunk.start + 5] == EXIF_MARK
+                else chunk.start,
+                chunk.end,
+            )
+        ]
         for chunk in chunks
         if chunk.kind == kind
     ]
@@ -79,9 +94,14 @@ def png_xmp_packets(data: Data, chunks: Iterable[Part]) -> list[list[Extent]]:
     """XMP packets of iTXt chunks that are not compressed."""
     packets: list[list[Extent]] = []
     for chunk in chunks:
-        if chunk.kind == b"iTXt" and data[chunk.start : chunk.start + len(PNG_XMP_MARK)] == PNG_XMP_MARK:
+        if (
+            chunk.kind == b"iTXt"
+            and data[chunk.start : chunk.start + len(PNG_XMP_MARK)] == PNG_XMP_MARK
+        ):
             language_end = data.find(b"\0", chunk.start + len(PNG_XMP_MARK) + 1, chunk.end)
-            translated_end = data.find(b"\0", language_end + 1, chunk.end) if language_end >= 0 else -1
+            translated_end = (
+                data.find(b"\0", language_end + 1, chunk.end) if language_end >= 0 else -1
+            )
             if translated_end >= 0:
                 packets.append([(translated_end + 1, chunk.end)])
     return packets
@@ -103,7 +123,9 @@ def heif_xmp_packets(items: Iterable[HeifItem]) -> list[list[Extent]]:
 
 
 def _from_tiff_header(data: Data, extents: Sequence[Extent]) -> list[Extent]:
-    start = b"".join(data[first : min(last, first + 8 + MAX_TIFF_HEADER_OFFSET)] for first, last in extents[:4])
+    start = b"".join(
+        data[first : min(last, first + 8 + MAX_TIFF_HEADER_OFFSET)] for first, last in extents[:4]
+    )
     offset = 4 + int.from_bytes(start[:4])
     if start[offset : offset + 4] not in HEADERS:
         offset = next((start.find(header) for header in HEADERS if header in start), 0)

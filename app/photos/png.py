@@ -59,13 +59,19 @@ def _walk(data: Data, layout: Layout) -> None:
 
 def renew_checksum(edits: Edits, chunk: Part) -> None:
     """Make the chunk's checksum fit its edited type and data."""
-    edits.write([(chunk.end, chunk.end + 4)], _checksum(edits.data, chunk.start, chunk.end).to_bytes(4))
+    edits.write(
+        [(chunk.end, chunk.end + 4)], _checksum(edits.data, chunk.start, chunk.end).to_bytes(4)
+    )
 
 
 def _size(data: Data, header: Part) -> tuple[int, int]:
     """Width and height, px, in the file's first chunk."""
     start = header.start
-    if header.kind != b"IHDR" or header.end - start != HEADER_BYTES or not _fits_checksum(data, header):
+    if (
+        header.kind != b"IHDR"
+        or header.end - start != HEADER_BYTES
+        or not _fits_checksum(data, header)
+    ):
         raise unreadable("the PNG's header is broken")
     size = int.from_bytes(data[start : start + 4]), int.from_bytes(data[start + 4 : start + 8])
     if 0 in size:
@@ -79,7 +85,9 @@ def _checksum(data: Data, start: int, end: int) -> int:
 
 
 def _fits_checksum(data: Data, chunk: Part) -> bool:
-    return _checksum(data, chunk.start, chunk.end) == int.from_bytes(data[chunk.end : chunk.end + 4])
+    return _checksum(data, chunk.start, chunk.end) == int.from_bytes(
+        data[chunk.end : chunk.end + 4]
+    )
 
 
 def text_without_places(chunk: bytes) -> bytes:

@@ -3,7 +3,16 @@
 from typing import Literal, get_args
 
 PhotographSlot = Literal[
-    "left", "right", "view3", "view4", "view5", "view6", "view7", "view8", "after_left", "after_right"
+    "left",
+    "right",
+    "view3",
+    "view4",
+    "view5",
+    "view6",
+    "view7",
+    "view8",
+    "after_left",
+    "after_right",
 ]
 DepthSlot = Literal["left_depth", "right_depth", "left_confidence", "right_confidence"]
 VoiceSlot = Literal["voice_note"]

@@ -10,8 +10,29 @@ from typing import Literal
 ByteOrder = Literal["little", "big"]
 
 HEADERS: dict[bytes, ByteOrder] = {b"II*\0": "little", b"MM\0*": "big"}
-ORIENTATION, EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD, SUB_IFDS = 0x0112, 0x8769, 0x8825, 0xA005, 0x014A
-VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 129: 1}
+ORIENTATION, EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD, SUB_IFDS = (
+    0x0112,
+    0x8769,
+    0x8825,
+    0xA005,
+    0x014A,
+)
+VALUE_BYTES = {
+    1: 1,
+    2: 1,
+    3: 2,
+    4: 4,
+    5: 8,
+    6: 1,
+    7: 1,
+    8: 2,
+    9: 4,
+    10: 8,
+    11: 4,
+    12: 8,
+    13: 4,
+    129: 1,
+}
 ENTRY_BYTES = 12
 XMP = 0x02BC
 MAX_DIRECTORIES = 32
@@ -53,7 +74,9 @@ def read_directories(block: bytes) -> list[Directory] | None:
     if order is None or len(block) < 8:
         return None
     found: list[Directory] = []
-    visited: set[tuple[int, bool]] = set()  # a directory that is reached both as GPS and as another counts as both
+    visited: set[tuple[int, bool]] = (
+        set()
+    )  # a directory that is reached both as GPS and as another counts as both
     entries_left = MAX_ENTRIES
     first = int.from_bytes(block[4:8], order)
     waiting = [(first, 0)]
@@ -94,7 +117,9 @@ def read_numbers(block: bytes, entry: Entry, order: ByteOrder) -> list[float]:
     size = {1: 1, 3: 2, 4: 4, 5: 4, 13: 4}.get(entry.kind)
     if size is None or entry.end > len(block) or entry.count > MAX_ENTRIES:
         return []
-    words = [int.from_bytes(block[at : at + size], order) for at in range(entry.start, entry.end, size)]
+    words = [
+        int.from_bytes(block[at : at + size], order) for at in range(entry.start, entry.end, size)
+    ]
     if entry.kind != 5:
         return [float(word) for word in words]
     pairs = list(zip(words[::2], words[1::2], strict=True))
@@ -107,7 +132,9 @@ def minimal_block(length: int, orientation: int) -> bytes:
     return block.ljust(length, b"\0") if len(block) <= length else bytes(length)
 
 
-def _read_directory(block: bytes, at: int, tag: int, order: ByteOrder, entries_left: int) -> Directory | None:
+def _read_directory(
+    block: bytes, at: int, tag: int, order: ByteOrder, entries_left: int
+) -> Directory | None:
     count = int.from_bytes(block[at : at + 2], order)
     if count > entries_left or at + 2 + count * ENTRY_BYTES > len(block):
         return None
@@ -116,7 +143,10 @@ def _read_directory(block: bytes, at: int, tag: int, order: ByteOrder, entries_l
 
 
 def _read_entry(block: bytes, at: int, order: ByteOrder) -> Entry:
-    tag, kind = int.from_bytes(block[at : at + 2], order), int.from_bytes(block[at + 2 : at + 4], order)
+    tag, kind = (
+        int.from_bytes(block[at : at + 2], order),
+        int.from_bytes(block[at + 2 : at + 4], order),
+    )
     count = int.from_bytes(block[at + 4 : at + 8], order)
     size = VALUE_BYTES.get(kind, 1) * count
     start = at + 8 if size <= 4 else int.from_bytes(block[at + 8 : at + 12], order)

@@ -12,8 +12,17 @@ from app.photos.byte_file import Data, Edits, edit_bytes
 from app.photos.embedded import clean_embedded
 
 WEBM, MP4 = "audio/webm", "audio/mp4"
-MAX_NOTE_BYTES = 2 * 1024**2  # two minutes at 128 kbit/s, the most that browsers choose by themselves
-EBML, DOC_TYPE, SEGMENT, TRACKS, TRACK, TRACK_TYPE = 0x1A45DFA3, 0x4282, 0x18538067, 0x1654AE6B, 0xAE, 0x83
+MAX_NOTE_BYTES = (
+    2 * 1024**2
+)  # two minutes at 128 kbit/s, the most that browsers choose by themselves
+EBML, DOC_TYPE, SEGMENT, TRACKS, TRACK, TRACK_TYPE = (
+    0x1A45DFA3,
+    0x4282,
+    0x18538067,
+    0x1654AE6B,
+    0xAE,
+    0x83,
+)
 CLUSTER, TAGS, ATTACHMENTS, VOID = 0x1F43B675, 0x1254C367, 0x1941A469, 0xEC
 WEBM_METADATA = frozenset({TAGS, ATTACHMENTS})
 AUDIO_TRACK = 2  # Matroska's TrackType; 1: video
@@ -31,7 +40,10 @@ def inspect_voice_note(path: Path) -> str | Failure:
         if data[:4] == EBML.to_bytes(4):
             media_type, tracks = WEBM, list(_webm_tracks(data))
         else:
-            media_type, tracks = MP4, list(_mp4_tracks(data, 0, len(data))) if data[4:8] == b"ftyp" else []
+            media_type, tracks = (
+                MP4,
+                list(_mp4_tracks(data, 0, len(data))) if data[4:8] == b"ftyp" else [],
+            )
     except (ValueError, IndexError):
         tracks = []
     if tracks and all(tracks):
@@ -57,14 +69,20 @@ def remove_note_metadata(path: Path, media_type: str) -> bool | Failure:
 
 
 def _unreadable() -> Failure:
-    return Failure("voice_note_unreadable", "The file is no recording of sound alone, or it is damaged.", ADVICE)
+    return Failure(
+        "voice_note_unreadable",
+        "The file is no recording of sound alone, or it is damaged.",
+        ADVICE,
+    )
 
 
 def _webm_tracks(data: Data) -> Iterator[bool]:
     """Yield for each track True if it is sound. Raises ValueError for another structure."""
     header, *others = _elements(data, 0, len(data), stop=SEGMENT)
     kinds = [
-        bytes(data[start:end]).rstrip(b"\0") for name, start, end in _elements(data, *header[1:]) if name == DOC_TYPE
+        bytes(data[start:end]).rstrip(b"\0")
+        for name, start, end in _elements(data, *header[1:])
+        if name == DOC_TYPE
     ]
     if kinds != [b"webm"] or not others or others[-1][0] != SEGMENT:
         raise ValueError("no WebM")
@@ -74,7 +92,9 @@ def _webm_tracks(data: Data) -> Iterator[bool]:
     for name, begin, stop in _elements(data, start, end):
         if name == TRACK:
             fields = _elements(data, begin, stop)
-            yield [int.from_bytes(data[a:b]) for field, a, b in fields if field == TRACK_TYPE] == [AUDIO_TRACK]
+            yield [int.from_bytes(data[a:b]) for field, a, b in fields if field == TRACK_TYPE] == [
+                AUDIO_TRACK
+            ]
 
 
 def _elements(data: Data, start: int, end: int, stop: int | None = None) -> Iterator[Part]:
@@ -83,7 +103,9 @@ def _elements(data: Data, start: int, end: int, stop: int | None = None) -> Iter
     while position < end:
         name, position = _number(data, position, keeps_marker=True)
         size, position = _number(data, position)
-        close = end if size is None else position + size  # a recorder does not know its segment's length beforehand
+        close = (
+            end if size is None else position + size
+        )  # a recorder does not know its segment's length beforehand
         if name is None or close > end:
             raise ValueError("an element is cut")
         yield name, position, close
@@ -116,7 +138,9 @@ def _void_metadata(edits: Edits) -> None:
             raise ValueError("an element is cut")
         if name in WEBM_METADATA:
             length = end - position - 5  # beside the id of one byte and a length of four
-            edits.write([(position, end)], bytes([VOID]) + (1 << 28 | length).to_bytes(4) + bytes(length))
+            edits.write(
+                [(position, end)], bytes([VOID]) + (1 << 28 | length).to_bytes(4) + bytes(length)
+            )
         position = end
 
 
@@ -143,7 +167,11 @@ def _boxes(data: Data, start: int, end: int) -> Iterator[tuple[bytes, int, int, 
     """Yield each box's kind, its start, and the start and end of its content. Raises ValueError for a cut box."""
     position = start
     while position + 8 <= end:
-        size, kind, head = int.from_bytes(data[position : position + 4]), bytes(data[position + 4 : position + 8]), 8
+        size, kind, head = (
+            int.from_bytes(data[position : position + 4]),
+            bytes(data[position + 4 : position + 8]),
+            8,
+        )
         if size == 1:
             size, head = int.from_bytes(data[position + 8 : position + 16]), 16
         size = size or end - position  # 0: to the end

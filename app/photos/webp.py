@@ -30,7 +30,10 @@ def _walk(data: Data, layout: Layout) -> None:
     if end_of_file > len(data):
         raise truncated("the WebP is shorter than it says")
     while (start := layout.end + 8) <= end_of_file:
-        kind, length = data[start - 8 : start - 4], int.from_bytes(data[start - 4 : start], "little")
+        kind, length = (
+            data[start - 8 : start - 4],
+            int.from_bytes(data[start - 4 : start], "little"),
+        )
         end = start + length
         if end > end_of_file:
             raise truncated("a WebP chunk is cut")
@@ -39,7 +42,11 @@ def _walk(data: Data, layout: Layout) -> None:
         if kind in PICTURES:
             if layout.width:
                 raise unreadable("the WebP has more than one picture")
-            size = _lossy_size(data, start, end) if kind == b"VP8 " else _lossless_size(data, start, end)
+            size = (
+                _lossy_size(data, start, end)
+                if kind == b"VP8 "
+                else _lossless_size(data, start, end)
+            )
             if 0 in size:
                 raise unreadable("the WebP's picture has no header")
             layout.width, layout.height = size
@@ -53,7 +60,9 @@ def _lossy_size(data: Data, start: int, end: int) -> tuple[int, int]:
     head = data[start : min(start + 10, end)]
     if len(head) < 10 or head[3:6] != KEYFRAME_MARK:
         return 0, 0
-    return int.from_bytes(head[6:8], "little") & SIDE_BITS, int.from_bytes(head[8:10], "little") & SIDE_BITS
+    return int.from_bytes(head[6:8], "little") & SIDE_BITS, int.from_bytes(
+        head[8:10], "little"
+    ) & SIDE_BITS
 
 
 def _lossless_size(data: Data, start: int, end: int) -> tuple[int, int]:

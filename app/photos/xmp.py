@@ -10,7 +10,8 @@ import re
 
 EMPTY_PACKET = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"/>'
 TURNED_PACKET = (
-    b'<x:xmpmeta xmlns:x="adobe:ns:meta/" xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="%d"/>'
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/" '
+    b'xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="%d"/>'
 )
 ORIENTATION = re.compile(rb"tiff:Orientation(?:=\"|>)([1-8])")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -77,7 +78,9 @@ def _tags(text: bytes) -> list[re.Match[bytes]] | None:
     tags: list[re.Match[bytes]] = []
     position = text.find(b"<")
     while position >= 0:
-        closing_mark = next((end for start, end in SKIPPED.items() if text.startswith(start, position)), None)
+        closing_mark = next(
+            (end for start, end in SKIPPED.items() if text.startswith(start, position)), None
+        )
         if closing_mark is not None:
             end = text.find(closing_mark, position)
             if end < 0:

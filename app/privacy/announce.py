@@ -22,12 +22,17 @@ def announce_meal_deletion(session: Session, meal: Meal) -> None:
     )
 
 
-def announce_withdrawal(session: Session, participant: Participant, policy: WithdrawalPolicy) -> None:
+def announce_withdrawal(
+    session: Session, participant: Participant, policy: WithdrawalPolicy
+) -> None:
     """Announce that a participant leaves the study.
 
     The delivery outlives the participant's rows, so it does not refer to them; its payload is removed once it is
     delivered (webhooks/deliver_webhooks.py).
     """
     announce(
-        session, participant.study_id, "participant.withdrawn", {"participant": participant.code, "policy": policy}
+        session,
+        participant.study_id,
+        "participant.withdrawn",
+        {"participant": participant.code, "policy": policy},
     )

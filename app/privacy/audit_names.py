@@ -11,7 +11,10 @@ def names_of_aliases(database: Database, texts: Iterable[str | None]) -> dict[st
     """Return alias -> a participant's code, or a meal's participant and local day; other texts are left out."""
     aliases = {alias for text in texts if text and (alias := _id_of(text))}
     with database.read() as session:
-        people, meals = privacy.participants_by_alias(session, aliases), privacy.meals_by_alias(session, aliases)
+        people, meals = (
+            privacy.participants_by_alias(session, aliases),
+            privacy.meals_by_alias(session, aliases),
+        )
     return people | {alias: f"{code}, {local_date}" for alias, (code, local_date) in meals.items()}
 
 

@@ -45,7 +45,9 @@ class Eraser:
     box: SecretBox
     ledger: ErasureLedger
 
-    def erase_meal(self, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None) -> ErasureReceipt:
+    def erase_meal(
+        self, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
+    ) -> ErasureReceipt:
         """Erase a meal and all its rows; concurrent calls get one receipt. Raises NotFoundError, ConflictError."""
         with self.database.read() as session:
             meal_id = find_meal(session, caller, client_id, participant_code)[0].id
@@ -68,7 +70,9 @@ class Eraser:
         self.ledger.write(erasure)
         return erasure
 
-    def carry_out_on_meal(self, erasure: Erasure, meal_id: uuid.UUID, caller: Caller | None) -> ErasureReceipt | None:
+    def carry_out_on_meal(
+        self, erasure: Erasure, meal_id: uuid.UUID, caller: Caller | None
+    ) -> ErasureReceipt | None:
         """Erase a meal; None if it no longer exists. caller None: the server itself, after a restore or a crash."""
         with self.database.write() as session:
             meal = meals.lock_meal(session, meal_id)
@@ -78,10 +82,19 @@ class Eraser:
             code = session.get_one(Participant, meal.participant_id).code
             announce.announce_meal_deletion(session, meal)
             counts = erase_meals(session, study_id, [meal], jobs.one_meal(meal_id), erasure)
-            people_privacy.add_tombstones(session, "meal", [erasure.digest], erasure.at, study_id=study_id)
+            people_privacy.add_tombstones(
+                session, "meal", [erasure.digest], erasure.at, study_id=study_id
+            )
             receipt = add_receipt(session, erasure, study_id, counts)
             erase_meal_from_files(session, self.box, study_id, code, client_id)
-            audit.note(session, caller, "meal.erase", study_id=study_id, subject=alias, receipt=str(receipt.id))
+            audit.note(
+                session,
+                caller,
+                "meal.erase",
+                study_id=study_id,
+                subject=alias,
+                receipt=str(receipt.id),
+            )
         self.database.empty_log()
         return receipt
 
@@ -120,7 +133,9 @@ def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int
     return {"photographs": len(photographs), "derived_pictures": len(derived)}
 
 
-def add_receipt(session: Session, erasure: Erasure, study_id: uuid.UUID, counts: dict[str, int]) -> ErasureReceipt:
+def add_receipt(
+    session: Session, erasure: Erasure, study_id: uuid.UUID, counts: dict[str, int]
+) -> ErasureReceipt:
     """Add an erasure's receipt with the id of the ledger, so that it is the same one again after a restore."""
     receipt = ErasureReceipt(
         id=erasure.receipt_id,

@@ -14,11 +14,17 @@ from app.releases.alter_release import meal_digest, participant_digest
 
 
 def erase_meal_from_files(
-    session: Session, box: SecretBox, study_id: uuid.UUID, participant_code: str, client_id: uuid.UUID
+    session: Session,
+    box: SecretBox,
+    study_id: uuid.UUID,
+    participant_code: str,
+    client_id: uuid.UUID,
 ) -> None:
     """Erase a meal, which files identify by its participant's code and the phone's id."""
     exports.erase_from_exports(session, study_id, None)
-    releases.erase_from_releases(session, study_id, "meal", meal_digest(box, participant_code, client_id))
+    releases.erase_from_releases(
+        session, study_id, "meal", meal_digest(box, participant_code, client_id)
+    )
 
 
 def erase_person_from_files(
@@ -31,4 +37,6 @@ def erase_person_from_files(
     """Erase or anonymise a participant, whom files identify by code. renamed: new code and seed of new meal ids."""
     exports.erase_from_exports(session, study_id, participant_code)
     deed: releases.Deed = "erase" if renamed is None else "anonymise"
-    releases.erase_from_releases(session, study_id, deed, participant_digest(box, participant_code), renamed)
+    releases.erase_from_releases(
+        session, study_id, deed, participant_digest(box, participant_code), renamed
+    )

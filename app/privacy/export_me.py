@@ -26,7 +26,9 @@ from app.people.participants import withdrawn_error
 from app.privacy import queries as privacy
 from app.storage.blob_store import BlobMissingError, BlobStore
 
-OMITTED_COLUMNS = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
+OMITTED_COLUMNS = frozenset(
+    {"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"}
+)
 EXTENSIONS = {
     "image/jpeg": "jpg",
     "image/png": "png",
@@ -63,10 +65,15 @@ def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tup
             if participant is None:
                 raise withdrawn_error()  # noqa: TRY301  # the file is closed below
             names = _write_photographs(archive, session, blobs, participant.id, now)
-            with archive.open(_entry("data.json", now, compressed=True), "w", force_zip64=True) as entry:
+            with archive.open(
+                _entry("data.json", now, compressed=True), "w", force_zip64=True
+            ) as entry:
                 for text in _data(session, participant, names, now):
                     entry.write(text.encode())
-            archive.writestr(_entry("README.txt", now, compressed=True), README.format(when=now.strftime("%Y-%m-%d")))
+            archive.writestr(
+                _entry("README.txt", now, compressed=True),
+                README.format(when=now.strftime("%Y-%m-%d")),
+            )
         with database.write() as session:
             audit.note(
                 session,
@@ -85,7 +92,11 @@ def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tup
 
 
 def _write_photographs(
-    archive: zipfile.ZipFile, session: Session, blobs: BlobStore, participant_id: uuid.UUID, now: datetime
+    archive: zipfile.ZipFile,
+    session: Session,
+    blobs: BlobStore,
+    participant_id: uuid.UUID,
+    now: datetime,
 ) -> dict[uuid.UUID, str | None]:
     """Write the photographs. Returns each photograph's name in the ZIP; None if it no longer exists."""
     names: dict[uuid.UUID, str | None] = {}
@@ -115,7 +126,9 @@ def _data(
     yield ',\n"participant": ' + _json(_plain(participant))
     for name, rows in privacy.exported_rows(session, "participant", participant.id):
         yield from _list(name, (_plain(row) for row in rows))
-    meals = (_meal(session, meal, names) for meal in privacy.stream_meals_of(session, participant.id))
+    meals = (
+        _meal(session, meal, names) for meal in privacy.stream_meals_of(session, participant.id)
+    )
     yield from _list("meals", meals)
     yield "\n}\n"
 

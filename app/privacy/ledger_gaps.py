@@ -14,7 +14,9 @@ def count_missing(database: Database, ledger: ErasureLedger) -> int:
     """Count the erasures with a tombstone in the database but no entry in the ledger. Raises OSError."""
     missing = 0
     for kind in KINDS:
-        with database.read() as session:  # before the ledger, to which concurrent erasures are written first
+        with (
+            database.read() as session
+        ):  # before the ledger, to which concurrent erasures are written first
             digests = set(privacy.tombstone_digests(session, kind))
         if digests:
             digests.difference_update(ledger.digests(kind))

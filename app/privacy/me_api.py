@@ -39,7 +39,8 @@ def delete_meal(
     state: State,
     caller: CurrentCaller,
     participant: Annotated[
-        str | None, Query(max_length=64, description="Staff: whose meal, if the id alone is not enough.")
+        str | None,
+        Query(max_length=64, description="Staff: whose meal, if the id alone is not enough."),
     ] = None,
 ) -> ReceiptOut:
     """Erase a meal permanently: photographs, derived pictures, items, records. Its id cannot be used again.
@@ -60,7 +61,8 @@ def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
 
 
 @router.post(
-    "/studies/{study}/participants/{participant}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422)
+    "/studies/{study}/participants/{participant}/withdrawal",
+    responses=problem_responses(401, 403, 404, 409, 422),
 )
 def post_participant_withdrawal(
     study: StudyCode,

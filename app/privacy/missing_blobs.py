@@ -36,7 +36,11 @@ def find_missing(keys: Iterable[str], blobs: BlobStore) -> MissingBlobs:
         total += len(batch)
         hashes = np.fromiter(map(_short_hash, batch), np.uint64, len(batch))
         at = np.searchsorted(stored, hashes)
-        is_stored = (at < len(stored)) & (stored[np.minimum(at, len(stored) - 1)] == hashes) if len(stored) else at < 0
+        is_stored = (
+            (at < len(stored)) & (stored[np.minimum(at, len(stored) - 1)] == hashes)
+            if len(stored)
+            else at < 0
+        )
         for key in (key for key, is_listed in zip(batch, is_stored, strict=True) if not is_listed):
             if missing < MAX_LOOKUPS and blobs.has(key):
                 continue

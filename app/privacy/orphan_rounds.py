@@ -40,7 +40,11 @@ class OrphanRounds:
     """The rounds of one worker. clock: seconds; replaced in tests."""
 
     def __init__(
-        self, database: Database, deleter: BlobDeleter, pace: Pace, clock: Callable[[], float] = time.monotonic
+        self,
+        database: Database,
+        deleter: BlobDeleter,
+        pace: Pace,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._database = database
         self._deleter = deleter

@@ -61,7 +61,12 @@ def sandbox_participants_since(session: Session, before: datetime) -> list[uuid.
 
 def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
     """Lock all meals of a participant, in the order of their ids."""
-    query = sa.select(Meal).where(Meal.participant_id == participant_id).order_by(Meal.id).with_for_update()
+    query = (
+        sa.select(Meal)
+        .where(Meal.participant_id == participant_id)
+        .order_by(Meal.id)
+        .with_for_update()
+    )
     return list(session.scalars(query.execution_options(populate_existing=True)))
 
 
@@ -72,7 +77,11 @@ def meals_of(participant_id: uuid.UUID) -> Ids:
 
 def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
     """Return the ids of these meals' items that have a record."""
-    return list(session.scalars(sa.select(EffectiveRecord.item_id).where(EffectiveRecord.meal_id.in_(meals))))
+    return list(
+        session.scalars(
+            sa.select(EffectiveRecord.item_id).where(EffectiveRecord.meal_id.in_(meals))
+        )
+    )
 
 
 def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool] | None:
@@ -103,14 +112,18 @@ def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str,
     return counts | _delete_in_order(session, (Participant, is_person))
 
 
-def delete_identifying_rows(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:
+def delete_identifying_rows(
+    session: Session, participant_id: uuid.UUID, meals: Ids
+) -> dict[str, int]:
     """Delete the webhook deliveries, calibrations and photographs' rows of a participant who is anonymised."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
     return _delete_in_order(
         session,
         (
             WebhookDelivery,
-            sa.or_(WebhookDelivery.participant_id == participant_id, WebhookDelivery.meal_id.in_(meals)),
+            sa.or_(
+                WebhookDelivery.participant_id == participant_id, WebhookDelivery.meal_id.in_(meals)
+            ),
         ),
         (CameraCalibration, CameraCalibration.device_id.in_(devices)),
         (MealImage, MealImage.meal_id.in_(meals)),
@@ -131,7 +144,11 @@ def delete_artefacts(session: Session, meals: Ids) -> list[str]:
     """Delete the rows of derived pictures and points. Returns the keys of their blobs."""
     runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
     return list(
-        session.scalars(sa.delete(RunArtefact).where(RunArtefact.run_id.in_(runs)).returning(RunArtefact.blob_key))
+        session.scalars(
+            sa.delete(RunArtefact)
+            .where(RunArtefact.run_id.in_(runs))
+            .returning(RunArtefact.blob_key)
+        )
     )
 
 
@@ -170,33 +187,49 @@ def touch_records_and_days(session: Session, participant_id: uuid.UUID, change_s
 
 def day_ids(session: Session, participant_id: uuid.UUID) -> list[uuid.UUID]:
     """Return the ids of a participant's days."""
-    return list(session.scalars(sa.select(DiaryDay.id).where(DiaryDay.participant_id == participant_id)))
+    return list(
+        session.scalars(sa.select(DiaryDay.id).where(DiaryDay.participant_id == participant_id))
+    )
 
 
 def events_of(session: Session, meals: Ids) -> Iterator[MealEvent]:
     """Stream the events of these meals."""
-    query = sa.select(MealEvent).where(MealEvent.meal_id.in_(meals)).order_by(MealEvent.meal_id, MealEvent.sequence)
+    query = (
+        sa.select(MealEvent)
+        .where(MealEvent.meal_id.in_(meals))
+        .order_by(MealEvent.meal_id, MealEvent.sequence)
+    )
     yield from session.scalars(query)
 
 
 def day_events_of(session: Session, participant_id: uuid.UUID) -> list[DayEvent]:
     """Return a participant's day events."""
     query = sa.select(DayEvent).where(DayEvent.participant_id == participant_id)
-    return list(session.scalars(query.order_by(DayEvent.local_date, DayEvent.created_at, DayEvent.id)))
+    return list(
+        session.scalars(query.order_by(DayEvent.local_date, DayEvent.created_at, DayEvent.id))
+    )
 
 
 def studies_with_retention(session: Session) -> list[Study]:
     """Return the studies with a retention time."""
-    return list(session.scalars(sa.select(Study).where(Study.retention_days.is_not(None)).order_by(Study.id)))
+    return list(
+        session.scalars(
+            sa.select(Study).where(Study.retention_days.is_not(None)).order_by(Study.id)
+        )
+    )
 
 
-def meals_with_old_pictures(session: Session, study_id: uuid.UUID, before: datetime, limit: int) -> list[uuid.UUID]:
+def meals_with_old_pictures(
+    session: Session, study_id: uuid.UUID, before: datetime, limit: int
+) -> list[uuid.UUID]:
     """Lock meals received before a time that still have photographs or derived pictures. Returns their ids."""
     has_image = sa.exists().where(MealImage.meal_id == Meal.id, MealImage.erased_at.is_(None))
     has_artefact = sa.exists().where(Run.meal_id == Meal.id, RunArtefact.run_id == Run.id)
     query = (
         sa.select(Meal.id)
-        .where(Meal.study_id == study_id, Meal.received_at < before, sa.or_(has_image, has_artefact))
+        .where(
+            Meal.study_id == study_id, Meal.received_at < before, sa.or_(has_image, has_artefact)
+        )
         .order_by(Meal.id)
         .limit(limit)
         .with_for_update()
@@ -243,20 +276,32 @@ def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
         condition = of_meals if of_meals is not None else blob.key.in_(keys)
         named.append(sa.select(blob.key).where(condition, blob.is_kept))
     # read first: a job that ends in between has its run by the time of the second query
-    in_progress = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
+    in_progress = set(
+        session.scalars(
+            sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))
+        )
+    )
     needed = set(session.scalars(sa.union_all(*named))) & set(keys)
     return needed | {key for key, meal_id in meal_of.items() if meal_id in in_progress}
 
 
 def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
     """Stream a participant's meals in the order of eating, one at a time in memory."""
-    query = sa.select(Meal.id).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
-    for meal_id in list(session.scalars(query)):  # ids only: expunge_all would break a stream of rows
+    query = (
+        sa.select(Meal.id)
+        .where(Meal.participant_id == participant_id)
+        .order_by(Meal.captured_at, Meal.id)
+    )
+    for meal_id in list(
+        session.scalars(query)
+    ):  # ids only: expunge_all would break a stream of rows
         yield session.get_one(Meal, meal_id)
         session.expunge_all()
 
 
-def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterator[tuple[MealImage, uuid.UUID]]:
+def images_of_participant(
+    session: Session, participant_id: uuid.UUID
+) -> Iterator[tuple[MealImage, uuid.UUID]]:
     """Stream (photograph, the phone's id of its meal), including erased photographs."""
     query = (
         sa.select(MealImage, Meal.client_id)
@@ -268,15 +313,24 @@ def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterat
         yield row[0], row[1]
 
 
-def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterator[tuple[str, list[Base]]]:
+def exported_rows(
+    session: Session, owner: Owner, owner_id: uuid.UUID
+) -> Iterator[tuple[str, list[Base]]]:
     """Yield (name, rows) of all rows that belong to a meal, or to a participant without meals; not tokens and jobs."""
     parent = Meal if owner == "meal" else Participant
     for model in _models().values():
         of_owner = rows_of(model, owner, sa.select(parent.id).where(parent.id == owner_id))
         if model.personal is None or model.personal.export_as is None or of_owner is None:
             continue
-        order = [model.__table__.c[model.personal.order_by]] if model.personal.order_by is not None else []
-        yield model.personal.export_as, list(session.scalars(sa.select(model).where(of_owner).order_by(*order)))
+        order = (
+            [model.__table__.c[model.personal.order_by]]
+            if model.personal.order_by is not None
+            else []
+        )
+        yield (
+            model.personal.export_as,
+            list(session.scalars(sa.select(model).where(of_owner).order_by(*order))),
+        )
 
 
 @cache
@@ -284,7 +338,9 @@ def _models() -> dict[str, type[Base]]:
     """Return the tables of personal rows by name; tables come after those that they refer to."""
     models = {mapper.class_.__tablename__: mapper.class_ for mapper in Base.registry.mappers}
     return {
-        table.name: models[table.name] for table in METADATA.sorted_tables if models[table.name].personal is not None
+        table.name: models[table.name]
+        for table in METADATA.sorted_tables
+        if models[table.name].personal is not None
     }
 
 
@@ -311,10 +367,14 @@ def _blob_columns() -> list[_BlobColumn]:
 def _delete_owned(session: Session, owner: Owner, ids: Ids) -> dict[str, int]:
     """Delete the rows of all tables that belong to these meals or participants, referring tables first."""
     steps = ((model, rows_of(model, owner, ids)) for model in reversed(_models().values()))
-    return _delete_in_order(session, *((model, condition) for model, condition in steps if condition is not None))
+    return _delete_in_order(
+        session, *((model, condition) for model, condition in steps if condition is not None)
+    )
 
 
-def _delete_in_order(session: Session, *steps: tuple[type[Base], sa.ColumnElement[bool]]) -> dict[str, int]:
+def _delete_in_order(
+    session: Session, *steps: tuple[type[Base], sa.ColumnElement[bool]]
+) -> dict[str, int]:
     session.flush()
     connection = session.connection()
     counts = {

@@ -59,7 +59,9 @@ def _find_subjects(eraser: Eraser, kind: Kind, digests: set[str]) -> dict[str, u
     subjects: dict[str, uuid.UUID] = {}
     with eraser.database.read() as session:
         list_ids = privacy.meal_ids if kind == "meal" else people_privacy.participant_ids
-        policies: tuple[WithdrawalPolicy, ...] = ("erase",) if kind == "meal" else WITHDRAWAL_POLICIES
+        policies: tuple[WithdrawalPolicy, ...] = (
+            ("erase",) if kind == "meal" else WITHDRAWAL_POLICIES
+        )
         for subject_id in list_ids(session):
             for policy in policies:
                 digest = digest_of(eraser.box, kind, policy, subject_id)
@@ -72,4 +74,6 @@ def _add_tombstones(eraser: Eraser, kind: Kind, erasures: Iterable[Erasure]) -> 
     """Add tombstones of erasures without rows (the backup is older than the rows), to skip them at the next start."""
     with eraser.database.write() as session:
         for erasure in erasures:
-            people_privacy.add_tombstones(session, kind, [erasure.digest], erasure.at, study_id=None)
+            people_privacy.add_tombstones(
+                session, kind, [erasure.digest], erasure.at, study_id=None
+            )

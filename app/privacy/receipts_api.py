@@ -15,7 +15,9 @@ router = APIRouter(prefix="/v1/receipts", tags=["privacy"])
 
 @router.get("/{receipt}", responses=problem_responses(404, 422))
 def get_receipt(
-    receipt: Annotated[uuid.UUID, Path(description="The receipt's id, from the response to the erasure.")],
+    receipt: Annotated[
+        uuid.UUID, Path(description="The receipt's id, from the response to the erasure.")
+    ],
     state: State,
 ) -> ReceiptOut:
     """Read a receipt again. It needs no token, since a participant who has left has none."""

@@ -56,10 +56,28 @@ def _erase_batch(database: Database, study_id: uuid.UUID, before: datetime, now:
             return 0
         counts = erase_pictures(session, privacy.ids_in(meal_ids), now) | {"meals": len(meal_ids)}
         receipt = ErasureReceipt(
-            id=uuid.uuid4(), study_id=study_id, what="photographs", policy="retention", counts=counts, erased_at=now
+            id=uuid.uuid4(),
+            study_id=study_id,
+            what="photographs",
+            policy="retention",
+            counts=counts,
+            erased_at=now,
         )
         session.add(receipt)
-        audit.note(session, None, "photographs.erase", study_id=study_id, receipt=str(receipt.id), counts=counts)
+        audit.note(
+            session,
+            None,
+            "photographs.erase",
+            study_id=study_id,
+            receipt=str(receipt.id),
+            counts=counts,
+        )
     instruments.PHOTOGRAPHS_ERASED.inc(counts["photographs"])
-    log.info("photographs_erased", study_id=str(study_id), receipt=str(receipt.id), before=before.isoformat(), **counts)
+    log.info(
+        "photographs_erased",
+        study_id=str(study_id),
+        receipt=str(receipt.id),
+        before=before.isoformat(),
+        **counts,
+    )
     return len(meal_ids)

@@ -29,7 +29,14 @@ from app.people.studies import enter_study
 from app.people.tombstones import digest_of
 from app.privacy import queries as privacy
 from app.privacy.announce import announce_withdrawal
-from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, find_receipt, public_digest
+from app.privacy.erase import (
+    Eraser,
+    add_receipt,
+    erase_meals,
+    erase_pictures,
+    find_receipt,
+    public_digest,
+)
 from app.privacy.erase_files import erase_person_from_files
 from app.privacy.erasure_ledger import Erasure
 from app.records import queries as records
@@ -56,13 +63,16 @@ def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
     return receipt if receipt is not None else find_receipt(eraser.database, erasure.receipt_id)
 
 
-def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str) -> ErasureReceipt:
+def withdraw_participant(
+    eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str
+) -> ErasureReceipt:
     """Withdraw a participant as an owner; possible again once the study's policy erases more than the first time.
 
     Raises NotFoundError, ConflictError (`participant_withdrawn`: already withdrawn by this policy or a stronger one).
     """
     already_withdrawn = ConflictError(
-        "This participant has already left the study under the same policy.", code="participant_withdrawn"
+        "This participant has already left the study under the same policy.",
+        code="participant_withdrawn",
     )
     with eraser.database.read() as session:
         study = enter_study(session, caller, study_code)
@@ -71,7 +81,9 @@ def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, p
             raise NotFoundError("There is no such participant in this study.")
         policy, participant_id = study.withdrawal_policy, participant.id
         at_least = WITHDRAWAL_POLICIES[WITHDRAWAL_POLICIES.index(policy) :]
-        digests = [digest_of(eraser.box, "participant", stronger, participant_id) for stronger in at_least]
+        digests = [
+            digest_of(eraser.box, "participant", stronger, participant_id) for stronger in at_least
+        ]
         if people_privacy.tombstones_among(session, "participant", digests):
             raise already_withdrawn
     receipt = carry_out_on_participant(
@@ -97,24 +109,36 @@ def _withdraw(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
     with eraser.database.write() as session:
-        participant = people_privacy.lock_participant(session, participant_id)  # before enrolments, as everywhere
-        if participant is None or people_privacy.tombstones_among(session, "participant", [erasure.digest]):
+        participant = people_privacy.lock_participant(
+            session, participant_id
+        )  # before enrolments, as everywhere
+        if participant is None or people_privacy.tombstones_among(
+            session, "participant", [erasure.digest]
+        ):
             return None
         study = session.get_one(Study, participant.study_id)
-        enrolments = people_privacy.enrolments_of(session, participant_id) if study.is_sandbox else []
+        enrolments = (
+            people_privacy.enrolments_of(session, participant_id) if study.is_sandbox else []
+        )
         people_privacy.end_enrolments(session, participant_id)
         study_id, alias, code = participant.study_id, participant.alias, participant.code
         new_ids = uuid.uuid4()
         tokens = people_privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
-        announce_withdrawal(session, participant, erasure.policy)  # while the row has the code that receivers know
+        announce_withdrawal(
+            session, participant, erasure.policy
+        )  # while the row has the code that receivers know
         if erasure.policy != "keep" and not study.is_sandbox:
             spend_code(session, eraser.box, participant, erasure.at)
-        counts = {"access_token": len(ended)} | _apply_policy(session, participant, erasure, new_ids)
+        counts = {"access_token": len(ended)} | _apply_policy(
+            session, participant, erasure, new_ids
+        )
         if enrolments:
             _begin_anew(session, study_id, code, enrolments, erasure.at)
-        people_privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
+        people_privacy.add_tombstones(
+            session, "participant", [erasure.digest], erasure.at, study_id=study_id
+        )
         receipt = add_receipt(session, erasure, study_id, counts)
         if erasure.policy != "keep":
             renamed = (participant.code, new_ids) if erasure.policy == "anonymise" else None
@@ -152,13 +176,19 @@ def _begin_anew(
     session.flush()
 
 
-def _apply_policy(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
+def _apply_policy(
+    session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID
+) -> dict[str, int]:
     if erasure.policy == "erase":
         return _erase(session, participant, erasure)
     for device in people_privacy.devices_of(session, participant.id):
         device.revoked_at = device.revoked_at or erasure.at
     participant.withdrawn_at = participant.withdrawn_at or erasure.at
-    return _anonymise(session, participant, erasure.at, new_ids) if erasure.policy == "anonymise" else {}
+    return (
+        _anonymise(session, participant, erasure.at, new_ids)
+        if erasure.policy == "anonymise"
+        else {}
+    )
 
 
 def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
@@ -168,20 +198,26 @@ def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict
     days = [public_digest(day_id) for day_id in privacy.day_ids(session, participant_id)]
     if days:
         number = records.next_change_seq(session, study_id)
-        people_privacy.add_tombstones(session, "day", days, erasure.at, study_id=study_id, change_seq=number)
+        people_privacy.add_tombstones(
+            session, "day", days, erasure.at, study_id=study_id, change_seq=number
+        )
     for table, count in privacy.delete_participant(session, participant_id).items():
         counts[table] = counts.get(table, 0) + count
     return counts
 
 
-def _anonymise(session: Session, participant: Participant, now: datetime, new_ids: uuid.UUID) -> dict[str, int]:
+def _anonymise(
+    session: Session, participant: Participant, now: datetime, new_ids: uuid.UUID
+) -> dict[str, int]:
     """Keep what was eaten and when, under a new code; erase what identifies the person or shows their food.
 
     new_ids: namespace of the meals' new ids, here and in releases; it is stored nowhere.
     """
     meals = privacy.lock_meals_of(session, participant.id)
     meal_ids = privacy.meals_of(participant.id)
-    for job in jobs.live_jobs_of(session, meal_ids):  # first, so that no job computes from the pictures any more
+    for job in jobs.live_jobs_of(
+        session, meal_ids
+    ):  # first, so that no job computes from the pictures any more
         meal = session.get_one(Meal, job.meal_id)
         jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
         session.flush()
@@ -195,7 +231,10 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
             meal.after_details = cast(PairDetails, _without_person(meal.after_details))
     for event in privacy.events_of(session, meal_ids):
         if FREE_TEXT in event.new:
-            event.new, event.request_sha256 = event.new | {FREE_TEXT: ""}, ""  # a hash of few words tells them
+            event.new, event.request_sha256 = (
+                event.new | {FREE_TEXT: ""},
+                "",
+            )  # a hash of few words tells them
     for day_event in privacy.day_events_of(session, participant.id):
         if day_event.layer == "participant":
             day_event.author = WITHDRAWN

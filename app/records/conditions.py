@@ -67,10 +67,14 @@ def meal_is(meal_id: AnyColumn, conditions: Iterable[Condition]) -> Condition:
     return _is_there(sa.select(sa.literal(1)).where(Meal.id == meal_id, *conditions))
 
 
-def has_record(meal_id: AnyColumn, asked: Callable[[type[EffectiveRecord]], Condition]) -> Condition:
+def has_record(
+    meal_id: AnyColumn, asked: Callable[[type[EffectiveRecord]], Condition]
+) -> Condition:
     """One record of the meal holds and is as asked of EffectiveRecord, or of an alias of it."""
     record = aliased(EffectiveRecord)
-    return _is_there(sa.select(sa.literal(1)).where(record.meal_id == meal_id, holds(record), asked(record)))
+    return _is_there(
+        sa.select(sa.literal(1)).where(record.meal_id == meal_id, holds(record), asked(record))
+    )
 
 
 def was_asked() -> Condition:
@@ -111,7 +115,9 @@ def is_list_of_flags(column: AnyColumn, text: str | AnyColumn, *, is_on_sqlite: 
     """A list of flags is this one, given as text as lists_of_flags has it."""
     is_it: Condition = sa.type_coerce(column, sa.Text()) == text
     if not is_on_sqlite:
-        kept = sa.cast(sa.literal(text, sa.Text()) if isinstance(text, str) else text, postgresql.JSONB())
+        kept = sa.cast(
+            sa.literal(text, sa.Text()) if isinstance(text, str) else text, postgresql.JSONB()
+        )
         is_it = sa.type_coerce(column, postgresql.JSONB()) == kept
     return is_it
 
@@ -125,10 +131,16 @@ def lists_of_flags(session: Session, study_id: uuid.UUID, most: int) -> list[str
     kind: Any = sa.Text() if is_on_sqlite else postgresql.JSONB()
     record = EffectiveRecord
     flags = sa.type_coerce(record.flags, kind).label("flags")
-    flag_lists = sa.select(flags).where(record.study_id == study_id, holds(record), has_flags(record))
+    flag_lists = sa.select(flags).where(
+        record.study_id == study_id, holds(record), has_flags(record)
+    )
     lists = flag_lists.order_by(record.flags).limit(1).subquery()
     every = sa.select(lists.c.flags).cte("every", recursive=True)
-    behind = flag_lists.where(sa.type_coerce(record.flags, kind) > every.c.flags).order_by(record.flags).limit(1)
+    behind = (
+        flag_lists.where(sa.type_coerce(record.flags, kind) > every.c.flags)
+        .order_by(record.flags)
+        .limit(1)
+    )
     following = behind.correlate(every).scalar_subquery()
     every = every.union_all(sa.select(following).where(every.c.flags.is_not(None)))
     as_text: Any = every.c.flags if is_on_sqlite else sa.cast(every.c.flags, sa.Text())

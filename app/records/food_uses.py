@@ -53,9 +53,13 @@ def read_uses(database: Database, caller: StaffCaller, key: str) -> FoodUses:
         versions = food_edits.versions_of(session, food.key)
         in_force = {release.id for release in foods.releases_in_force(session)}
         ids = [version.food.id for version in versions]
-        counted = records_by_study(session, ids, studies_with_role(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1)
+        counted = records_by_study(
+            session, ids, studies_with_role(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1
+        )
         looked_at = counted[:MOST_STUDIES]
-        measured = foods.densities_of_studies(session, [study.study_id for study in looked_at], food.key)
+        measured = foods.densities_of_studies(
+            session, [study.study_id for study in looked_at], food.key
+        )
     studies = [
         StudyUse(
             replace(study, records=min(study.records, COUNTED)),
@@ -69,7 +73,8 @@ def read_uses(database: Database, caller: StaffCaller, key: str) -> FoodUses:
             FoodPlace(
                 version,
                 is_found=version.food.id == food.id,
-                is_in_force=version.release.id in in_force and version.food.superseded_by_id is None,
+                is_in_force=version.release.id in in_force
+                and version.food.superseded_by_id is None,
             )
             for version in versions
         ],

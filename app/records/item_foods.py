@@ -14,7 +14,9 @@ from app.nutrition.foods import Density, food_form
 from app.nutrition.mass import Mass, weighed_mass
 
 
-def weighing_for(session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
+def weighing_for(
+    session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None
+) -> Weighing:
     """How an item that is this food, in this form, is weighed by what is known of the food now in this study."""
     value, form = food_value(session, food), food_form(lies_as)
     return weigh(value, choose_density(session, value, study_id, form), form)
@@ -77,5 +79,7 @@ def served_mass(weighing: Weighing, amount: Amount) -> Mass | None:
     if amount.mass is not None:
         is_edible = amount.mass.of == "edible"
         share = weighing.edible_share
-        return weighed_mass(amount.mass.mass_g, amount.mass.relative_sd, is_edible=is_edible, edible_share=share)
+        return weighed_mass(
+            amount.mass.mass_g, amount.mass.relative_sd, is_edible=is_edible, edible_share=share
+        )
     return mass_of(weighing, amount.volume_ml, amount.relative_sd)

@@ -34,9 +34,15 @@ def match_leftovers(session: Session, parts: MealParts, state: MealState) -> boo
     if not pieces:
         return False
     now, is_new = datetime.now(UTC), False
-    for piece, (item_id, leftover_class, flags) in zip(pieces, _answers(session, served, pieces), strict=True):
+    for piece, (item_id, leftover_class, flags) in zip(
+        pieces, _answers(session, served, pieces), strict=True
+    ):
         rows = parts.leftovers.get(piece.state.item.id, [])
-        own = max((row for row in rows if row.layer == "automatic"), key=lambda row: row.version, default=None)
+        own = max(
+            (row for row in rows if row.layer == "automatic"),
+            key=lambda row: row.version,
+            default=None,
+        )
         if own is None:
             if item_id is None and not flags:
                 continue  # unmatched is what holds without a word
@@ -57,16 +63,22 @@ def match_leftovers(session: Session, parts: MealParts, state: MealState) -> boo
     return is_new
 
 
-def _answers(session: Session, served: Sequence[ItemState], pieces: Sequence[LeftoverState]) -> list[Answer]:
+def _answers(
+    session: Session, served: Sequence[ItemState], pieces: Sequence[LeftoverState]
+) -> list[Answer]:
     places = {each.item.id: place for place, each in enumerate(served)}
     stated: dict[int, int | None] = {}
     for j, piece in enumerate(pieces):
         if piece.is_by_person:
             stated[j] = places.get(piece.of_item_id) if piece.of_item_id is not None else None
-        elif (hinted := _statement_of(piece.state.item).get("item")) is not None and uuid.UUID(hinted) in places:
+        elif (hinted := _statement_of(piece.state.item).get("item")) is not None and uuid.UUID(
+            hinted
+        ) in places:
             stated[j] = places[uuid.UUID(hinted)]
     matches = match_pieces(
-        [_sight(session, each) for each in served], [_sight(session, each.state) for each in pieces], stated
+        [_sight(session, each) for each in served],
+        [_sight(session, each.state) for each in pieces],
+        stated,
     )
     classes = _classes(served, pieces, matches)
     return [
@@ -90,13 +102,20 @@ def _classes(
     for i, item in enumerate(served):
         of_it = [j for j, match in enumerate(matches) if match.served == i]
         masses = [_mass(item, pieces[j].state) for j in of_it]
-        classes = classify_left(_mass(item, item), masses, [_stated_class(pieces[j]) for j in of_it])
-        out |= {j: (name, [flag] if flag is not None else []) for j, (name, flag) in zip(of_it, classes, strict=True)}
+        classes = classify_left(
+            _mass(item, item), masses, [_stated_class(pieces[j]) for j in of_it]
+        )
+        out |= {
+            j: (name, [flag] if flag is not None else [])
+            for j, (name, flag) in zip(of_it, classes, strict=True)
+        }
     return out
 
 
 def _stated_class(piece: LeftoverState) -> LeftoverClass | None:
-    stated_class = piece.leftover_class if piece.is_by_person else _statement_of(piece.state.item).get("class")
+    stated_class = (
+        piece.leftover_class if piece.is_by_person else _statement_of(piece.state.item).get("class")
+    )
     if stated_class == "food_left":
         return "food_left"
     return "refuse" if stated_class == "refuse" else None
@@ -104,7 +123,11 @@ def _stated_class(piece: LeftoverState) -> LeftoverClass | None:
 
 def _mass(item: ItemState, of: ItemState) -> Mass | None:
     """Grams of the item, or of a piece of it, by the item's food."""
-    return served_mass(weighing_of(item.food_assignment), of.amount) if item.food_assignment is not None else None
+    return (
+        served_mass(weighing_of(item.food_assignment), of.amount)
+        if item.food_assignment is not None
+        else None
+    )
 
 
 def _sight(session: Session, state: ItemState) -> Sight:
@@ -119,5 +142,7 @@ def _sight(session: Session, state: ItemState) -> Sight:
         ),
         volume_ml=state.amount.volume_ml,
         relative_sd=sum(sd**2 for sd in relative_sd.values()) ** 0.5,
-        food=session.get_one(Food, state.food_assignment.food_id).key if state.food_assignment is not None else None,
+        food=session.get_one(Food, state.food_assignment.food_id).key
+        if state.food_assignment is not None
+        else None,
     )

@@ -10,7 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.meals.event_values import Add, ConfirmMeal, Merge, Split
-from app.meals.item_state import REPLACED, StatedEvent, fold_meal, live_events, pipeline_measure, required_items
+from app.meals.item_state import (
+    REPLACED,
+    StatedEvent,
+    fold_meal,
+    live_events,
+    pipeline_measure,
+    required_items,
+)
 from app.meals.job_models import PairPurpose
 from app.meals.meal_parts import MealParts
 from app.meals.outline_json import rings_of
@@ -62,21 +69,32 @@ def match_rerun(parts: MealParts, pair: PairPurpose, answers: Sequence[ItemAnswe
     return MatchedItems(tuple(matched), tuple(gone), tuple(added))
 
 
-def _same_foods(parts: MealParts, old: Sequence[Item], answers: Sequence[ItemAnswer]) -> list[tuple[Item, int]]:
+def _same_foods(
+    parts: MealParts, old: Sequence[Item], answers: Sequence[ItemAnswer]
+) -> list[tuple[Item, int]]:
     """Return (item, position in the answer) of the same foods."""
     # NumPy and OpenCV come with it, which an API process has no other use for
     from app.vision.geometry.outline_overlap import matching_outlines  # noqa: PLC0415
 
     before = [pipeline_measure(parts, item).rings for item in old]
-    pairs = matching_outlines(before, [rings_of(answer.polygon) for answer in answers], above=SAME_FOOD)
+    pairs = matching_outlines(
+        before, [rings_of(answer.polygon) for answer in answers], above=SAME_FOOD
+    )
     return [(old[row], column) for row, column in pairs]
 
 
 def _items_spoken_of(parts: MealParts, events: Sequence[StatedEvent]) -> set[uuid.UUID]:
     """Return the items that events, people's matches of leftovers, or a phone's hints of leftovers refer to."""
     spoken = {item_id for stated in events for item_id in required_items(stated)}
-    spoken |= {item_id for stated in events if isinstance(stated.value, ConfirmMeal) for item_id in stated.value.items}
-    by_people = (row for rows in parts.leftovers.values() for row in rows if row.layer != "automatic")
+    spoken |= {
+        item_id
+        for stated in events
+        if isinstance(stated.value, ConfirmMeal)
+        for item_id in stated.value.items
+    }
+    by_people = (
+        row for rows in parts.leftovers.values() for row in rows if row.layer != "automatic"
+    )
     spoken |= {row.item_id for row in by_people if row.item_id is not None}
     hinted = (item.traits.get("told", {}).get("item") for item in parts.items)
     return spoken | {uuid.UUID(item_id) for item_id in hinted if item_id is not None}

@@ -26,7 +26,14 @@ from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
 from app.people.calibration_schemas import CameraIn, RigIn
 from app.people.models import LOCALES
-from app.photos.slots import DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, DepthSlot, confidence_slot, depth_slot
+from app.photos.slots import (
+    DEPTH_SLOTS,
+    PAIR_SLOTS,
+    VIEW_SLOTS,
+    DepthSlot,
+    confidence_slot,
+    depth_slot,
+)
 from app.records.outline_schemas import Pixel, Polygon
 from app.vision.depth_camera import DEFAULT_UNIT_MM
 
@@ -39,18 +46,23 @@ class HintIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
-    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
+    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
+        default=None, description="x, y, width, height"
+    )
     polygon: Polygon | None = Field(
         default=None,
         description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
     )
-    food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+    food: Text | None = Field(
+        default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods)."
+    )
     lies_as: FoodForm | None = Field(
         default=None,
         description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
     )
     form: FoodForm | None = Field(
-        default=None, description="How it lies there, for measuring alone; `lies_as` also says which density counts."
+        default=None,
+        description="How it lies there, for measuring alone; `lies_as` also says which density counts.",
     )
     vessel: Text | None = Field(
         default=None,
@@ -79,7 +91,9 @@ class LocationIn(BaseModel):
     latitude: JsonNumber = Field(ge=-90, le=90, description="Degrees north, WGS84.")
     longitude: JsonNumber = Field(ge=-180, le=180, description="Degrees east, WGS84.")
     accuracy_m: JsonNumber | None = Field(
-        default=None, ge=0, description="Radius within which the phone believes to be, m; null: not known."
+        default=None,
+        ge=0,
+        description="Radius within which the phone believes to be, m; null: not known.",
     )
 
 
@@ -94,7 +108,9 @@ class DepthCameraIn(BaseModel):
     fy: JsonNumber = Field(gt=0, description="Focal length down, px of the map.")
     cx: JsonNumber = Field(description="Principal point from the left edge, px.")
     cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
-    unit_mm: JsonNumber = Field(default=DEFAULT_UNIT_MM, gt=0, description="Unit of a PNG's whole numbers, mm.")
+    unit_mm: JsonNumber = Field(
+        default=DEFAULT_UNIT_MM, gt=0, description="Unit of a PNG's whole numbers, mm."
+    )
 
 
 PoseRow = tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber]
@@ -143,8 +159,12 @@ class MealMetadataIn(BaseModel):
         },
     )
 
-    captured_at: Instant = Field(description="When the left photograph was taken: RFC 3339 with offset.")
-    time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
+    captured_at: Instant = Field(
+        description="When the left photograph was taken: RFC 3339 with offset."
+    )
+    time_zone: Text = Field(
+        min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai."
+    )
     marker: Text | None = Field(
         default=None,
         max_length=64,
@@ -171,7 +191,9 @@ class MealMetadataIn(BaseModel):
         description="What the person knows of some of the foods; the others are looked for all the same.",
     )
     complete: bool = Field(
-        default=False, strict=True, description="Whether the hints are all that there is: nothing else is looked for."
+        default=False,
+        strict=True,
+        description="Whether the hints are all that there is: nothing else is looked for.",
     )
     views: int = Field(
         default=DEFAULT_VIEWS,
@@ -191,9 +213,12 @@ class MealMetadataIn(BaseModel):
         "`left_depth` if there is a depth_camera, else none.",
     )
     location: LocationIn | None = Field(
-        default=None, description="Where the meal was eaten; kept only if the study keeps locations."
+        default=None,
+        description="Where the meal was eaten; kept only if the study keeps locations.",
     )
-    app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")
+    app_version: Text | None = Field(
+        default=None, max_length=64, description="The version of the phone's app."
+    )
 
     @model_validator(mode="after")
     def _rig_alone(self) -> "MealMetadataIn":
@@ -207,14 +232,20 @@ class MealMetadataIn(BaseModel):
     def announced_maps(self) -> list[str]:
         """The slots of the depth and confidence maps, in order."""
         chosen = ["left_depth"] if self.depth_maps is None else self.depth_maps
-        return [slot for slot in DEPTH_SLOTS if slot in chosen] if self.depth_camera is not None else []
+        return (
+            [slot for slot in DEPTH_SLOTS if slot in chosen]
+            if self.depth_camera is not None
+            else []
+        )
 
     @model_validator(mode="after")
     def _maps_of_views(self) -> "MealMetadataIn":
         if self.depth_maps and self.depth_camera is None:
             raise ValueError("depth_maps need a depth_camera")
         for number, view in enumerate(PAIR_SLOTS, start=1):
-            has_depth, has_confidence = (slot(view) in self.announced_maps for slot in (depth_slot, confidence_slot))
+            has_depth, has_confidence = (
+                slot(view) in self.announced_maps for slot in (depth_slot, confidence_slot)
+            )
             if has_confidence and not has_depth:
                 raise ValueError(f"{confidence_slot(view)} needs {depth_slot(view)}")
             if has_depth and self.views < number:
@@ -236,7 +267,9 @@ class NewMealMetadataIn(MealMetadataIn):
         }
     )
 
-    id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
+    id: uuid.UUID = Field(
+        description="Made by the phone, once a meal; the same id again is the same meal."
+    )
 
 
 class ImageOut(BaseModel):
@@ -247,9 +280,13 @@ class ImageOut(BaseModel):
     media_type: str = Field(description="Media type of what is kept, such as image/jpeg.")
     width_px: int = Field(description="Width of the upright picture.")
     height_px: int = Field(description="Height of the upright picture.")
-    flags: list[str] = Field(description="`reencoded`: its picture was written anew to take its location out.")
+    flags: list[str] = Field(
+        description="`reencoded`: its picture was written anew to take its location out."
+    )
     received_at: datetime = Field(description="When it arrived at the server.")
-    durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
+    durable: Literal[True] = Field(
+        default=True, description="It is synced to disk: the phone may delete its copy."
+    )
 
 
 class VoiceNoteOut(BaseModel):
@@ -259,7 +296,9 @@ class VoiceNoteOut(BaseModel):
     bytes: int = Field(description="Its length, bytes.")
     media_type: str = Field(description="audio/webm or audio/mp4.")
     received_at: datetime = Field(description="When it arrived at the server.")
-    durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
+    durable: Literal[True] = Field(
+        default=True, description="It is synced to disk: the phone may delete its copy."
+    )
 
 
 class FailureOut(BaseModel):
@@ -289,7 +328,9 @@ class RunOut(BaseModel):
     """The execution of the pipeline that the items come from."""
 
     id: uuid.UUID = Field(description="The run's id.")
-    method: str = Field(description="The method of measuring volumes: shape, paper or paper-strict (docs/volume.md).")
+    method: str = Field(
+        description="The method of measuring volumes: shape, paper or paper-strict (docs/volume.md)."
+    )
     pipeline_version: str = Field(description="The version of the pipeline.")
     marker: str | None = Field(
         description="The board that the run looked for, such as plain:9x7:11; null: a rig, the cameras' poses or a "
@@ -302,7 +343,9 @@ class RunOut(BaseModel):
     parameters: dict[str, Any] = Field(description="The run's options.")
     stages: dict[str, float] = Field(description="Seconds a step.")
     seconds: float = Field(description="How long the run took.")
-    food_tables: list[str] = Field(description="The releases in force, the one that goes first at the head.")
+    food_tables: list[str] = Field(
+        description="The releases in force, the one that goes first at the head."
+    )
     created_at: datetime = Field(description="When the run was saved.")
     artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of its steps.")
 
@@ -321,40 +364,60 @@ class ItemOut(BaseModel):
     """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
 
     id: uuid.UUID = Field(description="The item's id: events name it.")
-    status: RecordStatus = Field(description="proposed, needs_review, confirmed, corrected or rejected")
+    status: RecordStatus = Field(
+        description="proposed, needs_review, confirmed, corrected or rejected"
+    )
     origin: ItemOrigin = Field(description="pipeline, declared, added, split or merged")
     polygon: list[list[tuple[float, float]]] = Field(
         description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
     )
     food: FoodRef | None = Field(description=FOOD)
-    lies_as: FoodForm | None = Field(description="How it was said to lie; null: as it usually does.")
+    lies_as: FoodForm | None = Field(
+        description="How it was said to lie; null: as it usually does."
+    )
     candidates: list[CandidateOut] = Field(
         description="A hint's, then the index's, best first: choose one by the event `set_food` with its key."
     )
     none_of_these: float | None = Field(
         description="Probability that it is none of the index's candidates; null: the index was not asked."
     )
-    index_version: str | None = Field(description="Which index gave the candidates (docs/identification.md).")
-    volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
+    index_version: str | None = Field(
+        description="Which index gave the candidates (docs/identification.md)."
+    )
+    volume_ml: float | None = Field(
+        description="Null where it could not be measured: flag `not_measurable`."
+    )
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None = Field(
         description="Turned the volume into grams; null where a person set the grams."
     )
-    density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
-    density_basis: DensityBasis | None = Field(description="study, measured, fao, portion, related or group.")
-    density_source: str | None = Field(description="Who measured or published the density; null: none was used.")
+    density_sd_g_per_ml: float | None = Field(
+        description="What the next item of this food may differ from it."
+    )
+    density_basis: DensityBasis | None = Field(
+        description="study, measured, fao, portion, related or group."
+    )
+    density_source: str | None = Field(
+        description="Who measured or published the density; null: none was used."
+    )
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     edible_share: float | None = Field(description="Edible mass / mass as seen.")
     edible_g: float | None = Field(description="As served, without peel, core and bone.")
     share: float = Field(description="The participant's share of a dish that is shared.")
     left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
-    consumed_g: float | None = Field(description="(edible - left) x share; signed: below 0 is doubt, not food.")
+    consumed_g: float | None = Field(
+        description="(edible - left) x share; signed: below 0 is doubt, not food."
+    )
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     provisional: bool = Field(description="An after-meal pair may still come.")
     reviewed: bool = Field(description="A reviewer has had the last word, and the amount is known.")
-    parent: uuid.UUID | None = Field(description="The item that it was split from, or that it came with.")
-    open_probes: list[str] = Field(description="What the participant is to be asked of it: no camera sees it.")
+    parent: uuid.UUID | None = Field(
+        description="The item that it was split from, or that it came with."
+    )
+    open_probes: list[str] = Field(
+        description="What the participant is to be asked of it: no camera sees it."
+    )
     nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")
     flags: list[str] = Field(description=FLAGS)
 
@@ -364,8 +427,12 @@ class TotalsOut(BaseModel):
 
     consumed_g: float | None = Field(description="The sum of the items' consumed_g.")
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
-    unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
-    nutrients: list[NutrientTotal] = Field(description="Totals of what was consumed, one entry per component.")
+    unmeasured_items: int = Field(
+        description="Items whose mass is not known; above 0, the totals are incomplete."
+    )
+    nutrients: list[NutrientTotal] = Field(
+        description="Totals of what was consumed, one entry per component."
+    )
 
 
 class LeftoverOut(BaseModel):
@@ -374,9 +441,13 @@ class LeftoverOut(BaseModel):
     model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
 
     id: uuid.UUID = Field(description="The piece's id: the event `set_leftover` names it.")
-    leftover_class: LeftoverClass = Field(alias="class", description="food_left, refuse or unmatched")
+    leftover_class: LeftoverClass = Field(
+        alias="class", description="food_left, refuse or unmatched"
+    )
     item: uuid.UUID | None = Field(description="The item of the meal that it was left of.")
-    is_by_person: bool = Field(description="A person has said so; else it is the server's own match.")
+    is_by_person: bool = Field(
+        description="A person has said so; else it is the server's own match."
+    )
     polygon: list[list[tuple[float, float]]] = Field(
         description="Rings in after_left's upright pixels, holes by the even-odd rule."
     )
@@ -395,12 +466,22 @@ class AfterOut(BaseModel):
         description="null: nothing has come yet; receiving, queued, processing, estimated, needs_review, failed, or "
         "nothing_left, as a person said"
     )
-    due_at: datetime | None = Field(description="Until then the records are provisional; null: no pair is waited for.")
-    captured_at: datetime | None = Field(description="When after_left was taken; null: the phone has not said.")
-    ignored: list[str] = Field(description="Fields that were told of it and that this server does not know.")
-    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: after_left, after_right.")
+    due_at: datetime | None = Field(
+        description="Until then the records are provisional; null: no pair is waited for."
+    )
+    captured_at: datetime | None = Field(
+        description="When after_left was taken; null: the phone has not said."
+    )
+    ignored: list[str] = Field(
+        description="Fields that were told of it and that this server does not know."
+    )
+    images: dict[str, ImageOut] = Field(
+        description="Photographs that have arrived, by slot: after_left, after_right."
+    )
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
-    failure: FailureOut | None = Field(description="Why the pair could not be measured: send another one.")
+    failure: FailureOut | None = Field(
+        description="Why the pair could not be measured: send another one."
+    )
     leftovers: list[LeftoverOut] = Field(description="Pieces that were seen after the meal.")
     artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of the pair's run.")
 
@@ -414,7 +495,9 @@ class MealOut(BaseModel):
     status: MealStatus = Field(
         description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
     )
-    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
+    stage: str | None = Field(
+        description="The pipeline's step while processing; `waits_for_room` between two tries."
+    )
     captured_at: datetime = Field(description=CAPTURED_AT)
     time_zone: str = Field(description=TIME_ZONE)
     local_date: date = Field(description=LOCAL_DATE)
@@ -427,12 +510,19 @@ class MealOut(BaseModel):
     images: dict[str, ImageOut] = Field(
         description="Photographs and depth maps that have arrived, by slot: left, right, view3 ..., left_depth ..."
     )
-    missing: list[str] = Field(description="Announced slots whose photographs or maps have not arrived.")
-    voice_note: VoiceNoteOut | None = Field(
-        default=None, description="A recording by the participant: `GET /v1/meals/{id}/images/voice_note`; null: none."
+    missing: list[str] = Field(
+        description="Announced slots whose photographs or maps have not arrived."
     )
-    failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
-    after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
+    voice_note: VoiceNoteOut | None = Field(
+        default=None,
+        description="A recording by the participant: `GET /v1/meals/{id}/images/voice_note`; null: none.",
+    )
+    failure: FailureOut | None = Field(
+        description="Why the meal could not be measured; null: it has not failed."
+    )
+    after: AfterOut | None = Field(
+        description="null: no after-meal pair has come, and none is waited for."
+    )
     items: list[ItemOut] = Field(description="The foods of the meal, rejected ones too.")
     totals: TotalsOut = Field(description="Sums over the items that count.")
     run: RunOut | None = Field(description="The run that the items come from; null: there is none.")

@@ -37,7 +37,10 @@ class MealStory:
 
 
 def read_story(
-    database: Database, caller: StaffCaller, client_id: uuid.UUID, participant_code: str | None = None
+    database: Database,
+    caller: StaffCaller,
+    client_id: uuid.UUID,
+    participant_code: str | None = None,
 ) -> MealStory:
     """Read the meal with its history. Raises NotFoundError, ConflictError."""
     with database.read() as session:
@@ -47,7 +50,9 @@ def read_story(
             view=meal_view(session, meal, participant, study),
             events=tuple(
                 HistoryRow(event, name or participant, str(event.id) in undone)
-                for event, name in review.page_of_events(session, meal.id, after=0, limit=MAX_EVENTS)
+                for event, name in review.page_of_events(
+                    session, meal.id, after=0, limit=MAX_EVENTS
+                )
             ),
             runs=tuple(records.runs_of(session, meal.id)),
             jobs=tuple(records.jobs_of(session, meal.id)),

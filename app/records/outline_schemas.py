@@ -36,7 +36,9 @@ def _some_area(rings: list[Corners]) -> list[Corners]:
 
 
 Ring = Annotated[list[tuple[Pixel, Pixel]], Field(min_length=MIN_CORNERS, max_length=MOST_CORNERS)]
-Rings = Annotated[list[Corners], Field(min_length=1, max_length=MOST_RINGS), AfterValidator(_some_area)]
+Rings = Annotated[
+    list[Corners], Field(min_length=1, max_length=MOST_RINGS), AfterValidator(_some_area)
+]
 Polygon = Annotated[
     Annotated[Ring, Tag("ring")] | Annotated[Rings, Tag("rings")],
     Discriminator(_depth),

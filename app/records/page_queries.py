@@ -31,7 +31,10 @@ EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same 
 # A local day ends so long after the same day of UTC has begun: the day itself, 12 h in the westernmost zone, 24 h where
 # the study's day starts late, and 24 h where a zone moved over the date line and has no such day (services/meal_time).
 LATEST_END = timedelta(days=3, hours=12)
-BEFORE_ALL = (datetime(1900, 1, 1, tzinfo=UTC), uuid.UUID(int=0))  # the key of no record, before all of them
+BEFORE_ALL = (
+    datetime(1900, 1, 1, tzinfo=UTC),
+    uuid.UUID(int=0),
+)  # the key of no record, before all of them
 CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
 
 MOST_PLANNED = 8  # PostgreSQL plans each branch by itself, in half a millisecond; more of them are given as arrays
@@ -96,9 +99,13 @@ class RecordSearch:
         if not self.is_on_sqlite:
             parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
         every = sa.union_all(*parts).subquery("branch")
-        return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
+        return (
+            sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
+        )
 
-    def _page_by_arrays(self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]) -> sa.CTE:
+    def _page_by_arrays(
+        self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]
+    ) -> sa.CTE:
         """PostgreSQL: one plan for however many branches, each of which gives a page of its own."""
         names = [f"key_{number}" for number in range(len(self.keys))]
         arrays = (
@@ -107,7 +114,9 @@ class RecordSearch:
         )
         listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
         of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
-        statement = sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
+        statement = (
+            sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
+        )
         branch = statement.lateral("branch")
         every = sa.select(branch).select_from(listed.join(branch, sa.true()))
         return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
@@ -129,7 +138,11 @@ def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:
         by, rest = [(record.participant_id, people)], (*of_food, *of_status, *days)
     elif foods is not None:
         searched = studies if studies is not None else all_studies(session)
-        by = [(record.food_id, foods), (record.study_id, searched), (record.status, statuses or RECORD_STATUSES)]
+        by = [
+            (record.food_id, foods),
+            (record.study_id, searched),
+            (record.status, statuses or RECORD_STATUSES),
+        ]
         rest = days
     elif statuses is not None:
         searched = studies if studies is not None else all_studies(session)
@@ -139,7 +152,10 @@ def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:
     else:
         rest = days
     if math.prod(len(values) for _, values in by) > MOST_BRANCHES:
-        of_study, of_person = _one_of(record.study_id, studies), _one_of(record.participant_id, people)
+        of_study, of_person = (
+            _one_of(record.study_id, studies),
+            _one_of(record.participant_id, people),
+        )
         by, rest = [], (*of_study, *of_person, *of_food, *of_status, *days)
     branches = list(itertools.product(*(values for _, values in by)))
     keys = tuple(column for column, _ in by)
@@ -159,7 +175,11 @@ def studies_of(
             return list(study_ids)
         hidden = sandboxes(session)
         if study_ids is None:
-            return sorted(session.scalars(sa.select(Study.id).where(~Study.is_sandbox))) if hidden else None
+            return (
+                sorted(session.scalars(sa.select(Study.id).where(~Study.is_sandbox)))
+                if hidden
+                else None
+            )
         return sorted(study_ids - hidden)
     ids = session.scalars(sa.select(Study.id).where(Study.code == study_code))
     return [study for study in ids if study_ids is None or study in study_ids]
@@ -171,13 +191,20 @@ def all_studies(session: Session, most: int = MOST_BRANCHES) -> list[uuid.UUID]:
 
 
 def participants_of(
-    session: Session, code: str | None, participant_id: uuid.UUID | None, studies: Sequence[uuid.UUID] | None
+    session: Session,
+    code: str | None,
+    participant_id: uuid.UUID | None,
+    studies: Sequence[uuid.UUID] | None,
 ) -> list[uuid.UUID] | None:
     """The participants of this code or id in these studies (None: in all); None: neither is asked for."""
     if code is None and participant_id is None:
         return None
     # through the studies, which are few: there is no index of codes alone
-    query = sa.select(Participant.id).join(Study, Study.id == Participant.study_id).order_by(Participant.id)
+    query = (
+        sa.select(Participant.id)
+        .join(Study, Study.id == Participant.study_id)
+        .order_by(Participant.id)
+    )
     if code is not None:
         query = query.where(Participant.code == code)
     if participant_id is not None:
@@ -193,7 +220,9 @@ def food_ids(session: Session, keys: Sequence[str]) -> list[int]:
 
 
 def within_days(
-    first_day: date | None, last_day: date | None, model: type[Meal | EffectiveRecord] = EffectiveRecord
+    first_day: date | None,
+    last_day: date | None,
+    model: type[Meal | EffectiveRecord] = EffectiveRecord,
 ) -> Conditions:
     """The local days exactly, and bounds of the instant around them, by which an index is entered and left.
 

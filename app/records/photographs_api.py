@@ -14,7 +14,10 @@ from app.records.serve_photo import find_photo, render_photo
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
-ATTACHMENT = {"description": "`attachment`: of a map or a voice note.", "schema": {"type": "string"}}
+ATTACHMENT = {
+    "description": "`attachment`: of a map or a voice note.",
+    "schema": {"type": "string"},
+}
 MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
 
 
@@ -23,7 +26,13 @@ MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
     response_class=Response,
     responses={
         200: {
-            "content": {"image/jpeg": {}, "image/png": {}, "image/tiff": {}, "audio/webm": {}, "audio/mp4": {}},
+            "content": {
+                "image/jpeg": {},
+                "image/png": {},
+                "image/tiff": {},
+                "audio/webm": {},
+                "audio/mp4": {},
+            },
             "description": "The photograph as JPEG, upright, its colours corrected by the marker, without metadata; a "
             "depth or confidence map or a voice note as it is stored.",
             "headers": {
@@ -50,7 +59,10 @@ def get_photograph(
     state: State,
     caller: CurrentCaller,
     width: Annotated[
-        int, Query(ge=MIN_WIDTH_PX, le=MAX_WIDTH_PX, description="At most so many px wide; never enlarged.")
+        int,
+        Query(
+            ge=MIN_WIDTH_PX, le=MAX_WIDTH_PX, description="At most so many px wide; never enlarged."
+        ),
     ] = DEFAULT_WIDTH_PX,
     colour: Annotated[
         Literal["corrected", "as_taken"],
@@ -58,11 +70,17 @@ def get_photograph(
     ] = "corrected",
     participant: OfWhichParticipant = None,
     if_none_match: Annotated[
-        str | None, Header(max_length=500, description="The ETag of what is there already: 304 if it has not changed.")
+        str | None,
+        Header(
+            max_length=500,
+            description="The ETag of what is there already: 304 if it has not changed.",
+        ),
     ] = None,
 ) -> Response:
     """A photograph as JPEG, or the file of a map or voice note, for the study's staff and the phone that sent it."""
-    photo = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")
+    photo = find_photo(
+        state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken"
+    )
     headers = {
         "ETag": photo.etag(width),
         "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
@@ -70,7 +88,11 @@ def get_photograph(
     }
     if is_held(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, photo, width)
+    content = render_photo(
+        state.database, state.blobs, state.part(ApiChildren), state.settings, caller, photo, width
+    )
     if photo.is_file:  # data, not a picture for a browser
-        return answer_part(request, content, photo.media_type, headers | {"Content-Disposition": "attachment"})
+        return answer_part(
+            request, content, photo.media_type, headers | {"Content-Disposition": "attachment"}
+        )
     return Response(content, media_type=photo.media_type, headers=headers)

@@ -37,7 +37,14 @@ from app.meals.meal_parts import FROM_INDEX, MealParts, parts_of, records_of
 from app.meals.meal_time import local_minute, time_flags
 from app.meals.models import AfterStatus, Meal, MealStatus, PieceDetails
 from app.meals.queries import UNESTIMATED
-from app.meals.record_models import EffectiveRecord, ItemCandidate, ItemFood, MassDoubt, RecordDetails, RecordStatus
+from app.meals.record_models import (
+    EffectiveRecord,
+    ItemCandidate,
+    ItemFood,
+    MassDoubt,
+    RecordDetails,
+    RecordStatus,
+)
 from app.nutrition.mass import Mass
 from app.photos.slots import AFTER_SLOTS
 from app.records import queries as records
@@ -50,7 +57,9 @@ SURE = 0.95  # of the index that a hint names the wrong food: a phone is wrong l
 SETTLED = frozenset({"confirmed", "corrected", "rejected"})
 LEARNED = frozenset({"confirmed", "corrected"})  # record's statuses
 NEVER_LEARNED = frozenset({"after", "declared"})  # pieces that were left, and what no camera saw
-UNSEEN = frozenset({"food_version", "run_id", "details"})  # columns that readers of changes do not get
+UNSEEN = frozenset(
+    {"food_version", "run_id", "details"}
+)  # columns that readers of changes do not get
 
 Columns = Mapping[str, Any]
 
@@ -90,12 +99,15 @@ class Projector:
         state = fold_meal(parts)
         self._read_foods(parts, state)
         left = _Leftovers(parts, state)
-        items = tuple(self._item(parts, each, left, state.answers[each.item.id]) for each in state.items)
+        items = tuple(
+            self._item(parts, each, left, state.answers[each.item.id]) for each in state.items
+        )
         assignments: dict[uuid.UUID | None, ItemFood | None] = {
             each.item.id: each.food_assignment for each in state.items
         }
         pieces = [
-            self._piece(each, assignments.get(each.of_item_id, each.state.food_assignment)) for each in state.leftovers
+            self._piece(each, assignments.get(each.of_item_id, each.state.food_assignment))
+            for each in state.leftovers
         ]
         return MealProjection(parts, items, pieces, _status(parts, state, items))
 
@@ -112,14 +124,22 @@ class Projector:
         return self._contents[food_id]
 
     def _read_contents(self, food_ids: set[int]) -> None:
-        for food_id, rows in foods.nutrients_of_each(self._session, food_ids - self._contents.keys()).items():
+        for food_id, rows in foods.nutrients_of_each(
+            self._session, food_ids - self._contents.keys()
+        ).items():
             self._contents[food_id] = {row.component.number: row.per_100_g for row in rows}
 
     def _read_foods(self, parts: MealParts, state: MealState) -> None:
         """Read in two queries what the items of a meal need and is not known yet."""
-        assigned = {each.food_assignment.food_id for each in state.items if each.food_assignment is not None}
-        named = assigned | {row.food_id for candidates in parts.candidates.values() for row in candidates}
-        self._foods |= {food.id: food for food in foods.foods_by_id(self._session, named - self._foods.keys())}
+        assigned = {
+            each.food_assignment.food_id for each in state.items if each.food_assignment is not None
+        }
+        named = assigned | {
+            row.food_id for candidates in parts.candidates.values() for row in candidates
+        }
+        self._foods |= {
+            food.id: food for food in foods.foods_by_id(self._session, named - self._foods.keys())
+        }
         self._read_contents(assigned)
 
     def _item(
@@ -129,8 +149,14 @@ class Projector:
         food = self.food(food_assignment.food_id) if food_assignment is not None else None
         by_index = self._by_index(parts, state)
         of_food = self._food_flags(state, by_index)
-        flags = [*state.flags, *leftovers.flags_of(state), *time_flags(meal.origin, meal.captured_at, meal.received_at)]
-        if _is_implausible(state, weighing_of(food_assignment) if food_assignment is not None else None):
+        flags = [
+            *state.flags,
+            *leftovers.flags_of(state),
+            *time_flags(meal.origin, meal.captured_at, meal.received_at),
+        ]
+        if _is_implausible(
+            state, weighing_of(food_assignment) if food_assignment is not None else None
+        ):
             flags.append(IMPLAUSIBLE_AMOUNT)
         amounts = None
         if food_assignment is not None and food is not None and state.is_live:
@@ -144,7 +170,9 @@ class Projector:
                 left=leftovers.masses(state, weighing),
                 share=state.share,
             )
-        status = _record_status(state, amounts, is_doubtful=IMPLAUSIBLE_AMOUNT in flags and not state.reviewed)
+        status = _record_status(
+            state, amounts, is_doubtful=IMPLAUSIBLE_AMOUNT in flags and not state.reviewed
+        )
         columns = {
             "item_id": state.item.id,
             "meal_id": meal.id,
@@ -169,14 +197,20 @@ class Projector:
             "details": _details(state, amounts, food, answers),
         }
         if state.is_live:  # what the flags of the food say is in the probability already
-            columns["doubt"] = _doubt(self._probability(state, by_index) if of_food else 1.0, amounts, flags)
+            columns["doubt"] = _doubt(
+                self._probability(state, by_index) if of_food else 1.0, amounts, flags
+            )
         return ItemProjection(state, columns, _entry(parts, state, status, food))
 
     def _piece(self, leftover: LeftoverState, food_assignment: ItemFood | None) -> PieceDetails:
         """A piece of the after-meal pair. food_assignment: by which it is weighed."""
         state, amount = leftover.state, leftover.state.amount
         food = self.food(food_assignment.food_id) if food_assignment is not None else None
-        mass = served_mass(weighing_of(food_assignment), amount) if food_assignment is not None else None
+        mass = (
+            served_mass(weighing_of(food_assignment), amount)
+            if food_assignment is not None
+            else None
+        )
         low_ml, high_ml = amount.volume_low_ml, amount.volume_high_ml
         return {
             "id": str(state.item.id),
@@ -186,9 +220,13 @@ class Projector:
             "polygon": list(state.rings),
             "food": {"key": food.key, "name": food.name} if food is not None else None,
             "volume_ml": amount.volume_ml,
-            "volume_interval_ml": [low_ml, high_ml] if low_ml is not None and high_ml is not None else None,
+            "volume_interval_ml": [low_ml, high_ml]
+            if low_ml is not None and high_ml is not None
+            else None,
             "mass_g": mass.as_seen_g.value if mass is not None else None,
-            "mass_interval_g": [mass.as_seen_g.low, mass.as_seen_g.high] if mass is not None else None,
+            "mass_interval_g": [mass.as_seen_g.low, mass.as_seen_g.high]
+            if mass is not None
+            else None,
             "flags": [*state.flags, *leftover.flags],
         }
 
@@ -211,7 +249,9 @@ class Projector:
             return [FOOD_IDENTIFIED]
         if not by_index or (by_index[0].probability or 0.0) < SURE:
             return []
-        is_other = self.food(by_index[0].food_id).key != self.food(state.food_assignment.food_id).key
+        is_other = (
+            self.food(by_index[0].food_id).key != self.food(state.food_assignment.food_id).key
+        )
         return [FOOD_DOUBTFUL] if is_other else []
 
     def _probability(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> float:
@@ -219,7 +259,9 @@ class Projector:
         if state.food_assignment is None:
             return 0.0
         key = self.food(state.food_assignment.food_id).key
-        return next((row.probability or 0.0 for row in by_index if self.food(row.food_id).key == key), 0.0)
+        return next(
+            (row.probability or 0.0 for row in by_index if self.food(row.food_id).key == key), 0.0
+        )
 
 
 class _Leftovers:
@@ -227,7 +269,9 @@ class _Leftovers:
 
     def __init__(self, parts: MealParts, state: MealState) -> None:
         self._state = state
-        self._is_measured = parts.after_run is not None and parts.meal.after_status in AFTER_MEASURED
+        self._is_measured = (
+            parts.after_run is not None and parts.meal.after_status in AFTER_MEASURED
+        )
         self._has_failed = parts.meal.after_status == "failed"
         self._live = [each for each in state.leftovers if each.state.is_live]
 
@@ -305,7 +349,9 @@ def write_records(session: Session, projection: MealProjection) -> int:
 def count_stale(session: Session, projection: MealProjection) -> int:
     """Of how many items of a meal what is stored is not what write_records would write."""
     moved = set(_stale_entries(session, projection)) | _stale_pieces(projection)
-    return len(moved.union(columns["item_id"] for _, columns in _stale_records(session, projection)))
+    return len(
+        moved.union(columns["item_id"] for _, columns in _stale_records(session, projection))
+    )
 
 
 def differences(row: Base, columns: Columns) -> list[str]:
@@ -324,11 +370,17 @@ def _put(session: Session, table: type[Base], row: Base | None, columns: Columns
             setattr(row, name, value)
 
 
-def _stale_records(session: Session, projection: MealProjection) -> list[tuple[EffectiveRecord | None, Columns]]:
+def _stale_records(
+    session: Session, projection: MealProjection
+) -> list[tuple[EffectiveRecord | None, Columns]]:
     """(the record that is there, the columns that it should have) of the items where they differ."""
     stored = records_of(session, projection.parts.meal.id)
     pairs = [(stored.get(item.state.item.id), item.columns) for item in projection.items]
-    return [(record, columns) for record, columns in pairs if record is None or differences(record, columns)]
+    return [
+        (record, columns)
+        for record, columns in pairs
+        if record is None or differences(record, columns)
+    ]
 
 
 def _stale_entries(
@@ -337,11 +389,14 @@ def _stale_entries(
     """Item -> (its entry in the index, the columns that it should have; None: no entry), where they differ."""
     stored = index_entries.entries_of_meal(session, projection.parts.meal.id)
     projected = {item.state.item.id: item.entry for item in projection.items}
-    pairs = {item_id: (stored.get(item_id), projected.get(item_id)) for item_id in {*stored, *projected}}
+    pairs = {
+        item_id: (stored.get(item_id), projected.get(item_id)) for item_id in {*stored, *projected}
+    }
     return {
         item_id: (entry, columns)
         for item_id, (entry, columns) in pairs.items()
-        if (entry is None) != (columns is None) or (entry is not None and columns and differences(entry, columns))
+        if (entry is None) != (columns is None)
+        or (entry is not None and columns and differences(entry, columns))
     }
 
 
@@ -349,7 +404,9 @@ def _stale_pieces(projection: MealProjection) -> set[uuid.UUID]:
     """The pieces of the after-meal pair that are stored otherwise, or not at all."""
     stored = {piece["id"]: piece for piece in projection.parts.meal.leftovers}
     projected = {piece["id"]: piece for piece in projection.leftovers}
-    return {uuid.UUID(name) for name in {*stored, *projected} if stored.get(name) != projected.get(name)}
+    return {
+        uuid.UUID(name) for name in {*stored, *projected} if stored.get(name) != projected.get(name)
+    }
 
 
 def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
@@ -362,7 +419,10 @@ def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
 def _details(
     state: ItemState, amounts: FoodAmounts | None, food: Food | None, answers: frozenset[str]
 ) -> RecordDetails:
-    is_own, probes = state.rings == state.item.rings, food.probes if food is not None and state.is_live else ()
+    is_own, probes = (
+        state.rings == state.item.rings,
+        food.probes if food is not None and state.is_live else (),
+    )
     return {
         "rings": None if is_own else list(state.rings),
         "served": _term(amounts.mass) if amounts is not None and amounts.mass is not None else None,
@@ -373,7 +433,12 @@ def _details(
 
 def _term(mass: Mass) -> MassDoubt:
     doubt = mass.doubt
-    return {"edible_g": mass.edible_g.value, "pair": doubt.pair, "density": doubt.density, "item": doubt.item}
+    return {
+        "edible_g": mass.edible_g.value,
+        "pair": doubt.pair,
+        "density": doubt.density,
+        "item": doubt.item,
+    }
 
 
 def _entry(parts: MealParts, state: ItemState, status: str, food: Food | None) -> Columns | None:
@@ -401,7 +466,9 @@ def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]
     """Of an item that counts. probability: that it is the food that it is taken for."""
     if amounts is None or amounts.mass is None:
         return UNKNOWN
-    return review_doubt(probability, amounts.consumed_g, amounts.mass.edible_g.value * amounts.share, flags)
+    return review_doubt(
+        probability, amounts.consumed_g, amounts.mass.edible_g.value * amounts.share, flags
+    )
 
 
 def _is_implausible(state: ItemState, weighing: Weighing | None) -> bool:
@@ -419,7 +486,9 @@ def _is_implausible(state: ItemState, weighing: Weighing | None) -> bool:
     )
 
 
-def _record_status(state: ItemState, amounts: FoodAmounts | None, *, is_doubtful: bool) -> RecordStatus:
+def _record_status(
+    state: ItemState, amounts: FoodAmounts | None, *, is_doubtful: bool
+) -> RecordStatus:
     if state.decision == "rejected":
         return "rejected"
     if amounts is None or amounts.consumed_g is None or is_doubtful:
@@ -427,10 +496,16 @@ def _record_status(state: ItemState, amounts: FoodAmounts | None, *, is_doubtful
     return state.decision or "proposed"
 
 
-def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> MealStatus | None:
+def _status(
+    parts: MealParts, state: MealState, items: Sequence[ItemProjection]
+) -> MealStatus | None:
     """The meal's status where a run or a person has spoken: it is confirmed when a person has settled all of it."""
     meal, run = parts.meal, parts.run
-    if meal.status in UNESTIMATED and meal.origin == "photographed" and (run is None or parts.waits_for_run):
+    if (
+        meal.status in UNESTIMATED
+        and meal.origin == "photographed"
+        and (run is None or parts.waits_for_run)
+    ):
         return None
     statuses = [item.columns["status"] for item in items if item.state.stands]
     if "needs_review" in statuses:
@@ -467,7 +542,11 @@ def _after_status(session: Session, meal: Meal, state: MealState) -> AfterStatus
         is_open = any(_is_open(each) for each in state.leftovers if each.state.is_live)
         return "needs_review" if is_open else "estimated"
     if state.nothing_left:
-        return "nothing_left" if meal.after_status in (None, "receiving", "failed") else meal.after_status
+        return (
+            "nothing_left"
+            if meal.after_status in (None, "receiving", "failed")
+            else meal.after_status
+        )
     if meal.after_status != "nothing_left":
         return meal.after_status
     if meal.after_failure_code is not None:  # the word was taken back: as it was before

@@ -29,14 +29,20 @@ ITEMS = (
     .join(Item, Item.id == EffectiveRecord.item_id)
     .outerjoin(
         ItemFood,
-        sa.and_(ItemFood.item_id == EffectiveRecord.item_id, ItemFood.version == EffectiveRecord.food_version),
+        sa.and_(
+            ItemFood.item_id == EffectiveRecord.item_id,
+            ItemFood.version == EffectiveRecord.food_version,
+        ),
     )
     .outerjoin(Food, Food.id == EffectiveRecord.food_id)
     .where(EffectiveRecord.meal_id == OF_MEAL)
     .order_by(Item.position, Item.id)
 )
 HAS_RESULTS = sa.select(
-    sa.or_(sa.exists().where(Run.meal_id == OF_MEAL), sa.exists().where(EffectiveRecord.meal_id == OF_MEAL))
+    sa.or_(
+        sa.exists().where(Run.meal_id == OF_MEAL),
+        sa.exists().where(EffectiveRecord.meal_id == OF_MEAL),
+    )
 )
 
 
@@ -76,7 +82,9 @@ class ItemRow(NamedTuple):
     food: Food | None
 
 
-def page_of_records(session: Session, chosen: RowFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
+def page_of_records(
+    session: Session, chosen: RowFilter, *, after: Key | None, limit: int
+) -> list[RecordRow]:
     """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
     search = search_of(session, chosen)
     if search is None:
@@ -91,7 +99,10 @@ def rows_of_page(session: Session, page: sa.CTE) -> list[RecordRow]:
 
 
 def rows_of_records(
-    session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[AnyColumn], limit: int
+    session: Session,
+    where: Sequence[sa.ColumnElement[bool]],
+    order: Sequence[AnyColumn],
+    limit: int,
 ) -> list[RecordRow]:
     """At most `limit` records that fulfil the conditions, in this order."""
     return _with_days(session, _rows(EffectiveRecord).where(*where).order_by(*order).limit(limit))
@@ -99,12 +110,20 @@ def rows_of_records(
 
 def runs_of(session: Session, meal_id: uuid.UUID) -> list[Run]:
     """Return all runs of a meal, of every purpose, oldest first."""
-    return list(session.scalars(sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at, Run.id)))
+    return list(
+        session.scalars(
+            sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at, Run.id)
+        )
+    )
 
 
 def jobs_of(session: Session, meal_id: uuid.UUID) -> list[Job]:
     """Return all jobs of a meal, oldest first. A run has its job's id."""
-    return list(session.scalars(sa.select(Job).where(Job.meal_id == meal_id).order_by(Job.enqueued_at, Job.id)))
+    return list(
+        session.scalars(
+            sa.select(Job).where(Job.meal_id == meal_id).order_by(Job.enqueued_at, Job.id)
+        )
+    )
 
 
 def recomputes_of(session: Session, meal_id: uuid.UUID) -> list[Recompute]:
@@ -114,7 +133,11 @@ def recomputes_of(session: Session, meal_id: uuid.UUID) -> list[Recompute]:
         .join(Item, Item.id == ItemFood.item_id)
         .where(Item.meal_id == meal_id, ItemFood.recompute_id.is_not(None))
     )
-    return list(session.scalars(sa.select(Recompute).where(Recompute.id.in_(ids)).order_by(Recompute.started_at)))
+    return list(
+        session.scalars(
+            sa.select(Recompute).where(Recompute.id.in_(ids)).order_by(Recompute.started_at)
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +151,12 @@ class StudyRecords:
 
 
 def records_by_study(
-    session: Session, food_ids: Collection[int], study_ids: Collection[uuid.UUID] | None, *, most: int, studies: int
+    session: Session,
+    food_ids: Collection[int],
+    study_ids: Collection[uuid.UUID] | None,
+    *,
+    most: int,
+    studies: int,
 ) -> list[StudyRecords]:
     """Return the first `studies` of these studies (None: of all) by code, with at most `most` records of these foods.
 
@@ -136,7 +164,11 @@ def records_by_study(
     """
     counted = (
         sa.select(sa.literal(1))
-        .where(EffectiveRecord.food_id.in_(food_ids), EffectiveRecord.study_id == Study.id, holds(EffectiveRecord))
+        .where(
+            EffectiveRecord.food_id.in_(food_ids),
+            EffectiveRecord.study_id == Study.id,
+            holds(EffectiveRecord),
+        )
         .limit(most)
         .correlate(Study)
         .subquery()
@@ -198,13 +230,20 @@ def items_of_meal(session: Session, meal_id: uuid.UUID) -> list[ItemRow]:
 
 def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
     """A run's pictures and point clouds by name."""
-    return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
+    return list(
+        session.scalars(
+            sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)
+        )
+    )
 
 
 def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
     """Count a change of the study; the counter's row stays locked until commit, so numbers appear in order."""
     query = (
-        sa.update(Study).where(Study.id == study_id).values(change_seq=Study.change_seq + 1).returning(Study.change_seq)
+        sa.update(Study)
+        .where(Study.id == study_id)
+        .values(change_seq=Study.change_seq + 1)
+        .returning(Study.change_seq)
     )
     return session.execute(query).scalar_one()
 
@@ -232,7 +271,10 @@ def _rows(source: sa.FromClause | type[EffectiveRecord]) -> AnyQuery:
         .join(Participant, Participant.id == record.participant_id)
         .outerjoin(
             DiaryDay,
-            sa.and_(DiaryDay.participant_id == record.participant_id, DiaryDay.local_date == record.local_date),
+            sa.and_(
+                DiaryDay.participant_id == record.participant_id,
+                DiaryDay.local_date == record.local_date,
+            ),
         )
         .outerjoin(Food, Food.id == record.food_id)
         .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)

@@ -32,7 +32,9 @@ from app.people.participants import require_in_study
 from app.records import queries as records
 from app.storage.blob_store import BlobStore
 
-NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
+NOBODY_KNOWS = MassTotal(
+    None, 0
+)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,9 @@ class MealView:
     run: Run | None = None
     artefacts: tuple[RunArtefact, ...] = ()
     items: tuple[ItemView, ...] = ()
-    components: Mapping[str, Component] = field(default_factory=dict)  # by number: those that the items have figures of
+    components: Mapping[str, Component] = field(
+        default_factory=dict
+    )  # by number: those that the items have figures of
     total_mass: MassTotal = NOBODY_KNOWS
     totals: Mapping[str, NutrientTotal] = field(default_factory=dict)
     leftovers: tuple[PieceDetails, ...] = ()
@@ -102,7 +106,9 @@ def lock_meal_of(
         require_in_study(session, caller.participant_id)
     meal, participant, study = find_meal(session, caller, client_id, participant_code)
     locked = lock_with_person(session, meal)
-    if locked is None or locked.client_id != client_id:  # erased or anonymised while this waited for the lock
+    if (
+        locked is None or locked.client_id != client_id
+    ):  # erased or anonymised while this waited for the lock
         raise NotFoundError("There is no such meal.")
     return locked, participant, study
 
@@ -124,17 +130,30 @@ def read_meal(
 
 def meal_view(session: Session, meal: Meal, participant_code: str, study_code: str) -> MealView:
     """A meal as it is stored by now: nothing of it is projected anew."""
-    is_bare = meal.status in meals.UNESTIMATED and not records.has_results(session, meal.id)  # phones ask for it most
+    is_bare = meal.status in meals.UNESTIMATED and not records.has_results(
+        session, meal.id
+    )  # phones ask for it most
     runs = {} if is_bare else records.last_runs(session, meal.id)
     run, after_run = runs.get("meal"), runs.get("after")
     rows = [] if is_bare else records.items_of_meal(session, meal.id)
-    candidates = candidates_of_records(session, [(row.record, row.item) for row in rows]) if rows else {}
-    nutrients = foods.nutrients_of_each(session, {row.food.id for row in rows if row.food is not None}) if rows else {}
+    candidates = (
+        candidates_of_records(session, [(row.record, row.item) for row in rows]) if rows else {}
+    )
+    nutrients = (
+        foods.nutrients_of_each(session, {row.food.id for row in rows if row.food is not None})
+        if rows
+        else {}
+    )
     contents = {
-        food_id: {each.component.number: each.per_100_g for each in amounts} for food_id, amounts in nutrients.items()
+        food_id: {each.component.number: each.per_100_g for each in amounts}
+        for food_id, amounts in nutrients.items()
     }
     items = tuple(
-        _item(row, candidates[row.record.item_id], contents[row.food.id] if row.food is not None else {})
+        _item(
+            row,
+            candidates[row.record.item_id],
+            contents[row.food.id] if row.food is not None else {},
+        )
         for row in rows
     )
     portions = [portion for item in items for portion in _portions(item)]
@@ -146,11 +165,17 @@ def meal_view(session: Session, meal: Meal, participant_code: str, study_code: s
         run=run,
         artefacts=tuple(records.artefacts_of(session, run.id)) if run is not None else (),
         items=items,
-        components={each.component.number: each.component for amounts in nutrients.values() for each in amounts},
+        components={
+            each.component.number: each.component
+            for amounts in nutrients.values()
+            for each in amounts
+        },
         total_mass=total_mass(portions) if portions or meal.status == "confirmed" else NOBODY_KNOWS,
         totals=total_nutrients(portions),
         leftovers=tuple(meal.leftovers),
-        after_artefacts=tuple(records.artefacts_of(session, after_run.id)) if after_run is not None else (),
+        after_artefacts=tuple(records.artefacts_of(session, after_run.id))
+        if after_run is not None
+        else (),
     )
 
 
@@ -178,16 +203,29 @@ def open_artefact(
     if artefact is None and is_erased:
         raise GoneError("The pictures of this meal were erased.", code="photograph_erased")
     if artefact is None:
-        raise NotFoundError(f"This meal has no artefact {name!r}: GET the meal to see which it has.")
+        raise NotFoundError(
+            f"This meal has no artefact {name!r}: GET the meal to see which it has."
+        )
     with database.write() as session:  # it shows the meal, as its photographs do
-        audit.note(session, caller, "photograph.read", study_id=meal.study_id, subject=meal.alias, artefact=name)
+        audit.note(
+            session,
+            caller,
+            "photograph.read",
+            study_id=meal.study_id,
+            subject=meal.alias,
+            artefact=name,
+        )
     return artefact, blobs.stream(artefact.blob_key)
 
 
-def _item(row: records.ItemRow, candidates: ItemCandidates, per_100_g: Mapping[str, float]) -> ItemView:
+def _item(
+    row: records.ItemRow, candidates: ItemCandidates, per_100_g: Mapping[str, float]
+) -> ItemView:
     eaten = row.record.eaten_g
     nutrients = nutrients_in(per_100_g, eaten) if eaten is not None else {}
-    return ItemView(row.record, row.item, row.food_assignment, row.food, candidates, per_100_g, nutrients)
+    return ItemView(
+        row.record, row.item, row.food_assignment, row.food, candidates, per_100_g, nutrients
+    )
 
 
 def _portions(view: ItemView) -> Iterator[Portion]:

@@ -56,7 +56,9 @@ class Described:
 def check_index(database: Database, *, study_code: str | None) -> Described:
     """What rebuild_index would do; changes nothing and opens no photograph. Raises NotFoundError for no such study."""
     with database.read() as session:
-        described = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+        described = Described(
+            kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code))
+        )
     for meal_id in _meals(database, study_code):
         with database.read() as session:
             count = len(vectors.regions_to_describe(session, meal_id, VCM_VERSION))
@@ -66,14 +68,21 @@ def check_index(database: Database, *, study_code: str | None) -> Described:
 
 
 def rebuild_index(
-    database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, *, study_code: str | None
+    database: Database,
+    blobs: BlobStore,
+    children: ChildPool,
+    settings: Settings,
+    *,
+    study_code: str | None,
 ) -> Described:
     """Describe what has no vector of the current version.
 
     Raises NotFoundError for no such study, UnavailableError where no child process starts.
     """
     with database.read() as session:
-        described = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+        described = Described(
+            kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code))
+        )
     for meal_id in _meals(database, study_code):
         done = _describe_meal(database, blobs, children, settings, meal_id)
         described = _plus(described, **asdict(done))
@@ -81,7 +90,11 @@ def rebuild_index(
 
 
 def _describe_meal(
-    database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, meal_id: uuid.UUID
+    database: Database,
+    blobs: BlobStore,
+    children: ChildPool,
+    settings: Settings,
+    meal_id: uuid.UUID,
 ) -> Described:
     with database.read() as session:
         regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
@@ -124,23 +137,36 @@ def _vectors(
     try:
         ended = children.run(request, lambda _: None, seconds=SECONDS)
     except ChildStartError as error:
-        raise UnavailableError("No child process starts that could read photographs: see the log.") from error
+        raise UnavailableError(
+            "No child process starts that could read photographs: see the log."
+        ) from error
     if ended.is_passing:
         raise UnavailableError("The machine is too busy to read photographs: try again later.")
     if ended.outcome != "ok" or ended.result["failure"] is not None:
-        log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
+        log.error(
+            "regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0]
+        )
         return [None] * len(regions)
-    return [VcmAnswer.model_validate(one).vector if one is not None else None for one in ended.result["vcms"]]
+    return [
+        VcmAnswer.model_validate(one).vector if one is not None else None
+        for one in ended.result["vcms"]
+    ]
 
 
 def _write(
-    database: Database, meal_id: uuid.UUID, regions: Sequence[SeenRegion], made: Sequence[bytes | None]
+    database: Database,
+    meal_id: uuid.UUID,
+    regions: Sequence[SeenRegion],
+    made: Sequence[bytes | None],
 ) -> Described:
     with database.write() as session:
         meal = meals.lock_meal(session, meal_id)
         if meal is None or vectors.photograph_of(session, meal_id) is None:  # erased meanwhile
             return Described(gone=len(regions))
-        bare = {(one.item_id, one.run_id) for one in vectors.regions_to_describe(session, meal_id, VCM_VERSION)}
+        bare = {
+            (one.item_id, one.run_id)
+            for one in vectors.regions_to_describe(session, meal_id, VCM_VERSION)
+        }
         now = datetime.now(UTC)
         new = [
             ItemIdentification(
@@ -153,13 +179,16 @@ def _write(
                 created_at=now,
             )
             for region, vector in zip(regions, made, strict=True)
-            if vector is not None and (region.item_id, region.run_id) in bare  # another command may have been quicker
+            if vector is not None
+            and (region.item_id, region.run_id) in bare  # another command may have been quicker
         ]
         session.add_all(new)
         session.flush()
         write_records(session, Projector(session).project(parts_of(session, [meal])[0]))
     unreadable = sum(vector is None for vector in made)
-    return Described(kept=len(made) - unreadable - len(new), described=len(new), unreadable=unreadable)
+    return Described(
+        kept=len(made) - unreadable - len(new), described=len(new), unreadable=unreadable
+    )
 
 
 def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:
@@ -168,7 +197,9 @@ def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:
     while True:
         with database.read() as session:
             study_id = _study_id(session, study_code)
-            batch = vectors.meals_to_describe(session, VCM_VERSION, after=after, limit=BATCH, study_id=study_id)
+            batch = vectors.meals_to_describe(
+                session, VCM_VERSION, after=after, limit=BATCH, study_id=study_id
+            )
         yield from batch
         if len(batch) < BATCH:
             return
@@ -186,4 +217,6 @@ def _asked(region: SeenRegion) -> dict[str, Any]:
 
 
 def _plus(counted: Described, **more: int) -> Described:
-    return replace(counted, **{name: getattr(counted, name) + number for name, number in more.items()})
+    return replace(
+        counted, **{name: getattr(counted, name) + number for name, number in more.items()}
+    )

@@ -32,4 +32,8 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
             for parts in parts_of(session, batch):
                 projection = projector.project(parts)
                 compared += len(projection.items)
-                different += write_records(session, projection) if write else count_stale(session, projection)
+                different += (
+                    write_records(session, projection)
+                    if write
+                    else count_stale(session, projection)
+                )

@@ -56,7 +56,13 @@ Listener = Callable[[RecordDifference], None]
 
 
 def recompute_nutrients(
-    database: Database, *, write: bool, author: str, reason: str, study_code: str | None = None, tell: Listener
+    database: Database,
+    *,
+    write: bool,
+    author: str,
+    reason: str,
+    study_code: str | None = None,
+    tell: Listener,
 ) -> Recomputed:
     """Compare every record with what its food comes to now; with `write`, make new ones of those that differ.
 
@@ -90,7 +96,11 @@ class _Recomputation:
         self.done = Recomputed()
         self._write = write
         self._row = Recompute(
-            id=uuid.uuid4(), author=author, reason=reason, food_releases=[], started_at=datetime.now(UTC)
+            id=uuid.uuid4(),
+            author=author,
+            reason=reason,
+            food_releases=[],
+            started_at=datetime.now(UTC),
         )
         self._is_noted = False
         self._weighings: dict[tuple[int, uuid.UUID, str | None], Weighing] = {}
@@ -99,12 +109,22 @@ class _Recomputation:
         """The differences of the items of these meals, written if so wanted."""
         projector = Projector(session)
         before = [projector.project(parts) for parts in parts_of(session, batch)]
-        keys = {projector.food(row.food_id).key for meal in before for row in _food_assignments(meal)}
+        keys = {
+            projector.food(row.food_id).key for meal in before for row in _food_assignments(meal)
+        }
         in_force = foods.foods_by_key(session, keys)
-        return [difference for meal in before for difference in self._meal(session, projector, meal, in_force)]
+        return [
+            difference
+            for meal in before
+            for difference in self._meal(session, projector, meal, in_force)
+        ]
 
     def _meal(
-        self, session: Session, projector: Projector, before: MealProjection, in_force: Mapping[str, Food]
+        self,
+        session: Session,
+        projector: Projector,
+        before: MealProjection,
+        in_force: Mapping[str, Food],
     ) -> list[RecordDifference]:
         rows = []
         for row in _food_assignments(before):
@@ -134,7 +154,9 @@ class _Recomputation:
     ) -> list[ItemFood]:
         """The row that takes this one's place, by the same word as it, if figures or weighing are others by now."""
         weighing = self._weighing(session, food, parts.meal.study_id, row.lies_as)
-        if projector.contents(food.id) == projector.contents(row.food_id) and weighing == weighing_of(row):
+        if projector.contents(food.id) == projector.contents(
+            row.food_id
+        ) and weighing == weighing_of(row):
             return []
         version = 1 + max(each.version for each in parts.foods[row.item_id])
         newer = item_food(
@@ -158,7 +180,9 @@ class _Recomputation:
             session.flush()
             self._is_noted = True
 
-    def _weighing(self, session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
+    def _weighing(
+        self, session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None
+    ) -> Weighing:
         key = (food.id, study_id, lies_as)
         if key not in self._weighings:
             self._weighings[key] = weighing_for(session, food, study_id, lies_as)
@@ -174,13 +198,19 @@ def _food_assignments(meal: MealProjection) -> list[ItemFood]:
     ]
 
 
-def _difference(session: Session, projector: Projector, after: MealProjection, row: ItemFood) -> RecordDifference:
+def _difference(
+    session: Session, projector: Projector, after: MealProjection, row: ItemFood
+) -> RecordDifference:
     record = session.get_one(EffectiveRecord, row.item_id)
     computed = next(item.columns for item in after.items if item.state.item.id == row.item_id)
     columns = {
-        name: (getattr(record, name), computed[name]) for name in COMPARED if getattr(record, name) != computed[name]
+        name: (getattr(record, name), computed[name])
+        for name in COMPARED
+        if getattr(record, name) != computed[name]
     }
-    return RecordDifference(row.item_id, after.parts.meal.client_id, projector.food(row.food_id).key, columns)
+    return RecordDifference(
+        row.item_id, after.parts.meal.client_id, projector.food(row.food_id).key, columns
+    )
 
 
 def _study_id(database: Database, study_code: str | None) -> uuid.UUID | None:

@@ -39,11 +39,16 @@ from app.records.schemas import RecordOut
 def shared_columns(table: type[Base], schema: type[BaseModel]) -> tuple[str, ...]:
     """Columns that an answer shows as they are stored, under their own names; `id` means another one there."""
     return tuple(
-        each.name for each in table.__table__.columns if each.name in schema.model_fields and each.name != "id"
+        each.name
+        for each in table.__table__.columns
+        if each.name in schema.model_fields and each.name != "id"
     )
 
 
-RECORD_SHOWN, ITEM_COLUMNS = shared_columns(EffectiveRecord, RecordOut), shared_columns(EffectiveRecord, ItemOut)
+RECORD_SHOWN, ITEM_COLUMNS = (
+    shared_columns(EffectiveRecord, RecordOut),
+    shared_columns(EffectiveRecord, ItemOut),
+)
 MEAL_COLUMNS = shared_columns(Meal, MealOut)
 RUN_COLUMNS = (*shared_columns(Run, RunOut), "id")
 
@@ -89,7 +94,9 @@ def render_after(view: MealView) -> AfterOut | None:
         ignored=details.get("ignored", []) if details is not None else [],
         images=images,
         missing=missing,
-        failure=_failure(meal.after_failure_code, meal.after_failure_message, meal.after_failure_advice),
+        failure=_failure(
+            meal.after_failure_code, meal.after_failure_message, meal.after_failure_advice
+        ),
         leftovers=[LeftoverOut.model_validate(piece) for piece in view.leftovers],
         artefacts=[_artefact(meal, artefact, "?pair=after") for artefact in view.after_artefacts],
     )
@@ -120,18 +127,27 @@ def food_ref(food: Food | FoodName | None) -> FoodRef | None:
 
 def render_candidates(candidates: ItemCandidates) -> list[CandidateOut]:
     """The foods that an item may be."""
-    return [CandidateOut.model_validate(each, from_attributes=True) for each in candidates.candidates]
+    return [
+        CandidateOut.model_validate(each, from_attributes=True) for each in candidates.candidates
+    ]
 
 
 def _images(view: MealView, slots: Sequence[str]) -> tuple[dict[str, ImageOut], list[str]]:
     """The photographs of these slots that have arrived, and the slots that are missing."""
     arrived = {image.slot: image for image in view.images}
-    images = {slot: ImageOut.model_validate(arrived[slot], from_attributes=True) for slot in slots if slot in arrived}
+    images = {
+        slot: ImageOut.model_validate(arrived[slot], from_attributes=True)
+        for slot in slots
+        if slot in arrived
+    }
     return images, [slot for slot in slots if slot not in arrived]
 
 
 def _voice_note(view: MealView) -> VoiceNoteOut | None:
-    note = next((image for image in view.images if image.slot == VOICE_NOTE and image.erased_at is None), None)
+    note = next(
+        (image for image in view.images if image.slot == VOICE_NOTE and image.erased_at is None),
+        None,
+    )
     return VoiceNoteOut.model_validate(note, from_attributes=True) if note is not None else None
 
 
@@ -155,7 +171,9 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
     return ItemOut(
         **{name: getattr(record, name) for name in ITEM_COLUMNS},
         id=record.item_id,
-        polygon=[[(x, y) for x, y in ring] for ring in (view.item.rings if rings is None else rings)],
+        polygon=[
+            [(x, y) for x, y in ring] for ring in (view.item.rings if rings is None else rings)
+        ],
         food=food_ref(view.food),
         lies_as=stored_word(row.lies_as, FOOD_FORMS) if row else None,
         candidates=render_candidates(view.candidates),
@@ -179,7 +197,9 @@ def _nutrients(view: ItemView, components: Mapping[str, Component]) -> Iterator[
         return
     for number, amount in view.nutrients.items():
         interval = amount_interval(amount, eaten)
-        yield NutrientAmount(**_component(components[number]), amount=amount.value, interval=interval)
+        yield NutrientAmount(
+            **_component(components[number]), amount=amount.value, interval=interval
+        )
 
 
 def _totals(view: MealView) -> TotalsOut:

@@ -24,14 +24,18 @@ class RecordOfItem(BaseModel):
     captured_at: datetime = Field(description=RECORD["captured_at"])
     time_zone: str = Field(description=RECORD["time_zone"])
     local_date: date = Field(description=RECORD["local_date"])
-    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
+    upload_delay_seconds: float = Field(
+        description="From eating to the first of the meal on the server."
+    )
     status: RecordStatus = Field(description=RECORD["status"])
     origin: ItemOrigin = Field(description=RECORD["origin"])
     provisional: bool = Field(description=RECORD["provisional"])
     reviewed: bool = Field(description=RECORD["reviewed"])
     food: FoodRef | None = Field(description=FOOD)
     food_table: str | None = Field(description=RECORD["food_table"])
-    volume_ml: float | None = Field(description="Null where it could not be measured: a person must set an amount.")
+    volume_ml: float | None = Field(
+        description="Null where it could not be measured: a person must set an amount."
+    )
     volume_low_ml: float | None = Field(description=RECORD["volume_low_ml"])
     volume_high_ml: float | None = Field(description=RECORD["volume_high_ml"])
     density_g_per_ml: float | None = Field(
@@ -44,7 +48,9 @@ class RecordOfItem(BaseModel):
     edible_g: float | None = Field(description="As served, without peel, core and bone.")
     share: float = Field(description="The participant's share of a dish that is shared.")
     left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
-    consumed_g: float | None = Field(description="(edible - left) x share: the components are of it. Signed.")
+    consumed_g: float | None = Field(
+        description="(edible - left) x share: the components are of it. Signed."
+    )
     consumed_low_g: float | None = Field(description=RECORD["consumed_low_g"])
     consumed_high_g: float | None = Field(description=RECORD["consumed_high_g"])
     energy_kcal: float | None = Field(description=RECORD["energy_kcal"])

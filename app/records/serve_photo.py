@@ -101,7 +101,9 @@ def find_photo(
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
-        image = next((each for each in meals.images_of(session, meal.id) if each.slot == slot), None)
+        image = next(
+            (each for each in meals.images_of(session, meal.id) if each.slot == slot), None
+        )
         run = None if as_taken or slot in FILE_SLOTS else _run_on(session, meal, slot)
         kept = records.artefacts_of(session, run.id) if run is not None else []
     if image is None:
@@ -161,7 +163,12 @@ def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
 
 
 def _made(
-    blobs: BlobStore, children: ApiChildren, settings: Settings, caller: Caller, found: StoredPhoto, width_px: int
+    blobs: BlobStore,
+    children: ApiChildren,
+    settings: Settings,
+    caller: Caller,
+    found: StoredPhoto,
+    width_px: int,
 ) -> bytes:
     """The picture, made of the photograph by a child."""
     image = found.image
@@ -170,7 +177,9 @@ def _made(
         blobs.fetch(image.blob_key, source)
         if sha256_of_file(source) != image.stored_sha256:
             log.error("photo_damaged", blob_key=image.blob_key)
-            raise PhotoDamagedError("The photograph is no longer what was sealed: `tada doctor` tells more.")
+            raise PhotoDamagedError(
+                "The photograph is no longer what was sealed: `tada doctor` tells more."
+            )
         if found.is_file:
             return source.read_bytes()
         answer = children.run(
@@ -183,7 +192,10 @@ def _made(
                 "colour": found.colour,
             },
             seconds=SECONDS,
-            whose=Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id),
+            whose=Whose(
+                found.study_id,
+                caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id,
+            ),
             photograph_sha256=image.stored_sha256,
             is_costly=(image.decoding_pixels or 0) > COSTLY_PIXELS,
         )
@@ -195,7 +207,9 @@ def _made(
 def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
     """The newest run on the photograph's pair."""
     is_after = slot in AFTER_SLOTS
-    if is_after and meal.after_status in meals.UNESTIMATED:  # a failed pair's run is not of the one sent in its place
+    if (
+        is_after and meal.after_status in meals.UNESTIMATED
+    ):  # a failed pair's run is not of the one sent in its place
         return None
     return records.last_runs(session, meal.id).get("after" if is_after else "meal")
 
@@ -203,9 +217,13 @@ def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
 def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
     if run is None or run.colour is None:
         return None
-    colour: Mapping[str, Any] | None = run.colour.get(slot.removeprefix("after_"))  # of further views there is none
+    colour: Mapping[str, Any] | None = run.colour.get(
+        slot.removeprefix("after_")
+    )  # of further views there is none
     return colour if colour is not None and colour["kind"] != "none" else None
 
 
 def _erased() -> GoneError:
-    return GoneError("This photograph was erased, as the study's protocol asks.", code="photograph_erased")
+    return GoneError(
+        "This photograph was erased, as the study's protocol asks.", code="photograph_erased"
+    )

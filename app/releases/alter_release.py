@@ -91,11 +91,18 @@ class Verdicts:
         digests = [self.participant_digests[participant]]
         if meal_id is not None:
             digests.append(meal_digest(self.box, participant, meal_id))
-        places = (place for digest in digests for place in self.places_by_digest.get(digest, ()) if place > after)
+        places = (
+            place
+            for digest in digests
+            for place in self.places_by_digest.get(digest, ())
+            if place > after
+        )
         return min(places, default=None)
 
 
-def alter_tables(former: Path, manifest: Manifest, verdicts: Verdicts, folder: Path) -> dict[str, Any] | None:
+def alter_tables(
+    former: Path, manifest: Manifest, verdicts: Verdicts, folder: Path
+) -> dict[str, Any] | None:
     """Write all tables of a release without the erased data.
 
     former: the folder of the former files.
@@ -133,7 +140,9 @@ class _Changed:
     new: Key | None
 
 
-def _changed(connection: duckdb.DuckDBPyConnection, manifest: Manifest, verdicts: Verdicts) -> list[_Changed]:
+def _changed(
+    connection: duckdb.DuckDBPyConnection, manifest: Manifest, verdicts: Verdicts
+) -> list[_Changed]:
     changed: list[_Changed] = []
     for participant, meal_id in _keys(connection, manifest):
         new = verdicts(participant, meal_id)
@@ -177,7 +186,9 @@ def _create_changes(connection: duckdb.DuckDBPyConnection, changed: Sequence[_Ch
 def _create_days(connection: duckdb.DuckDBPyConnection, *, is_after: bool) -> None:
     """The days with an erased meal of a person who stays, as they are `after`."""
     connection.execute(f"SET VARIABLE expects_after_pair = {is_after}")
-    gone = "(participant, meal_id) IN (SELECT participant, meal_id FROM changed_meals WHERE is_gone)"
+    gone = (
+        "(participant, meal_id) IN (SELECT participant, meal_id FROM changed_meals WHERE is_gone)"
+    )
     of_people = "participant NOT IN (SELECT participant FROM changed_people WHERE is_gone)"
     of_days = "(participant, local_date) IN (SELECT participant, local_date FROM meals_gone)"
     for name, select in (
@@ -193,7 +204,11 @@ def _create_days(connection: duckdb.DuckDBPyConnection, *, is_after: bool) -> No
 def _remaining(name: str, columns: tuple[Column, ...], former: Path) -> TableSelect:
     rows, order = rows_in_order(former / f"{name}.parquet")
     is_of_meal = name not in OF_PEOPLE
-    changes, key = ("changed_meals", "participant, meal_id") if is_of_meal else ("changed_people", "participant")
+    changes, key = (
+        ("changed_meals", "participant, meal_id")
+        if is_of_meal
+        else ("changed_people", "participant")
+    )
     replaced = ["coalesce(change.new_participant, rows.participant) AS participant"]
     if is_of_meal:
         replaced.append("coalesce(change.new_meal_id, rows.meal_id) AS meal_id")
@@ -217,7 +232,8 @@ def _remaining(name: str, columns: tuple[Column, ...], former: Path) -> TableSel
 
 def _days_after(rows: str) -> str:
     counted = ", ".join(
-        f"CASE WHEN old.participant IS NULL THEN rows.{name} ELSE after.{name} END AS {name}" for name in COUNTED
+        f"CASE WHEN old.participant IS NULL THEN rows.{name} ELSE after.{name} END AS {name}"
+        for name in COUNTED
     )
     same_day = "{0}.participant = rows.participant AND {0}.local_date = rows.local_date"
     return (

@@ -42,15 +42,24 @@ def post_release(
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
 def get_releases(
-    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request,
+    study: StudyCode,
+    state: State,
+    caller: CurrentStaff,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> ReleaseList:
     """The study's releases, the newest first."""
     page = releases.list_releases(state.database, caller, study, cursor=cursor, limit=limit)
-    return ReleaseList(items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor))
+    return ReleaseList(
+        items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
-def get_release(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseOut:
+def get_release(
+    study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff
+) -> ReleaseOut:
     """A release with its files."""
     return _out(study, releases.read_release(state.database, caller, study, name))
 
@@ -58,13 +67,16 @@ def get_release(study: StudyCode, name: ReleaseName, state: State, caller: Curre
 @router.get(
     "/{name}/files/{file}",
     response_class=Response,
-    responses=stored_file_responses(RELEASE_FILES) | problem_responses(401, 403, 404, 409, 416, 422, 503),
+    responses=stored_file_responses(RELEASE_FILES)
+    | problem_responses(401, 403, 404, 409, 416, 422, 503),
 )
 def get_release_file(
     request: Request,
     study: StudyCode,
     name: ReleaseName,
-    file: Annotated[str, Path(max_length=64, description="The file's name, as the release lists it.")],
+    file: Annotated[
+        str, Path(max_length=64, description="The file's name, as the release lists it.")
+    ],
     state: State,
     caller: CurrentStaff,
 ) -> Response:
@@ -74,13 +86,18 @@ def get_release_file(
 
 
 @router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
-def get_release_check(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
+def get_release_check(
+    study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff
+) -> ReleaseCheckOut:
     """Read all files back and compare them with what was frozen; the time grows with the release's size."""
     check = releases.check_release(state.database, state.blobs, caller, study, name)
     return ReleaseCheckOut(
         is_whole=check.is_whole,
         checksum=check.checksum,
-        files=[CheckedFileOut(name=file.name, sha256=file.sha256, found=file.state) for file in check.files],
+        files=[
+            CheckedFileOut(name=file.name, sha256=file.sha256, found=file.state)
+            for file in check.files
+        ],
     )
 
 
@@ -98,13 +115,20 @@ def _out(study: str, row: ReleaseRow) -> ReleaseOut:
         change_seq=release.at_change_seq,
         checksum=release.checksum,
         altered_at=release.altered_at,
-        former_checksums=[FormerChecksum(checksum=former, until=until) for former, until in release.former_checksums],
+        former_checksums=[
+            FormerChecksum(checksum=former, until=until)
+            for former, until in release.former_checksums
+        ],
         rows=release.rows_written,
         bytes=release.bytes,
         failure=release.failure_code,
         files=[
             ReleaseFileOut(
-                name=file.name, rows=file.rows, bytes=file.bytes, sha256=file.sha256, path=f"{path}/{file.name}"
+                name=file.name,
+                rows=file.rows,
+                bytes=file.bytes,
+                sha256=file.sha256,
+                path=f"{path}/{file.name}",
             )
             for file in row.files
             if release.state == "ready"

@@ -104,7 +104,10 @@ def releases_of_study(database: Database, study_code: str) -> list[Release]:
         study = people.find_study(session, study_code)
         if study is None:
             raise NotFoundError(f"There is no study {study_code!r}.")
-        return [row.release for row in releases.page_of_releases(session, study.id, after=None, limit=MOST_LISTED)]
+        return [
+            row.release
+            for row in releases.page_of_releases(session, study.id, after=None, limit=MOST_LISTED)
+        ]
 
 
 def _find(session: Session, study_code: str, name: str) -> ReleaseRow:
@@ -112,8 +115,13 @@ def _find(session: Session, study_code: str, name: str) -> ReleaseRow:
     row = releases.find_release(session, study.id, name) if study is not None else None
     if row is None:
         raise NotFoundError(f"Study {study_code!r} has no release {name!r}.")
-    if row.release.state not in ("ready", "changing"):  # a changing release may wait for a missing file
-        raise ConflictError(f"The release is {row.release.state}, not ready.", code="release_not_ready")
+    if row.release.state not in (
+        "ready",
+        "changing",
+    ):  # a changing release may wait for a missing file
+        raise ConflictError(
+            f"The release is {row.release.state}, not ready.", code="release_not_ready"
+        )
     return row
 
 
@@ -169,13 +177,19 @@ def _difference(
     return TableDifference(table, same, other, only_frozen, only_now, differing)
 
 
-def _counts(connection: duckdb.DuckDBPyConnection, table: str, common: Sequence[str], now: Path) -> list[int]:
+def _counts(
+    connection: duckdb.DuckDBPyConnection, table: str, common: Sequence[str], now: Path
+) -> list[int]:
     """Rows that are the same, others, only frozen, only now; then of each column those that differ."""
     key = KEYS.get(table, tuple(common))
     names = ", ".join(common)
-    numbered = f"SELECT {names}, row_number() OVER (PARTITION BY {', '.join(key)}) AS occurrence FROM"
+    numbered = (
+        f"SELECT {names}, row_number() OVER (PARTITION BY {', '.join(key)}) AS occurrence FROM"
+    )
     current = f"read_parquet('{now / table}.parquet')"
-    joined = " AND ".join(f"frozen.{name} IS NOT DISTINCT FROM now.{name}" for name in (*key, "occurrence"))
+    joined = " AND ".join(
+        f"frozen.{name} IS NOT DISTINCT FROM now.{name}" for name in (*key, "occurrence")
+    )
     differs = [f"frozen.{name} IS DISTINCT FROM now.{name}" for name in common]
     both = "frozen.occurrence IS NOT NULL AND now.occurrence IS NOT NULL"
     some = " OR ".join(differs)

@@ -82,7 +82,9 @@ class FileRunner:
         if work is None:
             return None
         died_each_time = work.attempts > MOST_ATTEMPTS and work.state != CHANGING
-        outcome = self._save_failure(work, code="export_gave_up") if died_each_time else self._try(work)
+        outcome = (
+            self._save_failure(work, code="export_gave_up") if died_each_time else self._try(work)
+        )
         return Ended(work.__tablename__, work.id, outcome)
 
     def _try(self, work: Work) -> str:
@@ -125,7 +127,9 @@ class FileRunner:
             held.finished_at = datetime.now(UTC)
             held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
 
-        return attempt.finish(lambda session: exports.erasures_since(session, export.study_id, moment) == 0, end)
+        return attempt.finish(
+            lambda session: exports.erasures_since(session, export.study_id, moment) == 0, end
+        )
 
     def _save_estimate(self, work: Work, rows: int | None) -> None:
         if rows is not None:

@@ -24,7 +24,9 @@ LISTED_FOR = timedelta(days=30)  # exports without a file, after their end
 class FileThread:
     """At most one file at a time, made in a thread so that the other chores go on."""
 
-    def __init__(self, database: Database, blobs: BlobStore, settings: Settings, box: SecretBox) -> None:
+    def __init__(
+        self, database: Database, blobs: BlobStore, settings: Settings, box: SecretBox
+    ) -> None:
         self._database, self._blobs, self._settings, self._box = database, blobs, settings, box
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None

@@ -22,10 +22,14 @@ ORDERS = {
     "food_nutrients": "food_key, food_table, food_version, number",
     "food_densities": "is_of_study, food_key, food_table, food_version, place, measured_at, id",
 }
-USED_FOODS = "SELECT DISTINCT food_key, food_version, food_table FROM items WHERE food_key IS NOT NULL"
+USED_FOODS = (
+    "SELECT DISTINCT food_key, food_version, food_table FROM items WHERE food_key IS NOT NULL"
+)
 
 
-def freeze_tables(connection: duckdb.DuckDBPyConnection, request: Mapping[str, Any]) -> dict[str, Any]:
+def freeze_tables(
+    connection: duckdb.DuckDBPyConnection, request: Mapping[str, Any]
+) -> dict[str, Any]:
     """Write the tables of a study into a folder; return what write_pair does, by name."""
     folder, study_id = Path(request["folder"]), request["study_id"]
     filters = filters_of_json(request["filters"])
@@ -58,7 +62,9 @@ def freeze_tables(connection: duckdb.DuckDBPyConnection, request: Mapping[str, A
     return tables
 
 
-def write_pair(connection: duckdb.DuckDBPyConnection, name: str, table: TableSelect, folder: Path) -> dict[str, Any]:
+def write_pair(
+    connection: duckdb.DuckDBPyConnection, name: str, table: TableSelect, folder: Path
+) -> dict[str, Any]:
     """Write NAME.parquet, and NAME.csv from it; return its columns and the number of rows."""
     path = folder / f"{name}.parquet"
     rows = write_table(connection, table, "parquet", path)

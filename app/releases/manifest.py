@@ -117,7 +117,9 @@ def manifest_text(
         "resources": [_resource(file, tables) for file in files],
         FACTS: {
             **facts,
-            "tables": {name: [asdict(column) for column in columns] for name, columns in tables.items()},
+            "tables": {
+                name: [asdict(column) for column in columns] for name, columns in tables.items()
+            },
             "checksum": checksum_of({file.name: file.sha256 for file in files}),
         },
     }
@@ -127,7 +129,9 @@ def manifest_text(
 def checksum_of(sha256s: Mapping[str, str]) -> str:
     """Return the checksum of a release. sha256s: by file name."""
     manifests = (MANIFEST, FORMER_MANIFEST)
-    lines = sorted(f"{sha256}  {name}\n" for name, sha256 in sha256s.items() if name not in manifests)
+    lines = sorted(
+        f"{sha256}  {name}\n" for name, sha256 in sha256s.items() if name not in manifests
+    )
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 

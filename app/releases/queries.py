@@ -50,14 +50,21 @@ def stuck_releases(session: Session, limit: int) -> list[StuckRelease]:
     return [StuckRelease(*row) for row in session.execute(query)]
 
 
-def page_of_releases(session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int) -> list[ReleaseRow]:
+def page_of_releases(
+    session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int
+) -> list[ReleaseRow]:
     """Return at most `limit` releases of a study after `after`, the newest first."""
     page = page_of_works(session, Release, study_id, after=after, limit=limit)
     files = _files_by_release(session, [release.id for release, _ in page])
-    return [ReleaseRow(release, requested_by, files.get(release.id, [])) for release, requested_by in page]
+    return [
+        ReleaseRow(release, requested_by, files.get(release.id, []))
+        for release, requested_by in page
+    ]
 
 
-def find_release(session: Session, study_id: uuid.UUID, name: str, *, lock: bool = False) -> ReleaseRow | None:
+def find_release(
+    session: Session, study_id: uuid.UUID, name: str, *, lock: bool = False
+) -> ReleaseRow | None:
     """Return a release of this study."""
     row = find_work(session, Release, study_id, Release.name == name, lock=lock)
     return ReleaseRow(*row, files_of(session, row[0].id)) if row is not None else None
@@ -68,7 +75,9 @@ def files_of(session: Session, release_id: uuid.UUID) -> list[ReleaseFile]:
     return _files_by_release(session, [release_id]).get(release_id, [])
 
 
-def _files_by_release(session: Session, ids: Collection[uuid.UUID]) -> dict[uuid.UUID, list[ReleaseFile]]:
+def _files_by_release(
+    session: Session, ids: Collection[uuid.UUID]
+) -> dict[uuid.UUID, list[ReleaseFile]]:
     """Return release id -> files by name, without releases that have no files."""
     files: dict[uuid.UUID, list[ReleaseFile]] = {}
     query = sa.select(ReleaseFile).order_by(ReleaseFile.release_id, ReleaseFile.name)
@@ -83,11 +92,15 @@ def blob_keys(session: Session) -> list[str]:
     return list(session.scalars(sa.select(ReleaseFile.blob_key).order_by(ReleaseFile.blob_key)))
 
 
-def replace_files(session: Session, release_id: uuid.UUID, files: Iterable[ReleaseFile]) -> list[str]:
+def replace_files(
+    session: Session, release_id: uuid.UUID, files: Iterable[ReleaseFile]
+) -> list[str]:
     """Replace the release's files. Returns the blob keys of the former files."""
     old = list(
         session.scalars(
-            sa.delete(ReleaseFile).where(ReleaseFile.release_id == release_id).returning(ReleaseFile.blob_key)
+            sa.delete(ReleaseFile)
+            .where(ReleaseFile.release_id == release_id)
+            .returning(ReleaseFile.blob_key)
         )
     )
     session.add_all(files)
@@ -107,7 +120,11 @@ def forget_changes(session: Session, ids: Collection[uuid.UUID]) -> None:
 
 
 def erase_from_releases(
-    session: Session, study_id: uuid.UUID, deed: Deed, digest: str, renamed: tuple[str, uuid.UUID] | None = None
+    session: Session,
+    study_id: uuid.UUID,
+    deed: Deed,
+    digest: str,
+    renamed: tuple[str, uuid.UUID] | None = None,
 ) -> int:
     """At the end of an erasure's transaction, stop serving the study's releases until the erased data are removed.
 
@@ -115,7 +132,12 @@ def erase_from_releases(
     Returns the number of releases to change. The study is locked first, as for exports.
     """
     lock_study(session, study_id)
-    query = sa.select(Release).where(Release.study_id == study_id).order_by(Release.id).with_for_update()
+    query = (
+        sa.select(Release)
+        .where(Release.study_id == study_id)
+        .order_by(Release.id)
+        .with_for_update()
+    )
     now, changing = datetime.now(UTC), 0
     for release in session.scalars(query.execution_options(populate_existing=True)).all():
         if release.state == "failed":
@@ -144,8 +166,14 @@ def erase_from_releases(
 def take_back_places(session: Session, study_id: uuid.UUID) -> None:
     """When a study stops keeping places, restart its unfinished releases, which are then made without places."""
     lock_study(session, study_id)
-    query = sa.select(Release).where(Release.study_id == study_id, Release.state == "running").order_by(Release.id)
-    for release in session.scalars(query.with_for_update().execution_options(populate_existing=True)).all():
+    query = (
+        sa.select(Release)
+        .where(Release.study_id == study_id, Release.state == "running")
+        .order_by(Release.id)
+    )
+    for release in session.scalars(
+        query.with_for_update().execution_options(populate_existing=True)
+    ).all():
         begin_again(release, counts=False)
     session.flush()
 

@@ -39,7 +39,15 @@ from app.releases.tables import DICTIONARY, FORMER_MANIFEST, MANIFEST
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 PROTOCOL = (  # parts of a study's protocol that explain the data
-    *("code", "name", "marker", "expects_after_pair", "after_window_minutes", "location_policy", "location_decimals"),
+    *(
+        "code",
+        "name",
+        "marker",
+        "expects_after_pair",
+        "after_window_minutes",
+        "location_policy",
+        "location_decimals",
+    ),
     *("withdrawal_policy", "retention_days", "gives_feedback", "day_starts_minutes", "version"),
 )
 
@@ -108,7 +116,9 @@ def _freeze(attempt: Attempt[Release]) -> bool:
             sha256=held.checksum,
         )
 
-    return attempt.finish(lambda session: exports.erasures_since(session, release.study_id, moment) == 0, end)
+    return attempt.finish(
+        lambda session: exports.erasures_since(session, release.study_id, moment) == 0, end
+    )
 
 
 def freeze_request(release: Release, folder: Path) -> dict[str, JsonValue]:
@@ -136,7 +146,9 @@ def _alter(attempt: Attempt[Release], box: SecretBox) -> bool:
         files: list[MadeFile] = []
         if tables is not None:
             last = FormerChecksum(checksum=manifest.checksum, until=now.isoformat())
-            altered: list[JsonValue] = [checksum.model_dump() for checksum in (*manifest.altered, last)]
+            altered: list[JsonValue] = [
+                checksum.model_dump() for checksum in (*manifest.altered, last)
+            ]
             files = _seal_all(attempt, folder, tables, {**facts, "altered": altered})
 
     def end(session: Session, held: Release) -> None:
@@ -170,7 +182,10 @@ def _seal_all(
 ) -> list[MadeFile]:
     """Add dictionary and manifest to a folder of tables, and give all its files to the store."""
     facts = {**facts, "contents": contents_of(folder)}
-    files = [_sealed(attempt, folder / name, rows) for name, rows in sorted(write_files(folder, tables).items())]
+    files = [
+        _sealed(attempt, folder / name, rows)
+        for name, rows in sorted(write_files(folder, tables).items())
+    ]
     columns = {name: columns_of_json(table["columns"]) for name, table in tables.items()}
     (folder / MANIFEST).write_bytes(manifest_text(facts, columns, files))
     return [*files, _sealed(attempt, folder / MANIFEST, None)]
@@ -216,7 +231,9 @@ def _fetch_all(blobs: BlobStore, files: Mapping[str, ReleaseFile], folder: Path)
         if name.endswith(".csv"):
             continue
         path = folder / name
-        damaged = FilesLostError(f"{file.blob_key} is not what was frozen.", code="release_files_damaged")
+        damaged = FilesLostError(
+            f"{file.blob_key} is not what was frozen.", code="release_files_damaged"
+        )
         try:
             blobs.fetch(file.blob_key, path)
         except BlobMissingError:

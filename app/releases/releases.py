@@ -50,11 +50,19 @@ class CheckedRelease:
     @property
     def is_whole(self) -> bool:
         """Whether every file is as it was frozen, and the checksum matches."""
-        return self.checksum == self.release.checksum and all(file.state == "whole" for file in self.files)
+        return self.checksum == self.release.checksum and all(
+            file.state == "whole" for file in self.files
+        )
 
 
 def request_release(
-    database: Database, caller: StaffCaller, study_code: str, *, name: str, note: str, filters: ReleaseFilters
+    database: Database,
+    caller: StaffCaller,
+    study_code: str,
+    *,
+    name: str,
+    note: str,
+    filters: ReleaseFilters,
 ) -> ReleaseRow:
     """Request a release of the study's data, which a worker makes.
 
@@ -62,17 +70,22 @@ def request_release(
     name whose release was never made may be used again.
     """
     require_order(filters.first_day, filters.last_day)
-    taken = ConflictError(f"The study has a release {name!r}, or is making it.", code="release_exists")
+    taken = ConflictError(
+        f"The study has a release {name!r}, or is making it.", code="release_exists"
+    )
     now = datetime.now(UTC)
     try:
         with database.write() as session:
             study = enter_study(session, caller, study_code)
             if study.is_sandbox:
                 raise ConflictError(
-                    "A sandbox study has no releases: its data are for trying apps.", code="sandbox_study"
+                    "A sandbox study has no releases: its data are for trying apps.",
+                    code="sandbox_study",
                 )
             existing = releases.find_release(session, study.id, name, lock=True)
-            if existing is not None and (existing.release.state != "failed" or existing.release.checksum is not None):
+            if existing is not None and (
+                existing.release.state != "failed" or existing.release.checksum is not None
+            ):
                 raise taken
             if existing is not None:
                 session.delete(existing.release)
@@ -93,7 +106,14 @@ def request_release(
             )
             session.add(release)
             session.flush()
-            audit.note(session, caller, "release.request", study_id=study.id, subject=name, filters=filters.as_json())
+            audit.note(
+                session,
+                caller,
+                "release.request",
+                study_id=study.id,
+                subject=name,
+                filters=filters.as_json(),
+            )
     except IntegrityError:  # the same name at the same moment
         raise taken from None
     return ReleaseRow(release, caller.name, [])
@@ -117,7 +137,9 @@ def read_release(database: Database, caller: StaffCaller, study_code: str, name:
         return _find(session, caller, study_code, name)
 
 
-def open_release_file(database: Database, caller: StaffCaller, study_code: str, name: str, file: str) -> StoredFile:
+def open_release_file(
+    database: Database, caller: StaffCaller, study_code: str, name: str, file: str
+) -> StoredFile:
     """Return a file of a release and record the download in the audit log.
 
     Raises NotFoundError, ConflictError (`release_not_ready`, `release_failed`), UnavailableError (`release_changing`).
@@ -128,8 +150,17 @@ def open_release_file(database: Database, caller: StaffCaller, study_code: str, 
         frozen = next((frozen for frozen in files if frozen.name == file), None)
         if frozen is None:
             raise NotFoundError("The release has no such file.")
-        audit.note(session, caller, "release.download", study_id=release.study_id, subject=name, file=frozen.name)
-        return StoredFile(name=frozen.name, length=frozen.bytes, sha256=frozen.sha256, blob_key=frozen.blob_key)
+        audit.note(
+            session,
+            caller,
+            "release.download",
+            study_id=release.study_id,
+            subject=name,
+            file=frozen.name,
+        )
+        return StoredFile(
+            name=frozen.name, length=frozen.bytes, sha256=frozen.sha256, blob_key=frozen.blob_key
+        )
 
 
 def check_release(
@@ -151,7 +182,9 @@ def check_files(blobs: BlobStore, row: ReleaseRow) -> CheckedRelease:
             continue
         sha256s[file.name] = sha256
         is_whole = sha256 == file.sha256
-        checked.append(CheckedFile(file.name, file.blob_key, file.sha256, "whole" if is_whole else "damaged"))
+        checked.append(
+            CheckedFile(file.name, file.blob_key, file.sha256, "whole" if is_whole else "damaged")
+        )
     is_complete = bool(row.files) and len(sha256s) == len(row.files)
     return CheckedRelease(row.release, checked, checksum_of(sha256s) if is_complete else None)
 
@@ -179,9 +212,13 @@ def _find(session: Session, caller: StaffCaller, study_code: str, name: str) -> 
 def _require_ready(release: Release) -> None:
     match release.state:
         case "queued" | "running":
-            raise ConflictError("The release is not ready yet: try again later.", code="release_not_ready")
+            raise ConflictError(
+                "The release is not ready yet: try again later.", code="release_not_ready"
+            )
         case "failed":
-            raise ConflictError("The release could not be made; its `failure` says why.", code="release_failed")
+            raise ConflictError(
+                "The release could not be made; its `failure` says why.", code="release_failed"
+            )
         case "changing":
             raise UnavailableError(
                 "Something in the release was erased: its files are being rewritten without it.",

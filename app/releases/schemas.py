@@ -11,7 +11,9 @@ from app.http.text_schemas import LocalDay, Text
 from app.meals.record_models import RecordStatus
 from app.releases.release_filters import ReleaseFilters
 
-Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")]
+Name = Annotated[
+    str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")
+]
 
 
 class ReleaseIn(BaseModel):
@@ -20,17 +22,24 @@ class ReleaseIn(BaseModel):
     model_config = ConfigDict(
         extra="forbid",
         populate_by_name=True,
-        json_schema_extra={"example": {"name": "2026-baseline", "note": "For the paper", "to": "2026-10-31"}},
+        json_schema_extra={
+            "example": {"name": "2026-baseline", "note": "For the paper", "to": "2026-10-31"}
+        },
     )
 
     name: Name
     note: Annotated[Text, Field(max_length=2000)] = Field(
         default="", description="What the release is for, for people."
     )
-    first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
-    last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
+    first_day: LocalDay | None = Field(
+        default=None, alias="from", description="First local day, included."
+    )
+    last_day: LocalDay | None = Field(
+        default=None, alias="to", description="Last local day, included."
+    )
     statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
-        default=[], description="Statuses of items, any of them; none: all. With a selection there is no table of days."
+        default=[],
+        description="Statuses of items, any of them; none: all. With a selection there is no table of days.",
     )
 
     def as_filters(self) -> ReleaseFilters:
@@ -60,7 +69,9 @@ class ReleaseOut(BaseModel):
 
     name: str = Field(description="The release's name, unique in the study.")
     note: str = Field(description="What the release is for, for people.")
-    state: ReleaseState = Field(description="changing: something in it was erased; its files are being rewritten.")
+    state: ReleaseState = Field(
+        description="changing: something in it was erased; its files are being rewritten."
+    )
     filters: dict[str, Any] = Field(description=FILTERS)
     made_by: str = Field(description="Name of the staff member who requested it.")
     requested_at: datetime = Field(description="When it was requested.")
@@ -69,7 +80,9 @@ class ReleaseOut(BaseModel):
     checksum: str | None = Field(
         description="SHA-256 over the sorted lines `sha256  name` of all but datapackage.json."
     )
-    altered_at: datetime | None = Field(description="When erased data were last removed; null: never.")
+    altered_at: datetime | None = Field(
+        description="When erased data were last removed; null: never."
+    )
     former_checksums: list[FormerChecksum] = Field(
         description="Checksums before erased data were removed, the oldest first."
     )
@@ -100,5 +113,7 @@ class ReleaseCheckOut(BaseModel):
     """Whether all files are what was frozen, read back byte for byte."""
 
     is_whole: bool = Field(description="Whether every file is what was frozen.")
-    checksum: str | None = Field(description="Checksum of the files in the store; null: some are missing.")
+    checksum: str | None = Field(
+        description="Checksum of the files in the store; null: some are missing."
+    )
     files: list[CheckedFileOut] = Field(description="The result for each file.")

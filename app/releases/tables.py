@@ -48,7 +48,9 @@ FOOD = (
         meaning="The food's version in its table's release.",
         empty="Of any version.",
     ),
-    Column("food_table", "word", meaning="The food table's name and release.", empty="Of any table."),
+    Column(
+        "food_table", "word", meaning="The food table's name and release.", empty="Of any table."
+    ),
 )
 FOODS = (
     *FOOD,

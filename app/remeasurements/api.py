@@ -29,13 +29,18 @@ router = APIRouter(tags=["remeasurements"], route_class=ListRoute)
 
 REMEASUREMENTS = "/v1/studies/{study}/remeasurements"
 START_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"model": RemeasurementOut, "description": "The unfinished one of the same selection, which goes on."},
+    200: {
+        "model": RemeasurementOut,
+        "description": "The unfinished one of the same selection, which goes on.",
+    },
     202: {"model": RemeasurementOut, "description": "Started; Location names it."},
     **problem_responses(401, 403, 404, 409, 422),
 }
 
 
-@router.get("/v1/studies/{study}/remeasurement-plan", responses=problem_responses(401, 403, 404, 422))
+@router.get(
+    "/v1/studies/{study}/remeasurement-plan", responses=problem_responses(401, 403, 404, 422)
+)
 def get_remeasurement_plan(
     study: StudyCode,
     state: State,
@@ -45,7 +50,9 @@ def get_remeasurement_plan(
 ) -> RemeasurementPlanOut:
     """Return which pairs a remeasurement would measure and which it would skip. Nothing is changed."""
     selection = Selection(frozenset(meal or ()), limit)
-    return render_plan(remeasurements.plan_remeasurement(state.database, _requester(caller), study, selection))
+    return render_plan(
+        remeasurements.plan_remeasurement(state.database, _requester(caller), study, selection)
+    )
 
 
 @router.post(REMEASUREMENTS, status_code=202, responses=START_RESPONSES)
@@ -53,7 +60,9 @@ def post_remeasurement(
     study: StudyCode, body: RemeasurementIn, state: State, caller: CurrentStaff, response: Response
 ) -> RemeasurementOut:
     """Measure kept photographs again while no meal waits for a worker. Poll `Location`; people's events stay on top."""
-    view, is_new = remeasurements.start_remeasurement(state.database, _requester(caller), study, body.as_selection())
+    view, is_new = remeasurements.start_remeasurement(
+        state.database, _requester(caller), study, body.as_selection()
+    )
     response.headers["Location"] = f"/v1/studies/{study}/remeasurements/{view.remeasurement.id}"
     response.status_code = 202 if is_new else 200
     return render_remeasurement(view)
@@ -61,12 +70,20 @@ def post_remeasurement(
 
 @router.get(REMEASUREMENTS, responses=problem_responses(401, 403, 404, 422))
 def get_remeasurements(
-    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request,
+    study: StudyCode,
+    state: State,
+    caller: CurrentStaff,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> RemeasurementList:
     """The study's remeasurements, the newest first."""
-    page = remeasurements.list_remeasurements(state.database, _requester(caller), study, cursor=cursor, limit=limit)
+    page = remeasurements.list_remeasurements(
+        state.database, _requester(caller), study, cursor=cursor, limit=limit
+    )
     return RemeasurementList(
-        items=[render_remeasurement(view) for view in page.rows], next=next_page(request, page.cursor)
+        items=[render_remeasurement(view) for view in page.rows],
+        next=next_page(request, page.cursor),
     )
 
 
@@ -80,7 +97,9 @@ def get_remeasurement(
     )
 
 
-@router.get(f"{REMEASUREMENTS}/{{remeasurement}}/items", responses=problem_responses(401, 403, 404, 422))
+@router.get(
+    f"{REMEASUREMENTS}/{{remeasurement}}/items", responses=problem_responses(401, 403, 404, 422)
+)
 def get_remeasured_items(
     request: Request,
     study: StudyCode,
@@ -94,24 +113,35 @@ def get_remeasured_items(
     page = remeasurements.list_compared(
         state.database, _requester(caller), study, remeasurement, cursor=cursor, limit=limit
     )
-    return ComparedItemList(items=[render_row(row) for row in page.rows], next=next_page(request, page.cursor))
+    return ComparedItemList(
+        items=[render_row(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
 
 
-@router.post(f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(401, 403, 404, 409, 422))
-def post_stop(study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff) -> RemeasurementOut:
+@router.post(
+    f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(401, 403, 404, 409, 422)
+)
+def post_stop(
+    study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
+) -> RemeasurementOut:
     """Stop a remeasurement. What was measured stays; pairs in progress are measured when it is continued."""
     return render_remeasurement(
         remeasurements.stop_remeasurement(state.database, _requester(caller), study, remeasurement)
     )
 
 
-@router.post(f"{REMEASUREMENTS}/{{remeasurement}}/continue", responses=problem_responses(401, 403, 404, 409, 422))
+@router.post(
+    f"{REMEASUREMENTS}/{{remeasurement}}/continue",
+    responses=problem_responses(401, 403, 404, 409, 422),
+)
 def post_continue(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
     """Continue a stopped remeasurement where it was."""
     return render_remeasurement(
-        remeasurements.continue_remeasurement(state.database, _requester(caller), study, remeasurement)
+        remeasurements.continue_remeasurement(
+            state.database, _requester(caller), study, remeasurement
+        )
     )
 
 

@@ -60,7 +60,9 @@ def chosen_meals(session: Session, study_id: uuid.UUID, selection: Selection) ->
     query = query.where(Meal.study_id == study_id).order_by(*eaten).limit(selection.limit)
     if selection.meals:
         named = Meal.client_id.in_(selection.meals)
-        present = set(session.scalars(sa.select(Meal.client_id).where(Meal.study_id == study_id, named)))
+        present = set(
+            session.scalars(sa.select(Meal.client_id).where(Meal.study_id == study_id, named))
+        )
         for missing in sorted(selection.meals - present):
             raise NotFoundError(f"The study has no meal {missing}.", meal=str(missing))
         query = query.where(named)
@@ -91,17 +93,26 @@ def plan(session: Session, study_id: uuid.UUID, selection: Selection) -> list[Pl
                 participant.code,
                 meal.client_id,
                 pair,
-                skip_reason(meal, pair, images.get(meal.id, ()), is_withdrawn=participant.withdrawn_at is not None),
+                skip_reason(
+                    meal,
+                    pair,
+                    images.get(meal.id, ()),
+                    is_withdrawn=participant.withdrawn_at is not None,
+                ),
             )
             for pair in purposes
         ]
     return pairs
 
 
-def skip_reason(meal: Meal, pair: PairPurpose, images: Collection[MealImage], *, is_withdrawn: bool) -> str | None:
+def skip_reason(
+    meal: Meal, pair: PairPurpose, images: Collection[MealImage], *, is_withdrawn: bool
+) -> str | None:
     """Return why a pair is not measured again; None: it is. images: all of the meal's."""
     status, failure_code = (
-        (meal.status, meal.failure_code) if pair == "meal" else (meal.after_status, meal.after_failure_code)
+        (meal.status, meal.failure_code)
+        if pair == "meal"
+        else (meal.after_status, meal.after_failure_code)
     )
     slots = meal.announced_slots if pair == "meal" else AFTER_SLOTS
     stored = {image.slot: image for image in images if image.slot in slots}

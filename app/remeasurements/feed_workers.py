@@ -56,19 +56,26 @@ class FeedWorkers:
             remeasurement = remeasurements.lock_running(session, remeasurement_id)
             if remeasurement is None:
                 return 0, 0
-            for pair in remeasurements.open_pairs(session, remeasurement_id, "pending", MOST_LOOKED_AT):
+            for pair in remeasurements.open_pairs(
+                session, remeasurement_id, "pending", MOST_LOOKED_AT
+            ):
                 if queued == room:
                     break
                 queued += self._queue_or_skip(session, pair)
                 looked_at += 1
-            if not looked_at and not remeasurements.open_pairs(session, remeasurement_id, "queued", 1):
+            if not looked_at and not remeasurements.open_pairs(
+                session, remeasurement_id, "queued", 1
+            ):
                 _finish(remeasurement)
         return looked_at, queued
 
     def _queue_or_skip(self, session: Session, pair: RemeasuredPair) -> bool:
         meal = session.get_one(Meal, pair.meal_id)
         reason = skip_reason(
-            meal, pair.pair, meals.images_of(session, meal.id), is_withdrawn=not _is_in_study(session, meal)
+            meal,
+            pair.pair,
+            meals.images_of(session, meal.id),
+            is_withdrawn=not _is_in_study(session, meal),
         )
         if reason is not None:
             pair.state, pair.reason, pair.ended_at = "skipped", reason, datetime.now(UTC)

@@ -17,7 +17,9 @@ from app.meals.remeasurement_models import PairState, RemeasuredItem, Remeasured
 from app.people.models import Participant
 from app.remeasurements.choose_pairs import Selection, chosen_meals, has_after_pair
 
-RowKey = tuple[int, str, uuid.UUID]  # position of the meal, pair, item; NO_ITEM: a pair without items
+RowKey = tuple[
+    int, str, uuid.UUID
+]  # position of the meal, pair, item; NO_ITEM: a pair without items
 NO_ITEM = uuid.UUID(int=0)
 
 
@@ -74,7 +76,9 @@ def find_remeasurement(
     session: Session, study_id: uuid.UUID, remeasurement_id: uuid.UUID, *, lock: bool = False
 ) -> Remeasurement | None:
     """Return a study's remeasurement, locked until commit if `lock` is set."""
-    query = sa.select(Remeasurement).where(Remeasurement.id == remeasurement_id, Remeasurement.study_id == study_id)
+    query = sa.select(Remeasurement).where(
+        Remeasurement.id == remeasurement_id, Remeasurement.study_id == study_id
+    )
     query = query.with_for_update().execution_options(populate_existing=True) if lock else query
     return session.scalars(query).one_or_none()
 
@@ -97,7 +101,9 @@ def running_ids(session: Session) -> list[uuid.UUID]:
 
 def lock_running(session: Session, remeasurement_id: uuid.UUID) -> Remeasurement | None:
     """Return a running remeasurement, locked; None: it was stopped, or another process has it."""
-    query = sa.select(Remeasurement).where(Remeasurement.id == remeasurement_id, Remeasurement.state == "running")
+    query = sa.select(Remeasurement).where(
+        Remeasurement.id == remeasurement_id, Remeasurement.state == "running"
+    )
     return session.scalars(query.with_for_update(skip_locked=True)).one_or_none()
 
 
@@ -148,12 +154,19 @@ def progress_of(session: Session, ids: Collection[uuid.UUID]) -> dict[uuid.UUID,
             by_reason = reasons[remeasurement_id]
             by_reason[reason] = by_reason.get(reason, 0) + count
     compared = (
-        sa.select(item.remeasurement_id, sa.func.count(), sa.func.sum(sa.cast(item.is_changed, sa.Integer)))
+        sa.select(
+            item.remeasurement_id,
+            sa.func.count(),
+            sa.func.sum(sa.cast(item.is_changed, sa.Integer)),
+        )
         .where(item.remeasurement_id.in_(ids))
         .group_by(item.remeasurement_id)
     )
     items = {row[0]: (row[1], int(row[2])) for row in session.execute(compared)}
-    return {each: Progress(states[each], dict(sorted(reasons[each].items())), *items.get(each, (0, 0))) for each in ids}
+    return {
+        each: Progress(states[each], dict(sorted(reasons[each].items())), *items.get(each, (0, 0)))
+        for each in ids
+    }
 
 
 def page_of_rows(
@@ -162,7 +175,9 @@ def page_of_rows(
     """Return at most `limit` rows of the table after `after`: by meal, its own pair first, then by item."""
     pair, item = RemeasuredPair, RemeasuredItem
     is_of_pair = sa.and_(
-        Item.meal_id == pair.meal_id, (Item.origin == "after") == (pair.pair == "after"), pair.state == "measured"
+        Item.meal_id == pair.meal_id,
+        (Item.origin == "after") == (pair.pair == "after"),
+        pair.state == "measured",
     )
     query = (
         sa.select(pair, Participant.code, Meal.client_id, Meal.captured_at, item, Food.key)
@@ -180,8 +195,12 @@ def page_of_rows(
     )
     if after is not None:
         position, purpose, item_id = after
-        is_later = sa.or_(pair.pair < purpose, sa.and_(pair.pair == purpose, item.item_id > item_id))
-        query = query.where(sa.or_(pair.position > position, sa.and_(pair.position == position, is_later)))
+        is_later = sa.or_(
+            pair.pair < purpose, sa.and_(pair.pair == purpose, item.item_id > item_id)
+        )
+        query = query.where(
+            sa.or_(pair.position > position, sa.and_(pair.position == position, is_later))
+        )
     return [
         ComparedRow(
             (row.position, row.pair, compared.item_id if compared is not None else NO_ITEM),

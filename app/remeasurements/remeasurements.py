@@ -145,10 +145,14 @@ def list_remeasurements(
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
         study = requester.enter(session, study_code)
-        rows = remeasurements.page_of_remeasurements(session, study.id, after=after, limit=limit + 1)
+        rows = remeasurements.page_of_remeasurements(
+            session, study.id, after=after, limit=limit + 1
+        )
         progress = remeasurements.progress_of(session, [row.id for row in rows])
     views = [RemeasurementView(row, progress[row.id]) for row in rows]
-    return page_of(listed, views, limit, lambda view: (view.remeasurement.created_at, view.remeasurement.id))
+    return page_of(
+        listed, views, limit, lambda view: (view.remeasurement.created_at, view.remeasurement.id)
+    )
 
 
 def list_compared(
@@ -170,17 +174,26 @@ def list_compared(
 
 
 def _find(
-    session: Session, requester: Requester, study_code: str, remeasurement_id: uuid.UUID, *, lock: bool = False
+    session: Session,
+    requester: Requester,
+    study_code: str,
+    remeasurement_id: uuid.UUID,
+    *,
+    lock: bool = False,
 ) -> Remeasurement:
     study = requester.enter(session, study_code, lock=lock)
-    remeasurement = remeasurements.find_remeasurement(session, study.id, remeasurement_id, lock=lock)
+    remeasurement = remeasurements.find_remeasurement(
+        session, study.id, remeasurement_id, lock=lock
+    )
     if remeasurement is None:
         raise NotFoundError("There is no such remeasurement in this study.")
     return remeasurement
 
 
 def _view(session: Session, remeasurement: Remeasurement) -> RemeasurementView:
-    return RemeasurementView(remeasurement, remeasurements.progress_of(session, [remeasurement.id])[remeasurement.id])
+    return RemeasurementView(
+        remeasurement, remeasurements.progress_of(session, [remeasurement.id])[remeasurement.id]
+    )
 
 
 def _continue(session: Session, requester: Requester, remeasurement: Remeasurement) -> None:
@@ -198,7 +211,13 @@ def _give_back(session: Session, remeasurement_id: uuid.UUID) -> None:
             remeasurements.reopen_pair(session, live[0].id)
 
 
-def _note(session: Session, requester: Requester, remeasurement: Remeasurement, deed: str, **details: object) -> None:
+def _note(
+    session: Session,
+    requester: Requester,
+    remeasurement: Remeasurement,
+    deed: str,
+    **details: object,
+) -> None:
     audit.note(
         session,
         requester.caller,
@@ -211,7 +230,9 @@ def _note(session: Session, requester: Requester, remeasurement: Remeasurement, 
 
 def _require_unfinished(remeasurement: Remeasurement) -> None:
     if remeasurement.state == "done":
-        raise ConflictError("The remeasurement is done: start another one.", code="remeasurement_done")
+        raise ConflictError(
+            "The remeasurement is done: start another one.", code="remeasurement_done"
+        )
 
 
 def _other_running(other: Remeasurement) -> ConflictError:

@@ -54,5 +54,7 @@ def render_plan(pairs: Sequence[PlannedPair]) -> RemeasurementPlanOut:
     """Return the numbers of a plan."""
     skipped = Counter(pair.skip for pair in pairs if pair.skip is not None)
     return RemeasurementPlanOut(
-        pairs=len(pairs), would_measure=len(pairs) - skipped.total(), would_skip=dict(sorted(skipped.items()))
+        pairs=len(pairs),
+        would_measure=len(pairs) - skipped.total(),
+        would_skip=dict(sorted(skipped.items())),
     )

@@ -38,8 +38,12 @@ def _require_receiver(keys: PushKeys) -> PushKeys:
 class SubscriptionIn(BaseModel):
     """A browser's subscription, as `PushSubscription.toJSON()` gives it."""
 
-    endpoint: Text = Field(max_length=500, description="Address at the browser's push service, https.")
-    keys: Annotated[PushKeys, AfterValidator(_require_receiver)] = Field(description="By which messages are encrypted.")
+    endpoint: Text = Field(
+        max_length=500, description="Address at the browser's push service, https."
+    )
+    keys: Annotated[PushKeys, AfterValidator(_require_receiver)] = Field(
+        description="By which messages are encrypted."
+    )
 
 
 class RemindersIn(BaseModel):
@@ -48,10 +52,18 @@ class RemindersIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     subscription: SubscriptionIn = Field(description="Where reminders are sent.")
-    times: ReminderTimes | None = Field(default=None, description="The participant's own times; null: the study's.")
-    after_meal: bool = Field(default=True, description="Whether to remind of what is left of a meal.")
-    time_zone: Text = Field(max_length=64, description="IANA name of the phone's time zone, such as Asia/Shanghai.")
-    quiet_from: ClockTime = Field(default="22:00", description="HH:MM: from then on no reminder but at own times.")
+    times: ReminderTimes | None = Field(
+        default=None, description="The participant's own times; null: the study's."
+    )
+    after_meal: bool = Field(
+        default=True, description="Whether to remind of what is left of a meal."
+    )
+    time_zone: Text = Field(
+        max_length=64, description="IANA name of the phone's time zone, such as Asia/Shanghai."
+    )
+    quiet_from: ClockTime = Field(
+        default="22:00", description="HH:MM: from then on no reminder but at own times."
+    )
     quiet_until: ClockTime = Field(
         default="07:00", description="HH:MM: until then. Equal to `quiet_from`: never quiet."
     )
@@ -61,11 +73,15 @@ class RemindersOut(BaseModel):
     """This phone's reminders, and what the server and the study offer."""
 
     available: bool = Field(description="Whether this server sends reminders.")
-    public_key: str | None = Field(description="The server's key, for `applicationServerKey`; null: not available.")
+    public_key: str | None = Field(
+        description="The server's key, for `applicationServerKey`; null: not available."
+    )
     study_times: list[str] = Field(description="The study's times, HH:MM.")
     subscribed: bool = Field(description="Whether this phone is reminded.")
     times: list[str] | None = Field(description="The participant's own times; null: the study's.")
-    after_meal: bool | None = Field(description="Whether it is reminded of what is left; null: not subscribed.")
+    after_meal: bool | None = Field(
+        description="Whether it is reminded of what is left; null: not subscribed."
+    )
     time_zone: str | None = Field(description="In which its times are meant; null: not subscribed.")
     quiet_from: str | None = Field(description="HH:MM; null: not subscribed.")
     quiet_until: str | None = Field(description="HH:MM; null: not subscribed.")
@@ -74,7 +90,9 @@ class RemindersOut(BaseModel):
 @router.get("", responses=problem_responses(401, 403, 410))
 def get_reminders(state: State, caller: CurrentDevice) -> RemindersOut:
     """Return this phone's reminders, and the server's key to subscribe with."""
-    return _render(state.settings, state.part(SecretBox), subscriptions.read_reminders(state.database, caller))
+    return _render(
+        state.settings, state.part(SecretBox), subscriptions.read_reminders(state.database, caller)
+    )
 
 
 @router.put("", responses=problem_responses(401, 403, 409, 410, 422))

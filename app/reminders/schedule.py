@@ -15,7 +15,9 @@ def next_due(times: Iterable[time], zone: ZoneInfo, after: datetime) -> datetime
     """
     today = after.astimezone(zone).date()
     days = [today + timedelta(days=number) for number in range(-1, DAYS_AHEAD)]
-    instants = (datetime.combine(day, at, tzinfo=zone).astimezone(UTC) for day in days for at in times)
+    instants = (
+        datetime.combine(day, at, tzinfo=zone).astimezone(UTC) for day in days for at in times
+    )
     return min((instant for instant in instants if instant > after), default=None)
 
 

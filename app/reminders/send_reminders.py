@@ -35,7 +35,9 @@ LATE = timedelta(minutes=30)  # a reminder that is later, since no worker ran, i
 BEFORE_END = timedelta(minutes=30)  # of an after-meal window
 LOOK_AGAIN = timedelta(days=1)  # at a phone whose time zone is not known here
 KEPT_SECONDS = 30 * 60  # by the push service, for a phone that is off
-END_SECONDS = 2.0  # for messages under way when the worker ends; the other chores' ends come after it
+END_SECONDS = (
+    2.0  # for messages under way when the worker ends; the other chores' ends come after it
+)
 GONE = frozenset({404, 410})  # RFC 8030, section 7.3: the browser has unsubscribed
 COLUMNS: dict[Kind, str] = {"meal": "next_at", "after_meal": "after_reminded_at"}
 
@@ -84,7 +86,9 @@ class SendReminders:
             return 0
         batch = self._take_due()
         if batch.messages or batch.is_full:
-            self._sending = threading.Thread(target=self._send_all, args=(batch,), name="reminders", daemon=True)
+            self._sending = threading.Thread(
+                target=self._send_all, args=(batch,), name="reminders", daemon=True
+            )
             self._sending.start()
         return len(batch.messages)
 
@@ -120,7 +124,11 @@ class SendReminders:
                 is_first = before is None or before < ends_at  # of several meals
                 row.after_reminded_at = max(before or ends_at, ends_at)
                 zone = _zone(row)
-                if is_first and zone is not None and not is_quiet_for(row, now.astimezone(zone).time()):
+                if (
+                    is_first
+                    and zone is not None
+                    and not is_quiet_for(row, now.astimezone(zone).time())
+                ):
                     messages.append(_Message(row, "after_meal", before))
             session.flush()
             session.expunge_all()
@@ -168,12 +176,16 @@ class SendReminders:
                     if under_way:
                         await asyncio.wait(under_way)
 
-    async def _send(self, message: _Message, send: AsyncSend, authorizations: dict[str, str]) -> None:
+    async def _send(
+        self, message: _Message, send: AsyncSend, authorizations: dict[str, str]
+    ) -> None:
         row = message.subscription
         receiver = Receiver(bytes_of(row.public_key), bytes_of(row.auth))
         service = origin_of(row.endpoint)
         if service not in authorizations:
-            authorizations[service] = self._key.authorization(service, self._contact, datetime.now(UTC))
+            authorizations[service] = self._key.authorization(
+                service, self._contact, datetime.now(UTC)
+            )
         headers = {
             "Authorization": authorizations[service],
             "Content-Encoding": "aes128gcm",
@@ -181,11 +193,15 @@ class SendReminders:
             "TTL": str(KEPT_SECONDS),
             "Topic": message.kind,  # an older one that was not delivered yet is replaced
         }
-        answer = await send(row.endpoint, headers, encrypt(json.dumps({"kind": message.kind}).encode(), receiver))
+        answer = await send(
+            row.endpoint, headers, encrypt(json.dumps({"kind": message.kind}).encode(), receiver)
+        )
         if answer.status in GONE:
             await asyncio.to_thread(self._remove, row)
         if not answer.is_success:
-            log.warning("reminder_not_sent", kind=message.kind, status=answer.status, error=answer.error)
+            log.warning(
+                "reminder_not_sent", kind=message.kind, status=answer.status, error=answer.error
+            )
 
     def _next_waiting(self) -> _Message | None:
         """Return a message that nobody else will: the sending thread and stop() both take them."""
@@ -201,7 +217,9 @@ class SendReminders:
             return
         with self._database.write() as session:
             for message in messages:
-                queries.move_back(session, message.subscription, COLUMNS[message.kind], message.before)
+                queries.move_back(
+                    session, message.subscription, COLUMNS[message.kind], message.before
+                )
         log.info("reminders_moved_back", count=len(messages))
 
     def _remove(self, row: PushSubscription) -> None:
@@ -221,6 +239,9 @@ def _schedule(row: PushSubscription, study_times: Sequence[str], now: datetime) 
 def _zone(row: PushSubscription) -> ZoneInfo | None:
     try:
         return ZoneInfo(row.time_zone)
-    except (KeyError, ValueError):  # known when the phone subscribed; this machine has other time zone data
+    except (
+        KeyError,
+        ValueError,
+    ):  # known when the phone subscribed; this machine has other time zone data
         log.warning("time_zone_unknown", time_zone=row.time_zone)
         return None

@@ -14,7 +14,9 @@ from app.people.participants import require_in_study
 from app.reminders import queries
 from app.reminders.schedule import is_quiet, next_due
 
-NEVER = datetime(9000, 1, 1, tzinfo=UTC)  # scheduled, but all of the study's times are in the phone's quiet hours
+NEVER = datetime(
+    9000, 1, 1, tzinfo=UTC
+)  # scheduled, but all of the study's times are in the phone's quiet hours
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +45,14 @@ def read_reminders(database: Database, caller: DeviceCaller) -> Reminders:
     """Return the phone's subscription and its study's times."""
     with database.read() as session:
         study = session.get_one(Study, caller.study_id)
-        return Reminders(session.get(PushSubscription, caller.device_id), study.reminder_times or [])
+        return Reminders(
+            session.get(PushSubscription, caller.device_id), study.reminder_times or []
+        )
 
 
-def subscribe(database: Database, caller: DeviceCaller, wanted: ReminderSettings, *, is_on: bool) -> Reminders:
+def subscribe(
+    database: Database, caller: DeviceCaller, wanted: ReminderSettings, *, is_on: bool
+) -> Reminders:
     """Subscribe the phone, or change its subscription. Raises ConflictError (`reminders_off`), GoneError."""
     if not is_on:
         raise ConflictError("This server sends no reminders.", code="reminders_off")
@@ -63,7 +69,10 @@ def subscribe(database: Database, caller: DeviceCaller, wanted: ReminderSettings
         is_due = row.times == wanted.times and row.next_at is not None and row.next_at <= now
         row.endpoint, row.public_key, row.auth = wanted.endpoint, wanted.public_key, wanted.auth
         row.times, row.after_meal, row.time_zone = wanted.times, wanted.after_meal, wanted.time_zone
-        row.quiet_from_minutes, row.quiet_until_minutes = _minutes(wanted.quiet_from), _minutes(wanted.quiet_until)
+        row.quiet_from_minutes, row.quiet_until_minutes = (
+            _minutes(wanted.quiet_from),
+            _minutes(wanted.quiet_until),
+        )
         if not is_due:  # else it waits for a worker, who sets the next one too
             row.next_at = next_at(row, study.reminder_times or [], now)
         audit.note(session, caller, "reminders.set", subject=caller.participant_alias)

@@ -38,7 +38,9 @@ class VapidKey:
     """The server's key, by which a push service knows it again. Derived from the secret key: it is stored nowhere."""
 
     def __init__(self, box: SecretBox) -> None:
-        drawn = int(box.digest("vapid", "high") + box.digest("vapid", "low"), 16)  # 512 bits, so no value is likelier
+        drawn = int(
+            box.digest("vapid", "high") + box.digest("vapid", "low"), 16
+        )  # 512 bits, so no value is likelier
         self._key = ec.derive_private_key(drawn % (ORDER - 1) + 1, CURVE)
 
     @property
@@ -56,7 +58,9 @@ class VapidKey:
             "exp": int((now + TOKEN_VALID).timestamp()),
             "sub": contact,
         }
-        signed = ".".join(text_of(json.dumps(part).encode()) for part in ({"typ": "JWT", "alg": "ES256"}, claims))
+        signed = ".".join(
+            text_of(json.dumps(part).encode()) for part in ({"typ": "JWT", "alg": "ES256"}, claims)
+        )
         r, s = decode_dss_signature(self._key.sign(signed.encode(), ec.ECDSA(hashes.SHA256())))
         signature = text_of(r.to_bytes(NUMBER_BYTES) + s.to_bytes(NUMBER_BYTES))
         return f"vapid t={signed}.{signature}, k={self.public_key}"
@@ -81,8 +85,12 @@ def encrypt(
     """
     sender, salt = sender or ec.generate_private_key(CURVE), salt or os.urandom(SALT_BYTES)
     sender_point = _point(sender.public_key())
-    shared = sender.exchange(ec.ECDH(), ec.EllipticCurvePublicKey.from_encoded_point(CURVE, receiver.public_key))
-    secret = _derive(shared, receiver.auth, b"WebPush: info\0" + receiver.public_key + sender_point, 32)
+    shared = sender.exchange(
+        ec.ECDH(), ec.EllipticCurvePublicKey.from_encoded_point(CURVE, receiver.public_key)
+    )
+    secret = _derive(
+        shared, receiver.auth, b"WebPush: info\0" + receiver.public_key + sender_point, 32
+    )
     key = _derive(secret, salt, b"Content-Encoding: aes128gcm\0", 16)
     nonce = _derive(secret, salt, b"Content-Encoding: nonce\0", 12)
     sealed = AESGCM(key).encrypt(nonce, content + b"\x02", None)  # 2: the last record
@@ -105,7 +113,9 @@ def text_of(content: bytes) -> str:
 
 def bytes_of(text: str) -> bytes:
     """Decode base64url with or without padding. Raises ValueError."""
-    return base64.b64decode(text.rstrip("=") + "=" * (-len(text.rstrip("=")) % 4), altchars=b"-_", validate=True)
+    return base64.b64decode(
+        text.rstrip("=") + "=" * (-len(text.rstrip("=")) % 4), altchars=b"-_", validate=True
+    )
 
 
 def _derive(secret: bytes, salt: bytes, info: bytes, length: int) -> bytes:

@@ -67,7 +67,11 @@ class MetadataInjections:
 
 
 async def inject_into_meal(
-    request: Request, state: ApiState, caller: DeviceCaller, client_id: uuid.UUID, unknown: dict[str, JsonValue]
+    request: Request,
+    state: ApiState,
+    caller: DeviceCaller,
+    client_id: uuid.UUID,
+    unknown: dict[str, JsonValue],
 ) -> str | None:
     """Answer as the header or the metadata of a meal ask; return how its estimate is to end, None: as it does.
 
@@ -75,11 +79,15 @@ async def inject_into_meal(
     """
     of_header: Injection | None = getattr(request.state, FIELD, None)
     text = unknown.get(FIELD)
-    if not isinstance(text, str) or not await anyio.to_thread.run_sync(_is_sandbox, state.database, caller.study_id):
+    if not isinstance(text, str) or not await anyio.to_thread.run_sync(
+        _is_sandbox, state.database, caller.study_id
+    ):
         return of_header.meal if of_header is not None else None
     del unknown[FIELD]
     injection = parse_injection(text)
-    if of_header is None and state.part(MetadataInjections).take(caller.participant_id, client_id, injection.times):
+    if of_header is None and state.part(MetadataInjections).take(
+        caller.participant_id, client_id, injection.times
+    ):
         setattr(request.state, FIELD, injection)
         await _begin(injection)
         if injection.lose_request is not None:
@@ -99,7 +107,9 @@ async def _of_header(scope: Scope, text: str) -> Injection | None:
     """The header's injection if the call is of a sandbox's phone. Raises InvalidInputError."""
     scheme, _, token = Headers(scope=scope).get("authorization", "").partition(" ")
     state: ApiState = scope["app"].state.api
-    if scheme.lower() != "bearer" or not await anyio.to_thread.run_sync(_is_of_sandbox, state, token.strip()):
+    if scheme.lower() != "bearer" or not await anyio.to_thread.run_sync(
+        _is_of_sandbox, state, token.strip()
+    ):
         return None
     return parse_injection(text)
 

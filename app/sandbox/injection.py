@@ -5,7 +5,13 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from app.core.errors import Failure, InvalidInputError, RateLimitedError, TadaError, UnavailableError
+from app.core.errors import (
+    Failure,
+    InvalidInputError,
+    RateLimitedError,
+    TadaError,
+    UnavailableError,
+)
 from app.messages.catalogue import photograph_codes, sentence
 
 NEEDS_REVIEW = "needs_review"
@@ -35,7 +41,11 @@ class Injection(BaseModel):
 
     @model_validator(mode="after")
     def _check_meal(self) -> Self:
-        if self.meal is not None and self.meal != NEEDS_REVIEW and self.meal not in photograph_codes():
+        if (
+            self.meal is not None
+            and self.meal != NEEDS_REVIEW
+            and self.meal not in photograph_codes()
+        ):
             raise ValueError(f"no meal fails with {self.meal!r}")
         return self
 
@@ -45,14 +55,19 @@ class Injection(BaseModel):
         if self.status is None:
             return None
         kind = RateLimitedError if self.status == RateLimitedError.status else UnavailableError
-        return kind("The sandbox was asked for this answer. Nothing was kept.", retry_after_seconds=self.retry_after)
+        return kind(
+            "The sandbox was asked for this answer. Nothing was kept.",
+            retry_after_seconds=self.retry_after,
+        )
 
 
 def parse_injection(text: str) -> Injection:
     """Read `name=value` parts, separated by blanks, commas or semicolons. Raises InvalidInputError."""
     parts = [part.partition("=") for part in _BETWEEN.split(text.strip()) if part]
     values = {
-        name.strip().lower().replace("-", "_"): int(value) if value.isdecimal() and len(value) <= MAX_DIGITS else value
+        name.strip().lower().replace("-", "_"): int(value)
+        if value.isdecimal() and len(value) <= MAX_DIGITS
+        else value
         for name, _, value in parts
     }
     try:

@@ -25,7 +25,9 @@ class BlobMissingError(TadaError):
     status = 500
 
     def __init__(self, key: str) -> None:
-        super().__init__("A file of this meal is not in the store. The people who run the server can see which.")
+        super().__init__(
+            "A file of this meal is not in the store. The people who run the server can see which."
+        )
         self.add_note(f"blob key: {key}")  # for the log's traceback; callers do not see our ids
 
 
@@ -36,7 +38,9 @@ class BlobDamagedError(TadaError):
     status = 500
 
     def __init__(self, key: str) -> None:
-        super().__init__("A file of this meal is damaged in the store. The people who run the server can see which.")
+        super().__init__(
+            "A file of this meal is damaged in the store. The people who run the server can see which."
+        )
         self.add_note(f"blob key: {key}")
 
 

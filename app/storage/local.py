@@ -50,7 +50,12 @@ class LocalBlobStore(BlobStore):
         self._sync(targets.values())
         for target, source in targets.items():
             _move(source, target)
-        folders = {parent for target in targets for parent in target.parents if parent.is_relative_to(self._root)}
+        folders = {
+            parent
+            for target in targets
+            for parent in target.parents
+            if parent.is_relative_to(self._root)
+        }
         self._sync(sorted(folders))
 
     def put_bytes(self, key: str, content: bytes) -> None:
@@ -131,7 +136,11 @@ class LocalBlobStore(BlobStore):
                 with contextlib.suppress(FileNotFoundError):
                     status = entry.stat()
                     stored_at = datetime.fromtimestamp(status.st_mtime, UTC)
-                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at, status.st_size)
+                    yield StoredBlob(
+                        Path(entry.path).relative_to(self._root).as_posix(),
+                        stored_at,
+                        status.st_size,
+                    )
 
     def check(self) -> None:
         """Write, sync and remove a small file."""

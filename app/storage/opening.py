@@ -24,7 +24,9 @@ def open_blob_store(url: str, settings: Settings) -> BlobStore:
         from app.storage.s3 import S3BlobStore  # noqa: PLC0415  # saves 5 MB in processes with a local store
 
         return S3BlobStore(s3_place(url, settings), settings.data_dir.absolute() / STAGING)
-    raise _invalid("TADA_BLOB_URL and TADA_ERASURE_URL are file:///an/absolute/path or s3://bucket/prefix.")
+    raise _invalid(
+        "TADA_BLOB_URL and TADA_ERASURE_URL are file:///an/absolute/path or s3://bucket/prefix."
+    )
 
 
 def s3_place(url: str, settings: Settings) -> "S3Place":
@@ -32,12 +34,20 @@ def s3_place(url: str, settings: Settings) -> "S3Place":
     from app.storage.s3 import S3Place  # noqa: PLC0415  # as above
 
     parts = urlsplit(url)
-    if "@" in parts.netloc or ":" in parts.netloc or parts.query or parts.fragment or not parts.netloc:
+    if (
+        "@" in parts.netloc
+        or ":" in parts.netloc
+        or parts.query
+        or parts.fragment
+        or not parts.netloc
+    ):
         raise _invalid(
             "A store's URL is s3://bucket/prefix and nothing else: set keys in TADA_S3_ACCESS_KEY_ID and so on."
         )
     if (settings.s3_access_key_id is None) != (settings.s3_secret_access_key is None):
-        raise _invalid("TADA_S3_ACCESS_KEY_ID and TADA_S3_SECRET_ACCESS_KEY go together: set both or none.")
+        raise _invalid(
+            "TADA_S3_ACCESS_KEY_ID and TADA_S3_SECRET_ACCESS_KEY go together: set both or none."
+        )
     endpoint = settings.s3_endpoint
     if endpoint is not None:
         endpoint_parts = urlsplit(endpoint)
@@ -47,7 +57,9 @@ def s3_place(url: str, settings: Settings) -> "S3Place":
             or endpoint_parts.username
             or endpoint_parts.path.strip("/")
         ):
-            raise _invalid("TADA_S3_ENDPOINT must be like https://s3.example.org:9000: http or https, a host, no path.")
+            raise _invalid(
+                "TADA_S3_ENDPOINT must be like https://s3.example.org:9000: http or https, a host, no path."
+            )
     return S3Place(
         bucket=parts.netloc,
         prefix=unquote(parts.path).strip("/"),

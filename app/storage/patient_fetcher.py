@@ -23,7 +23,9 @@ class PatientFetcher:
         if hanging is not None and not hanging.done():
             raise TimeoutError(f"the store still hangs over {key}")
         fetched: Future[None] = Future()
-        threading.Thread(target=self._fetch, args=(key, path, fetched), name="fetch", daemon=True).start()
+        threading.Thread(
+            target=self._fetch, args=(key, path, fetched), name="fetch", daemon=True
+        ).start()
         try:
             fetched.result(self._seconds)
         except TimeoutError:

@@ -42,7 +42,9 @@ MEBIBYTE = 1024 * 1024
 PART_BYTES = 8 * MEBIBYTE  # larger files are sent in parts, sequentially; S3's minimum is 5 MiB
 BLOCK_BYTES = 1 * MEBIBYTE  # unit in which parts are read
 PUTS_AT_ONCE = 4  # in one process; each holds about one part in memory
-RANGE_BYTES = 512 * 1024  # each reading thread keeps a few of these, since malloc returns large blocks late
+RANGE_BYTES = (
+    512 * 1024
+)  # each reading thread keeps a few of these, since malloc returns large blocks late
 STREAM_BYTES = 256 * 1024  # forty threads may stream to slow phones
 PAGE_KEYS = 1000  # S3's page size
 PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
@@ -62,7 +64,9 @@ class S3Place:
     secret_access_key: SecretStr | None = None
 
     def __str__(self) -> str:
-        return f"s3://{self.bucket}/{self.prefix}" + (f" at {self.endpoint}" if self.endpoint else "")
+        return f"s3://{self.bucket}/{self.prefix}" + (
+            f" at {self.endpoint}" if self.endpoint else ""
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,11 @@ class S3BlobStore(BlobStore):
             length = file.tell()
             file.seek(0)
             with self._turn():
-                self._put(key, _block(file, length) if length <= PART_BYTES else _blocks(file, length), digest)
+                self._put(
+                    key,
+                    _block(file, length) if length <= PART_BYTES else _blocks(file, length),
+                    digest,
+                )
         source.unlink()
 
     def put_files(self, files: Mapping[str, Path]) -> None:
@@ -205,13 +213,17 @@ class S3BlobStore(BlobStore):
     @contextmanager
     def _turn(self) -> Iterator[None]:
         if not self._turns.acquire(timeout=self._patience.turn_seconds):
-            raise TimeoutError(errno.ETIMEDOUT, "too many uploads wait for the file store", str(self._place))
+            raise TimeoutError(
+                errno.ETIMEDOUT, "too many uploads wait for the file store", str(self._place)
+            )
         try:
             yield
         finally:
             self._turns.release()
 
-    def _put(self, key: str, content: bytes | mmap.mmap | Iterator[bytes | mmap.mmap], digest: str) -> None:
+    def _put(
+        self, key: str, content: bytes | mmap.mmap | Iterator[bytes | mmap.mmap], digest: str
+    ) -> None:
         with self._translate_errors(key):
             obstore.put(
                 self._store,
@@ -229,7 +241,9 @@ class S3BlobStore(BlobStore):
         while True:
             try:
                 with self._translate_errors(key):
-                    response = obstore.get(self._store, key, options={"range": (start, start + range_bytes)})
+                    response = obstore.get(
+                        self._store, key, options={"range": (start, start + range_bytes)}
+                    )
                     block = bytes(response.bytes())
             except _EmptyObjectError:
                 if start or not self._is_meant_empty(key):
@@ -251,7 +265,11 @@ class S3BlobStore(BlobStore):
         """Return exactly these bytes of the object."""
         try:
             with self._translate_errors(key):
-                block = bytes(obstore.get(self._store, key, options={"range": (start, start + length)}).bytes())
+                block = bytes(
+                    obstore.get(
+                        self._store, key, options={"range": (start, start + length)}
+                    ).bytes()
+                )
         except _EmptyObjectError:
             raise BlobDamagedError(key) from None
         if len(block) != length:
@@ -324,6 +342,10 @@ def _open(place: S3Place, patience: Patience) -> S3Store:
         retry_config={
             "max_retries": patience.tries - 1,
             "retry_timeout": timedelta(seconds=patience.retry_seconds),
-            "backoff": {"init_backoff": timedelta(seconds=0.2), "max_backoff": timedelta(seconds=2), "base": 2},
+            "backoff": {
+                "init_backoff": timedelta(seconds=0.2),
+                "max_backoff": timedelta(seconds=2),
+                "base": 2,
+            },
         },
     )

@@ -15,8 +15,12 @@ STATUS = re.compile(r"non-2xx status code: (\d{3})")
 FAULT = re.compile(r"kind: (Timeout|Connect)\b")
 MACHINE_ROLE = "169.254.169.254"  # where AWS machines request keys if none are set
 
-FULL_CODES = frozenset({"XMinioStorageFull", "XMinioAdminBucketQuotaExceeded", "QuotaExceeded", "InsufficientStorage"})
-REGION_CODES = frozenset({"PermanentRedirect", "AuthorizationHeaderMalformed", "IllegalLocationConstraintException"})
+FULL_CODES = frozenset(
+    {"XMinioStorageFull", "XMinioAdminBucketQuotaExceeded", "QuotaExceeded", "InsufficientStorage"}
+)
+REGION_CODES = frozenset(
+    {"PermanentRedirect", "AuthorizationHeaderMalformed", "IllegalLocationConstraintException"}
+)
 
 
 def is_missing(text: str) -> bool:

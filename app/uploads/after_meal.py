@@ -25,7 +25,13 @@ from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.meal_time import MealTime
 from app.meals.models import AsideDetails, HintDetails, Meal, MealImage, PairDetails, PosesDetails
-from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
+from app.meals.receive_photo import (
+    PhotoIntake,
+    SealablePhoto,
+    image_row,
+    require_unspent,
+    unspent_keys,
+)
 from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
@@ -40,7 +46,9 @@ from app.records.project_records import project_meal
 from app.uploads.submit_meal import keep_unknown
 
 NOT_COMPARED = AsideDetails.__optional_keys__
-ARRIVING = frozenset({None, "receiving", "nothing_left"})  # statuses of a pair that is not queued yet
+ARRIVING = frozenset(
+    {None, "receiving", "nothing_left"}
+)  # statuses of a pair that is not queued yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +117,9 @@ class _Sealed:
 class SubmitAfterPair:
     """The use case; one per process."""
 
-    def __init__(self, database: Database, photo_intake: PhotoIntake, queue: JobQueue, box: SecretBox) -> None:
+    def __init__(
+        self, database: Database, photo_intake: PhotoIntake, queue: JobQueue, box: SecretBox
+    ) -> None:
         self._database = database
         self._photo_intake = photo_intake
         self._queue = queue
@@ -131,7 +141,9 @@ class SubmitAfterPair:
         meal_id = meal_id_of(caller.participant_id, client_id)
         return self._keep(caller, _Upload(meal_id, metadata.details(), metadata.time.captured_at))
 
-    def receive(self, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]) -> bool:
+    def receive(
+        self, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]
+    ) -> bool:
         """Keep photographs by slot, and queue the pair once both are here. Returns whether something was added.
 
         Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is kept),
@@ -144,17 +156,24 @@ class SubmitAfterPair:
             meal = session.get(Meal, meal_id)
             may_be_replaced = meal is None or meal.after_status == "failed"
             images = [] if may_be_replaced else meals.images_of(session, meal_id)
-        photos = self._photo_intake.prepare(caller, files, policy, {image.slot: image for image in images})
+        photos = self._photo_intake.prepare(
+            caller, files, policy, {image.slot: image for image in images}
+        )
         return self._keep(caller, _Upload(meal_id, photos=photos))
 
     def _keep(self, caller: DeviceCaller, upload: _Upload) -> bool:
         meal_id, photos = upload.meal_id, upload.photos
         bind_log_context(meal_id=str(meal_id))
-        with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
+        with (
+            self._database.read() as session
+        ):  # before sealing, so that a refused request leaves no blob
             stored = self._check(session, session.get(Meal, meal_id), upload)
             keys = unspent_keys(
                 session,
-                {slot: _blob_key(caller.study_id, meal_id, slot, stored.attempt, p) for slot, p in photos.items()},
+                {
+                    slot: _blob_key(caller.study_id, meal_id, slot, stored.attempt, p)
+                    for slot, p in photos.items()
+                },
             )
         sealed = _Sealed(stored.attempt, keys, frozenset(set(photos) - stored.slots))
         return self._photo_intake.seal_and_write(
@@ -168,15 +187,24 @@ class SubmitAfterPair:
             require_unspent(session, sealed.keys.values())
             meal = self._require_meal(session, meals.lock_meal(session, meal_id), meal_id)
             stored = self._check(session, meal, upload)
-            added = {slot: photo for slot, photo in upload.photos.items() if slot not in stored.slots}
-            if upload.photos and (stored.attempt != sealed.attempt or not added.keys() <= sealed.slots):
-                raise ConflictError("Another pair came in at the same time: GET the meal, then send again.")
+            added = {
+                slot: photo for slot, photo in upload.photos.items() if slot not in stored.slots
+            }
+            if upload.photos and (
+                stored.attempt != sealed.attempt or not added.keys() <= sealed.slots
+            ):
+                raise ConflictError(
+                    "Another pair came in at the same time: GET the meal, then send again."
+                )
             if stored.is_replaced:
                 _erase_failed_pair(session, meal, stored.images.values(), now)
             has_new_details = bool(_changed_fields(upload.details, meal.after_details))
             if has_new_details:
                 meal.after_details = upload.details
-            session.add_all(image_row(meal_id, slot, photo, sealed.keys[slot], now) for slot, photo in added.items())
+            session.add_all(
+                image_row(meal_id, slot, photo, sealed.keys[slot], now)
+                for slot, photo in added.items()
+            )
             if not (stored.is_replaced or has_new_details or added):
                 return False
             meal.after_status = meal.after_status or "receiving"
@@ -184,7 +212,9 @@ class SubmitAfterPair:
                 meal.after_status = "queued"
                 self._queue.enqueue_pair(session, meal, "after")
             if stored.is_replaced:
-                project_meal(session, meal)  # its records no longer follow from the pair that failed
+                project_meal(
+                    session, meal
+                )  # its records no longer follow from the pair that failed
             meal.version += 1
             audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(added))
         return True
@@ -204,10 +234,20 @@ class SubmitAfterPair:
                 code="meal_without_photographs",
             )
         if upload.captured_at is not None and upload.captured_at < meal.captured_at:
-            raise InvalidInputError("The after-meal pair was taken before the meal.", code="after_pair_before_meal")
+            raise InvalidInputError(
+                "The after-meal pair was taken before the meal.", code="after_pair_before_meal"
+            )
         photos, details = upload.photos, upload.details
-        images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in AFTER_SLOTS}
-        other = [s for s, p in photos.items() if s in images and images[s].received_sha256 != p.received_sha256]
+        images = {
+            image.slot: image
+            for image in meals.images_of(session, meal.id)
+            if image.slot in AFTER_SLOTS
+        }
+        other = [
+            s
+            for s, p in photos.items()
+            if s in images and images[s].received_sha256 != p.received_sha256
+        ]
         changed = _changed_fields(details, meal.after_details)
         if changed and details is not None and details["hints"]:
             photo = photos.get("after_left") or images.get("after_left")
@@ -224,7 +264,9 @@ class SubmitAfterPair:
             )
         if changed and meal.after_details is not None and images:
             raise ConflictError(
-                "This after-meal pair is already here with other metadata.", code="after_pair_differs", fields=changed
+                "This after-meal pair is already here with other metadata.",
+                code="after_pair_differs",
+                fields=changed,
             )
         if changed and meal.after_status not in ARRIVING:
             raise ConflictError(
@@ -240,10 +282,16 @@ def _changed_fields(details: PairDetails | None, stored: PairDetails | None) -> 
     if details is None:
         return []
     before: Mapping[str, object] = stored or {}
-    return sorted(name for name, value in details.items() if name not in NOT_COMPARED and value != before.get(name))
+    return sorted(
+        name
+        for name, value in details.items()
+        if name not in NOT_COMPARED and value != before.get(name)
+    )
 
 
-def _erase_failed_pair(session: Session, meal: Meal, images: Collection[MealImage], now: datetime) -> None:
+def _erase_failed_pair(
+    session: Session, meal: Meal, images: Collection[MealImage], now: datetime
+) -> None:
     """Make room for another pair: the photographs of the failed one are erased, its run stays."""
     privacy.schedule_deletion(session, [image.blob_key for image in images], now)
     for image in images:
@@ -253,7 +301,9 @@ def _erase_failed_pair(session: Session, meal: Meal, images: Collection[MealImag
     meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
 
 
-def _blob_key(study_id: uuid.UUID, meal_id: uuid.UUID, slot: str, attempt: int, photo: SealablePhoto) -> str:
+def _blob_key(
+    study_id: uuid.UUID, meal_id: uuid.UUID, slot: str, attempt: int, photo: SealablePhoto
+) -> str:
     """A later attempt has its own keys: the same bytes may be sent again while those of the failed one are deleted."""
     again = f"{attempt}/" if attempt else ""
     return f"{study_id}/{meal_id}/{slot}/{again}{photo.stored_sha256}"

@@ -15,14 +15,22 @@ from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import MealView, read_meal
 from app.uploads.after_meal import AfterMetadata, SubmitAfterPair
 from app.uploads.after_schemas import AfterMetadataIn
-from app.uploads.api import SUBMIT_RESPONSES, camera_details, hint_details, meal_response, poses_details
+from app.uploads.api import (
+    SUBMIT_RESPONSES,
+    camera_details,
+    hint_details,
+    meal_response,
+    poses_details,
+)
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
 METADATA_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/AfterMetadataIn"}}},
+        "content": {
+            "application/json": {"schema": {"$ref": "#/components/schemas/AfterMetadataIn"}}
+        },
     }
 }
 
@@ -34,12 +42,16 @@ METADATA_BODY: dict[str, Any] = {
     responses=SUBMIT_RESPONSES | problem_responses(404),
     openapi_extra=METADATA_BODY,
 )
-async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
+async def put_after(
+    request: Request, meal_id: MealId, state: State, caller: CurrentDevice
+) -> Response:
     """Say when the after-meal pair was taken and what is left where: before its second photograph, or not at all.
 
     Said anew it replaces what was said, as long as no photograph of the pair is stored.
     """
-    checked, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
+    checked, unknown = validated_with_unknown(
+        AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES)
+    )
 
     def work() -> tuple[bool, MealView]:
         time_zone = checked.time_zone or state.part(SubmitAfterPair).meal_time_zone(caller, meal_id)

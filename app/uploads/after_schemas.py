@@ -15,7 +15,9 @@ class AfterHintIn(HintIn):
 
     model_config = ConfigDict(extra="forbid", validate_by_name=True)
 
-    item: uuid.UUID | None = Field(default=None, description="The item of the meal that it was left of.")
+    item: uuid.UUID | None = Field(
+        default=None, description="The item of the meal that it was left of."
+    )
     leftover_class: Literal["food_left", "refuse"] | None = Field(
         default=None, alias="class", description="refuse: peel, core, bone, shell: it is not eaten."
     )
@@ -29,7 +31,13 @@ class AfterMetadataIn(BaseModel):
         json_schema_extra={
             "example": {
                 "captured_at": "2026-11-21T12:55:00+08:00",
-                "hints": [{"point": [812, 560], "item": "43f0e3b7-0be6-52f3-b3a7-7d1ecccce470", "class": "refuse"}],
+                "hints": [
+                    {
+                        "point": [812, 560],
+                        "item": "43f0e3b7-0be6-52f3-b3a7-7d1ecccce470",
+                        "class": "refuse",
+                    }
+                ],
             }
         },
     )
@@ -44,7 +52,11 @@ class AfterMetadataIn(BaseModel):
         description="What the person knows of some of the leftovers; the others are looked for all the same.",
     )
     complete: bool = Field(
-        default=False, strict=True, description="Whether the hints are all that is left: nothing else is looked for."
+        default=False,
+        strict=True,
+        description="Whether the hints are all that is left: nothing else is looked for.",
     )
     camera: CameraIn | None = Field(default=None, description="Default: the meal's.")
-    poses: PosesIn | None = Field(default=None, description="Of this pair's photographs, as those of a meal.")
+    poses: PosesIn | None = Field(
+        default=None, description="Of this pair's photographs, as those of a meal."
+    )

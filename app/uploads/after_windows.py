@@ -43,4 +43,8 @@ class AfterWindows:
 
 
 def _is_over(meal: Meal, now: datetime) -> bool:
-    return meal.after_due_at is not None and meal.after_due_at <= now and meal.after_status not in meals.WAITING
+    return (
+        meal.after_due_at is not None
+        and meal.after_due_at <= now
+        and meal.after_status not in meals.WAITING
+    )

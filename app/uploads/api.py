@@ -19,7 +19,14 @@ from app.http.model_response import ModelResponse
 from app.http.parameters import MealId, OfWhichParticipant, Slot
 from app.http.problems import problem_responses
 from app.http.state import ApiState
-from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
+from app.http.upload import (
+    MAX_METADATA_BYTES,
+    ReceivedFile,
+    UploadLimits,
+    received_body,
+    received_parts,
+    require_room,
+)
 from app.meals.item_state import REMEASURING
 from app.meals.meal_time import meal_time
 from app.meals.models import DepthCameraDetails, HintDetails, PosesDetails
@@ -43,7 +50,9 @@ from app.vision.marker_spec import parse_marker
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
-FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})  # statuses that no worker changes
+FINAL = frozenset(
+    {"estimated", "needs_review", "failed", "confirmed"}
+)  # statuses that no worker changes
 MAX_WAIT_SECONDS = 60
 
 SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -62,11 +71,19 @@ MULTIPART_BODY = {
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/NewMealMetadataIn"},
                         **{
-                            slot: {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"}
+                            slot: {
+                                "type": "string",
+                                "format": "binary",
+                                "description": "JPEG, PNG, WebP or HEIC",
+                            }
                             for slot in VIEW_SLOTS
                         },
                         **{
-                            slot: {"type": "string", "format": "binary", "description": "PNG or TIFF"}
+                            slot: {
+                                "type": "string",
+                                "format": "binary",
+                                "description": "PNG or TIFF",
+                            }
                             for slot in DEPTH_SLOTS
                         },
                     },
@@ -86,7 +103,9 @@ ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
 METADATA_BODY = {
     "requestBody": {
         "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/MealMetadataIn"}}},
+        "content": {
+            "application/json": {"schema": {"$ref": "#/components/schemas/MealMetadataIn"}}
+        },
     }
 }
 # one media type: generators of clients do not handle several types of binary bodies
@@ -100,7 +119,13 @@ PHOTO_BODY = {
 }
 
 
-@router.post("", status_code=202, response_model=MealOut, responses=SUBMIT_RESPONSES, openapi_extra=MULTIPART_BODY)
+@router.post(
+    "",
+    status_code=202,
+    response_model=MealOut,
+    responses=SUBMIT_RESPONSES,
+    openapi_extra=MULTIPART_BODY,
+)
 async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Response:
     """Send a meal whole: parts `metadata` (JSON, with the id that the phone made), `left` and `right`.
 
@@ -111,10 +136,16 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
     """
     await anyio.to_thread.run_sync(require_room, state)
     async with received_parts(
-        request, (*VIEW_SLOTS, *DEPTH_SLOTS), state.blobs.staging_folder(), _limits(state), state.upload_limiter
+        request,
+        (*VIEW_SLOTS, *DEPTH_SLOTS),
+        state.blobs.staging_folder(),
+        _limits(state),
+        state.upload_limiter,
     ) as parts:
         if parts.metadata is None:
-            raise _part_missing(["metadata", *(slot for slot in PAIR_SLOTS if slot not in parts.files)])
+            raise _part_missing(
+                ["metadata", *(slot for slot in PAIR_SLOTS if slot not in parts.files)]
+            )
         checked, unknown = validated_with_unknown(NewMealMetadataIn, parts.metadata)
         announced = (*VIEW_SLOTS[: checked.views], *checked.announced_maps)
         missing = [slot for slot in announced if slot not in parts.files]
@@ -126,11 +157,19 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 
 
 @router.put(
-    "/{meal_id}", status_code=202, response_model=MealOut, responses=SUBMIT_RESPONSES, openapi_extra=METADATA_BODY
+    "/{meal_id}",
+    status_code=202,
+    response_model=MealOut,
+    responses=SUBMIT_RESPONSES,
+    openapi_extra=METADATA_BODY,
 )
-async def put_meal(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
+async def put_meal(
+    request: Request, meal_id: MealId, state: State, caller: CurrentDevice
+) -> Response:
     """Announce a meal, to send its photographs one by one."""
-    checked, unknown = validated_with_unknown(MealMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
+    checked, unknown = validated_with_unknown(
+        MealMetadataIn, await read_limited(request, MAX_METADATA_BYTES)
+    )
     outcome = await inject_into_meal(request, state, caller, meal_id, unknown)
     metadata = replace(_metadata(meal_id, checked, unknown), sandbox=outcome)
     return await _submit(state, caller, meal_id, metadata, {})
@@ -165,7 +204,10 @@ async def put_photograph(
 @router.get(
     "/{meal_id}",
     response_model=MealOut,
-    responses={304: {"description": "The caller has this version."}, **problem_responses(401, 404, 409, 422)},
+    responses={
+        304: {"description": "The caller has this version."},
+        **problem_responses(401, 404, 409, 422),
+    },
 )
 async def get_meal(
     request: Request,
@@ -173,7 +215,8 @@ async def get_meal(
     state: State,
     caller: CurrentCaller,
     wait: Annotated[
-        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Wait up to so many seconds for a change.")
+        float,
+        Query(ge=0, le=MAX_WAIT_SECONDS, description="Wait up to so many seconds for a change."),
     ] = 0,
     participant: OfWhichParticipant = None,
 ) -> Response:
@@ -186,7 +229,9 @@ async def get_meal(
     etags = request.headers.get("if-none-match")
     if wait and will_change(view) and (etags is None or is_held(etags, _etag(view))):
         await state.part(MealWaiter).wait(view.meal.id, view.meal.version, wait)
-        view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
+        view = await anyio.to_thread.run_sync(
+            read_meal, state.database, caller, meal_id, participant
+        )
     if etags is not None and is_held(etags, _etag(view)):
         return Response(status_code=304, headers={"ETag": _etag(view)})
     return meal_response(view, 200)
@@ -199,14 +244,20 @@ async def get_meal(
 )
 def get_artefact(
     meal_id: MealId,
-    name: Annotated[str, Path(max_length=64, description="The artefact's name, as the run lists it.")],
+    name: Annotated[
+        str, Path(max_length=64, description="The artefact's name, as the run lists it.")
+    ],
     state: State,
     caller: CurrentCaller,
     participant: OfWhichParticipant = None,
-    pair: Annotated[Literal["meal", "after"], Query(description="Of the run on which pair.")] = "meal",
+    pair: Annotated[
+        Literal["meal", "after"], Query(description="Of the run on which pair.")
+    ] = "meal",
 ) -> StreamingResponse:
     """A picture, the point cloud or the scene of the last run on the meal's pair, or on its after-meal pair."""
-    artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant, pair)
+    artefact, content = open_artefact(
+        state.database, state.blobs, caller, meal_id, name, participant, pair
+    )
     return ClosingStream(
         content,
         content.close,
@@ -227,7 +278,9 @@ def _part_missing(parts: list[str]) -> MalformedRequestError:
     )
 
 
-def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]) -> MealMetadata:
+def _metadata(
+    client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]
+) -> MealMetadata:
     """Raises InvalidInputError (time, zone, marker, rig, poses)."""
     if checked.marker is not None:
         parse_marker(checked.marker)
@@ -241,7 +294,9 @@ def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[st
         hints=hint_details(checked.hints),
         complete=checked.complete,
         views=checked.views,
-        depth_camera=cast(DepthCameraDetails, checked.depth_camera.model_dump()) if checked.depth_camera else None,
+        depth_camera=cast(DepthCameraDetails, checked.depth_camera.model_dump())
+        if checked.depth_camera
+        else None,
         depth_maps=tuple(checked.announced_maps),
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
@@ -265,7 +320,10 @@ def poses_details(poses: PosesIn | None) -> PosesDetails | None:
 
 def hint_details(hints: Sequence[HintIn]) -> tuple[HintDetails, ...]:
     """Return a request's hints as stored."""
-    return tuple(cast(HintDetails, hint.model_dump(mode="json", exclude_none=True, by_alias=True)) for hint in hints)
+    return tuple(
+        cast(HintDetails, hint.model_dump(mode="json", exclude_none=True, by_alias=True))
+        for hint in hints
+    )
 
 
 def photo_limit(state: ApiState, slot: str) -> int:

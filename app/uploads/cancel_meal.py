@@ -23,7 +23,9 @@ from app.records.read_meal import MealView, lock_meal_of, read_meal
 
 log = structlog.get_logger()
 
-PHONE_PURPOSES = frozenset({"meal", "after"})  # a phone cannot cancel the measuring of redrawn regions
+PHONE_PURPOSES = frozenset(
+    {"meal", "after"}
+)  # a phone cannot cancel the measuring of redrawn regions
 
 
 def cancel_meal(
@@ -61,7 +63,14 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
         jobs.fail_pair(meal, purpose, CANCELLED)
     project_meal(session, meal)
     purposes = sorted([*(job.purpose for job in live), *lost])
-    audit.note(session, caller, "meal.cancel", study_id=meal.study_id, subject=meal.alias, purposes=purposes)
+    audit.note(
+        session,
+        caller,
+        "meal.cancel",
+        study_id=meal.study_id,
+        subject=meal.alias,
+        purposes=purposes,
+    )
     return len(purposes)
 
 
@@ -73,7 +82,10 @@ def _waiting_pairs(meal: Meal) -> list[str]:
 
 def _nothing_waits(meal: Meal) -> ConflictError:
     if meal.status == "failed":
-        reason, facts = f"it has already failed ({meal.failure_code})", {"failure_code": meal.failure_code}
+        reason, facts = (
+            f"it has already failed ({meal.failure_code})",
+            {"failure_code": meal.failure_code},
+        )
     elif meal.status == "receiving":
         reason, facts = "not all of its photographs have arrived", {}
     elif meal.origin == "declared":

@@ -95,9 +95,16 @@ def check_pair(
         whose=whose,
         is_costly=inspected.is_costly,
     )
-    problems = tuple(_problem(each["code"], each["severity"], each["side"], locale) for each in result["problems"])
-    return CheckedPair(result["ok"], problems, result["measures"], locale, round(time.perf_counter() - started, 3))
+    problems = tuple(
+        _problem(each["code"], each["severity"], each["side"], locale)
+        for each in result["problems"]
+    )
+    return CheckedPair(
+        result["ok"], problems, result["measures"], locale, round(time.perf_counter() - started, 3)
+    )
 
 
-def _problem(code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale) -> PairProblem:
+def _problem(
+    code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale
+) -> PairProblem:
     return PairProblem(code, severity, side, sentence(code, locale, side) or code)

@@ -15,9 +15,13 @@ class CheckMetadataIn(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"locale": "es"}})
 
     marker: Text | None = Field(
-        default=None, max_length=64, description="The board, such as plain:9x7:11; default: the study's."
+        default=None,
+        max_length=64,
+        description="The board, such as plain:9x7:11; default: the study's.",
     )
-    camera: CameraIn | None = Field(default=None, description="Default: as for a meal of this phone.")
+    camera: CameraIn | None = Field(
+        default=None, description="Default: as for a meal of this phone."
+    )
     locale: Locale | None = Field(
         default=None, description="Of the sentences; default: Accept-Language, or else the study's."
     )
@@ -59,6 +63,8 @@ class CheckOut(BaseModel):
 
     ok: bool = Field(description="Nothing stops this pair from being measured.")
     problems: list[CheckProblemOut] = Field(description="Problems of the pair; empty: none.")
-    measures: dict[str, float] = Field(description="Measured numbers, each with its unit in the name.")
+    measures: dict[str, float] = Field(
+        description="Measured numbers, each with its unit in the name."
+    )
     locale: Locale = Field(description="Of the sentences.")
     seconds: float = Field(description="Duration of the check, without the upload.")

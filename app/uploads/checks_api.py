@@ -28,8 +28,16 @@ MULTIPART_BODY: dict[str, Any] = {
                     "required": ["left", "right"],
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/CheckMetadataIn"},
-                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
-                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                        "left": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "JPEG, PNG, WebP or HEIC",
+                        },
+                        "right": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "JPEG, PNG, WebP or HEIC",
+                        },
                     },
                 },
                 "encoding": {"metadata": {"contentType": "application/json"}},
@@ -39,13 +47,20 @@ MULTIPART_BODY: dict[str, Any] = {
 }
 
 
-@router.post("", responses=problem_responses(400, 401, 403, 410, 413, 415, 422, 503), openapi_extra=MULTIPART_BODY)
+@router.post(
+    "",
+    responses=problem_responses(400, 401, 403, 410, 413, 415, 422, 503),
+    openapi_extra=MULTIPART_BODY,
+)
 async def post_check(
     request: Request,
     state: State,
     caller: CurrentDevice,
     accept_language: Annotated[
-        str | None, Header(max_length=500, description="Languages of the sentences, where the metadata names none.")
+        str | None,
+        Header(
+            max_length=500, description="Languages of the sentences, where the metadata names none."
+        ),
     ] = None,
 ) -> CheckOut:
     """Check a pair before it is sent: parts `left`, `right` and optionally `metadata`. Nothing is kept.
@@ -54,13 +69,19 @@ async def post_check(
     """
     await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
-    async with received_parts(request, PAIR_SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
+    async with received_parts(
+        request, PAIR_SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter
+    ) as parts:
         missing = [slot for slot in PAIR_SLOTS if slot not in parts.files]
         if missing:
             raise MalformedRequestError(
                 f"The request has no part {', '.join(missing)}.", code="part_missing", parts=missing
             )
-        metadata = validated(CheckMetadataIn, parts.metadata) if parts.metadata is not None else CheckMetadataIn()
+        metadata = (
+            validated(CheckMetadataIn, parts.metadata)
+            if parts.metadata is not None
+            else CheckMetadataIn()
+        )
         check_request = CheckRequest(
             marker=metadata.marker,
             camera=camera_details(metadata.camera),
@@ -70,13 +91,21 @@ async def post_check(
 
         def work() -> CheckedPair:
             return check_pair(
-                state.database, state.part(ApiChildren), state.settings, caller, check_request, parts.files
+                state.database,
+                state.part(ApiChildren),
+                state.settings,
+                caller,
+                check_request,
+                parts.files,
             )
 
         checked = await anyio.to_thread.run_sync(work)
     return CheckOut(
         ok=checked.is_ok,
-        problems=[CheckProblemOut.model_validate(problem, from_attributes=True) for problem in checked.problems],
+        problems=[
+            CheckProblemOut.model_validate(problem, from_attributes=True)
+            for problem in checked.problems
+        ],
         measures=dict(checked.measures),
         locale=checked.locale,
         seconds=checked.seconds,

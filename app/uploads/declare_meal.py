@@ -59,7 +59,9 @@ class DeclareMeal:
         """Keep the meal. Returns False if it exists. Raises InvalidInputError (a food), ConflictError, GoneError."""
         try:
             return self._declare(caller, declared)
-        except IntegrityError:  # an identical request was written at the same time and committed first
+        except (
+            IntegrityError
+        ):  # an identical request was written at the same time and committed first
             return self._declare(caller, declared)
 
     def _declare(self, caller: DeviceCaller, declared: DeclaredMeal) -> bool:
@@ -78,14 +80,18 @@ class DeclareMeal:
             if declared.app_version is not None:
                 people.note_app_version(session, caller.device_id, declared.app_version)
             project_meal(session, meal)
-            audit.note(session, caller, "meal.declare", subject=meal.alias, items=len(declared.items))
+            audit.note(
+                session, caller, "meal.declare", subject=meal.alias, items=len(declared.items)
+            )
         return True
 
 
 def _require_same(meal: Meal, declared: DeclaredMeal) -> None:
     stored: Mapping[str, object] = meal.details
     sent = _details(declared, None).items()
-    if meal.origin != "declared" or any(stored.get(name) != value for name, value in sent if name != "location"):
+    if meal.origin != "declared" or any(
+        stored.get(name) != value for name, value in sent if name != "location"
+    ):
         raise ConflictError(
             "A meal with this id is already here with other content. Use a new id for a new meal.",
             code="meal_id_reused",
@@ -97,13 +103,17 @@ def _add_items(session: Session, caller: DeviceCaller, meal: Meal, declared: Dec
     for number, item in enumerate(declared.items, start=1):
         event_id = uuid.uuid5(meal.id, f"declared/{number}")
         event = AddIn(id=event_id, kind="add", food=item.food, amount=item.amount, share=item.share)
-        context = ReviewContext(session, meal, parts, fold_meal(parts), event_id, "participant", meal.received_at)
+        context = ReviewContext(
+            session, meal, parts, fold_meal(parts), event_id, "participant", meal.received_at
+        )
         change = add(context, event, "declared", DECLARED_SD)
         insert_event(session, caller, meal, event, change, sequence=number, now=meal.received_at)
         parts.items.append(change.rows[0])  # type: ignore[arg-type]  # the item goes before what refers to it
 
 
-def _new_meal(study: Study, caller: DeviceCaller, meal_id: uuid.UUID, declared: DeclaredMeal) -> Meal:
+def _new_meal(
+    study: Study, caller: DeviceCaller, meal_id: uuid.UUID, declared: DeclaredMeal
+) -> Meal:
     return Meal(
         id=meal_id,
         client_id=declared.client_id,
@@ -132,5 +142,7 @@ def _details(declared: DeclaredMeal, location: dict[str, float] | None) -> MealD
         "hints": [],
         "location": location,
         "app_version": declared.app_version,
-        "declared": [cast(DeclaredItemDetails, item.model_dump(mode="json")) for item in declared.items],
+        "declared": [
+            cast(DeclaredItemDetails, item.model_dump(mode="json")) for item in declared.items
+        ],
     }

@@ -16,9 +16,12 @@ class DeclaredItemIn(BaseModel):
 
     food: FoodKey
     amount: AmountIn | None = Field(
-        default=None, description="How much of it there was; null: not known, and the meal needs review."
+        default=None,
+        description="How much of it there was; null: not known, and the meal needs review.",
     )
-    share: Share = Field(default=1.0, description="The participant's share of it, above 0 to 1; 1: all of it.")
+    share: Share = Field(
+        default=1.0, description="The participant's share of it, above 0 to 1; 1: all of it."
+    )
 
 
 class DeclaredMealIn(BaseModel):
@@ -39,11 +42,19 @@ class DeclaredMealIn(BaseModel):
         },
     )
 
-    id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
+    id: uuid.UUID = Field(
+        description="Made by the phone, once a meal; the same id again is the same meal."
+    )
     captured_at: Instant = Field(description="When it was eaten: RFC 3339 with offset.")
-    time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
-    items: list[DeclaredItemIn] = Field(min_length=1, max_length=50, description="The foods of the meal.")
+    time_zone: Text = Field(
+        min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai."
+    )
+    items: list[DeclaredItemIn] = Field(
+        min_length=1, max_length=50, description="The foods of the meal."
+    )
     location: LocationIn | None = Field(
         default=None, description="Where it was eaten; kept only if the study keeps locations."
     )
-    app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")
+    app_version: Text | None = Field(
+        default=None, max_length=64, description="The version of the phone's app."
+    )

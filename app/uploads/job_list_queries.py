@@ -11,7 +11,10 @@ from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.people.models import Participant, Study
 
-_PAIRS = (("meal", Meal.status, Meal.failure_code), ("after", Meal.after_status, Meal.after_failure_code))
+_PAIRS = (
+    ("meal", Meal.status, Meal.failure_code),
+    ("after", Meal.after_status, Meal.after_failure_code),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,17 @@ def list_live_jobs(session: Session, study_code: str | None, limit: int) -> list
     if study_code is not None:
         query = query.where(Study.code == study_code)
     return [
-        JobRow(study, person, meal, job.purpose, job.state, job.enqueued_at, None, job.attempts, job.executor_id)
+        JobRow(
+            study,
+            person,
+            meal,
+            job.purpose,
+            job.state,
+            job.enqueued_at,
+            None,
+            job.attempts,
+            job.executor_id,
+        )
         for study, person, meal, job in session.execute(query)
     ]
 
@@ -75,8 +88,12 @@ def list_failed(session: Session, failures: FailedFilter, limit: int) -> list[Jo
             .limit(limit)
         )
         for study, person, meal, failure, job in session.execute(query):
-            at, attempts, worker = (job.finished_at, job.attempts, job.executor_id) if job else (None, 0, None)
-            rows.append(JobRow(study, person, meal, purpose, "failed", at, failure, attempts, worker))
+            at, attempts, worker = (
+                (job.finished_at, job.attempts, job.executor_id) if job else (None, 0, None)
+            )
+            rows.append(
+                JobRow(study, person, meal, purpose, "failed", at, failure, attempts, worker)
+            )
     rows.sort(key=_last_first)
     return rows[:limit]
 
@@ -86,7 +103,9 @@ def _last_first(row: JobRow) -> tuple[bool, float, uuid.UUID]:
     return row.since is None, -row.since.timestamp() if row.since is not None else 0.0, row.meal
 
 
-def failed_meals(session: Session, failures: FailedFilter, after: uuid.UUID | None, limit: int) -> list[uuid.UUID]:
+def failed_meals(
+    session: Session, failures: FailedFilter, after: uuid.UUID | None, limit: int
+) -> list[uuid.UUID]:
     """Return meals with a failed pair, ordered by id, after the id `after`."""
     has_failed = sa.or_(*(_has_failed(purpose, failures) for purpose, _, _ in _PAIRS))
     query = sa.select(Meal.id).where(has_failed).order_by(Meal.id).limit(limit)
@@ -112,8 +131,12 @@ def _has_failed(purpose: str, failures: FailedFilter) -> sa.ColumnElement[bool]:
     if failures.code is not None:
         conditions.append(code == failures.code)
     if failures.study_code is not None:
-        conditions.append(Meal.study_id.in_(sa.select(Study.id).where(Study.code == failures.study_code)))
+        conditions.append(
+            Meal.study_id.in_(sa.select(Study.id).where(Study.code == failures.study_code))
+        )
     if failures.since is not None:
-        ended = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= failures.since)
+        ended = sa.exists().where(
+            Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= failures.since
+        )
         conditions.append(ended)
     return sa.and_(*conditions)

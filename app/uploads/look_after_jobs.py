@@ -48,13 +48,17 @@ def failed_pairs(database: Database, failures: FailedFilter, *, limit: int) -> l
         return job_lists.list_failed(session, failures, limit)
 
 
-def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, participant_code: str | None) -> bool:
+def retry_named(
+    database: Database, queue: JobQueue, client_id: uuid.UUID, participant_code: str | None
+) -> bool:
     """Retry one meal. Returns False if it waits already.
 
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_retry`), GoneError.
     """
     with database.write() as session:
-        return bool(retry_locked_meal(session, queue, _locked(session, client_id, participant_code), None))
+        return bool(
+            retry_locked_meal(session, queue, _locked(session, client_id, participant_code), None)
+        )
 
 
 def retry_failed(database: Database, queue: JobQueue, failures: FailedFilter) -> Retried:
@@ -82,10 +86,14 @@ def cancel_named(database: Database, client_id: uuid.UUID, participant_code: str
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_cancel`).
     """
     with database.write() as session:
-        return bool(cancel_locked_meal(session, _locked(session, client_id, participant_code), None))
+        return bool(
+            cancel_locked_meal(session, _locked(session, client_id, participant_code), None)
+        )
 
 
-def _for_each_failed_meal(database: Database, failures: FailedFilter, do: Callable[[Session, Meal], None]) -> None:
+def _for_each_failed_meal(
+    database: Database, failures: FailedFilter, do: Callable[[Session, Meal], None]
+) -> None:
     after = None
     while True:
         with database.read() as session:
@@ -97,7 +105,9 @@ def _for_each_failed_meal(database: Database, failures: FailedFilter, do: Callab
         after = batch[-1]
 
 
-def _in_own_transaction(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]) -> None:
+def _in_own_transaction(
+    database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]
+) -> None:
     """Retry the transaction if PostgreSQL ended it by a deadlock.
 
     Here a participant is locked before the meal, but saving an estimate locks the meal first.
@@ -119,7 +129,8 @@ def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None
     )
     if len(matches) > 1:
         raise ConflictError(
-            "More than one participant has a meal of this id: add --participant CODE.", code="meal_id_ambiguous"
+            "More than one participant has a meal of this id: add --participant CODE.",
+            code="meal_id_ambiguous",
         )
     meal = lock_with_person(session, matches[0][0]) if matches else None
     if meal is None:

@@ -19,7 +19,9 @@ def get_me(state: State, caller: CurrentDevice) -> MeOut:
         participant=participant.code,
         starts_on=participant.starts_on,
         joined_at=joined_at,
-        study=PhoneProtocol(**render_study(study).model_dump(include=set(PhoneProtocol.model_fields))),
+        study=PhoneProtocol(
+            **render_study(study).model_dump(include=set(PhoneProtocol.model_fields))
+        ),
         device=PhoneOut.model_validate(device, from_attributes=True),
     )
 

@@ -127,7 +127,9 @@ class OpenUpload:
     def __init__(self, file: BinaryIO, state: UploadState) -> None:
         self._file, self._state = file, state
 
-    async def append(self, pieces: AsyncIterator[bytes], limiter: anyio.CapacityLimiter) -> UploadState:
+    async def append(
+        self, pieces: AsyncIterator[bytes], limiter: anyio.CapacityLimiter
+    ) -> UploadState:
         """Append the pieces as they arrive, and keep them if the connection breaks.
 
         Raises MalformedRequestError (`upload_too_long`).
@@ -184,10 +186,14 @@ def _locked(file: BinaryIO) -> Iterator[None]:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise UnavailableError(
-            "Another request is sending this photograph.", code="upload_busy", retry_after_seconds=BUSY_RETRY_SECONDS
+            "Another request is sending this photograph.",
+            code="upload_busy",
+            retry_after_seconds=BUSY_RETRY_SECONDS,
         ) from None
     yield  # the lock goes with the file
 
 
 def _no_upload() -> NotFoundError:
-    return NotFoundError("There is no unfinished upload of this photograph: begin one.", code="upload_unknown")
+    return NotFoundError(
+        "There is no unfinished upload of this photograph: begin one.", code="upload_unknown"
+    )

@@ -41,8 +41,12 @@ PIECE_BODY = {
     }
 }
 SHA_256 = re.compile(r"\bsha-256=:([A-Za-z0-9+/]{43}=):")  # of Repr-Digest: RFC 9530, section 3
-OffsetIn = Annotated[int, Header(alias="Upload-Offset", ge=0, description="Where in the photograph the body begins.")]
-LengthIn = Annotated[int, Header(alias="Upload-Length", ge=1, description="The photograph's length in bytes.")]
+OffsetIn = Annotated[
+    int, Header(alias="Upload-Offset", ge=0, description="Where in the photograph the body begins.")
+]
+LengthIn = Annotated[
+    int, Header(alias="Upload-Length", ge=1, description="The photograph's length in bytes.")
+]
 DigestIn = Annotated[
     str | None,
     Header(
@@ -52,7 +56,10 @@ DigestIn = Annotated[
     ),
 ]
 VersionIn = Annotated[
-    str | None, Header(alias="Tus-Resumable", description="The version of the tus protocol: 1.0.0.", max_length=20)
+    str | None,
+    Header(
+        alias="Tus-Resumable", description="The version of the tus protocol: 1.0.0.", max_length=20
+    ),
 ]
 
 
@@ -63,7 +70,12 @@ VersionIn = Annotated[
     responses=problem_responses(401, 403, 404, 409, 410, 412, 413, 422, 503),
 )
 def post_upload(
-    meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, length: LengthIn, version: VersionIn = None
+    meal_id: MealId,
+    slot: Slot,
+    state: State,
+    caller: CurrentDevice,
+    length: LengthIn,
+    version: VersionIn = None,
 ) -> Response:
     """Begin an upload in pieces, or start it again; the pieces go to the answer's Location."""
     _require_version(version)
@@ -75,8 +87,15 @@ def post_upload(
     return _answer(201, upload, Location=f"/v1/meals/{meal_id}/images/{slot}/upload")
 
 
-@router.get("", status_code=204, response_class=Response, responses=problem_responses(401, 403, 404, 410, 412, 422))
-def get_upload(meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None) -> Response:
+@router.get(
+    "",
+    status_code=204,
+    response_class=Response,
+    responses=problem_responses(401, 403, 404, 410, 412, 422),
+)
+def get_upload(
+    meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None
+) -> Response:
     """Return an upload's state in `Upload-Offset`; tus clients ask by HEAD. 404: begin one.
 
     Of a photograph that is on the server's disk it is the length: the answer to the last piece was lost.
@@ -86,7 +105,9 @@ def get_upload(meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice,
     durable = next((image.bytes for image in meal.images if image.slot == slot), None)
     if durable is not None:
         return _answer(204, UploadState(durable, durable))
-    return _answer(204, state.part(PartialUploads).state(UploadKey(caller.participant_id, meal_id, slot)))
+    return _answer(
+        204, state.part(PartialUploads).state(UploadKey(caller.participant_id, meal_id, slot))
+    )
 
 
 @router.patch(
@@ -124,7 +145,12 @@ async def patch_upload(
     return _answer(204, progress)
 
 
-@router.delete("", status_code=204, response_class=Response, responses=problem_responses(401, 403, 404, 410, 412, 422))
+@router.delete(
+    "",
+    status_code=204,
+    response_class=Response,
+    responses=problem_responses(401, 403, 404, 410, 412, 422),
+)
 def delete_upload(
     meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None
 ) -> Response:
@@ -135,11 +161,17 @@ def delete_upload(
 
 
 async def _submit(
-    state: ApiState, caller: DeviceCaller, key: UploadKey, upload: OpenUpload, repr_digest: str | None
+    state: ApiState,
+    caller: DeviceCaller,
+    key: UploadKey,
+    upload: OpenUpload,
+    repr_digest: str | None,
 ) -> None:
     """Submit the whole photograph; an upload that can never be accepted is removed, any other waits for another try."""
     uploads = state.part(PartialUploads)
-    file = await anyio.to_thread.run_sync(upload.photograph, state.blobs.staging_folder(), limiter=state.upload_limiter)
+    file = await anyio.to_thread.run_sync(
+        upload.photograph, state.blobs.staging_folder(), limiter=state.upload_limiter
+    )
     try:
         announced = SHA_256.search(repr_digest or "")
         if announced is not None and base64.b64decode(announced[1]).hex() != file.sha256:
@@ -149,7 +181,11 @@ async def _submit(
             )
         await submit_photograph(state, caller, key.meal, key.slot, file)
     except TadaError as error:
-        if error.status < TEMPORARY and not error.retryable and not isinstance(error, NotFoundError):
+        if (
+            error.status < TEMPORARY
+            and not error.retryable
+            and not isinstance(error, NotFoundError)
+        ):
             uploads.discard(key)
         raise
     finally:
@@ -166,7 +202,9 @@ def _upload_key(state: ApiState, caller: DeviceCaller, meal_id: MealId, slot: Sl
 def _require_version(version: str | None) -> None:
     if version is not None and version != TUS_VERSION:
         raise PreconditionFailedError(
-            f"The server speaks tus {TUS_VERSION}.", code="tus_version_unknown", versions=[TUS_VERSION]
+            f"The server speaks tus {TUS_VERSION}.",
+            code="tus_version_unknown",
+            versions=[TUS_VERSION],
         )
 
 

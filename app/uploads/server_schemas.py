@@ -26,5 +26,7 @@ class ServerOut(BaseModel):
         description="Those of a meal's metadata that it knows; others come back as ignored."
     )
     hint_fields: list[str] = Field(description="Those of a hint that it knows.")
-    features: list[str] = Field(description="What it can do, each by a name that never changes its meaning.")
+    features: list[str] = Field(
+        description="What it can do, each by a name that never changes its meaning."
+    )
     limits: ServerLimitsOut = Field(description="How large and how much it takes at most.")

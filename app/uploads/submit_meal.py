@@ -36,7 +36,13 @@ from app.meals.models import (
     PosesDetails,
     announced_slots,
 )
-from app.meals.receive_photo import PhotoIntake, SealablePhoto, image_row, require_unspent, unspent_keys
+from app.meals.receive_photo import (
+    PhotoIntake,
+    SealablePhoto,
+    image_row,
+    require_unspent,
+    unspent_keys,
+)
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
@@ -116,7 +122,9 @@ class _Upload:
 class SubmitMeal:
     """The use case; one per process."""
 
-    def __init__(self, database: Database, photo_intake: PhotoIntake, queue: JobQueue, box: SecretBox) -> None:
+    def __init__(
+        self, database: Database, photo_intake: PhotoIntake, queue: JobQueue, box: SecretBox
+    ) -> None:
         self._database = database
         self._photo_intake = photo_intake
         self._queue = queue
@@ -152,22 +160,33 @@ class SubmitMeal:
         depth_camera = _depth_camera(metadata, meal)
         photos = self._photo_intake.prepare(caller, files, policy, stored, depth_camera)
         location = policy.apply(
-            metadata.location if metadata is not None else None, (photo.location for photo in photos.values())
+            metadata.location if metadata is not None else None,
+            (photo.location for photo in photos.values()),
         )
         details = _details(metadata, location) if metadata is not None else None
         upload = _Upload(study, client_id, meal_id, metadata, details, location)
-        with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
+        with (
+            self._database.read() as session
+        ):  # before sealing, so that a refused request leaves no blob
             meal = session.get(Meal, meal_id)
             stored = self._check(session, meal, upload, photos)
             keys = unspent_keys(
-                session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
+                session,
+                {
+                    slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}"
+                    for slot, photo in photos.items()
+                },
             )
         return self._photo_intake.seal_and_write(
             photos, keys, stored, lambda: self._write(caller, upload, photos, keys)
         )
 
     def _check(
-        self, session: Session, meal: Meal | None, upload: _Upload, photos: Mapping[str, SealablePhoto]
+        self,
+        session: Session,
+        meal: Meal | None,
+        upload: _Upload,
+        photos: Mapping[str, SealablePhoto],
     ) -> dict[str, MealImage]:
         """Return the meal's stored photographs by slot. Raises if the upload cannot be added to them."""
         details = upload.details
@@ -184,7 +203,9 @@ class SubmitMeal:
                 "The meal of this id was entered without photographs. Use a new id for a new meal.",
                 code="meal_id_reused",
             )
-        changed = sorted(k for k in COMPARED if details is not None and details.get(k) != meal.details.get(k))
+        changed = sorted(
+            k for k in COMPARED if details is not None and details.get(k) != meal.details.get(k)
+        )
         if changed:
             raise ConflictError(
                 "A meal with this id is already here with other metadata. Use a new id for a new meal.",
@@ -204,7 +225,11 @@ class SubmitMeal:
         return stored
 
     def _write(
-        self, caller: DeviceCaller, upload: _Upload, photos: Mapping[str, SealablePhoto], keys: Mapping[str, str]
+        self,
+        caller: DeviceCaller,
+        upload: _Upload,
+        photos: Mapping[str, SealablePhoto],
+        keys: Mapping[str, str],
     ) -> Submitted:
         now, meal_id = datetime.now(UTC), upload.meal_id
         with self._database.write() as session:
@@ -214,25 +239,43 @@ class SubmitMeal:
             stored = self._check(session, existing, upload, photos)
             meal = existing if existing is not None else _new_meal(caller, upload, now)
             images = [
-                image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored
+                image_row(meal_id, slot, photo, keys[slot], now)
+                for slot, photo in photos.items()
+                if slot not in stored
             ]
-            is_complete = meal.status == "receiving" and set(meal.announced_slots) <= set(stored) | set(photos)
+            is_complete = meal.status == "receiving" and set(meal.announced_slots) <= set(
+                stored
+            ) | set(photos)
             meal.version += len(images) + is_complete
             if is_complete:
                 meal.status, meal.submitted_at = "queued", now
-            if upload.location is not None and meal.details.get("location") is None:  # from a photograph's tags
+            if (
+                upload.location is not None and meal.details.get("location") is None
+            ):  # from a photograph's tags
                 meal.details = meal.details | {"location": upload.location}
             session.add(meal)
             session.flush()  # the meal's row first: all others refer to it
             session.add_all(images)
             is_new = existing is None or bool(images)
             if is_new:
-                audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(set(photos) - set(stored)))
-            if existing is None and upload.metadata is not None and upload.metadata.app_version is not None:
+                audit.note(
+                    session,
+                    caller,
+                    "meal.receive",
+                    subject=meal.alias,
+                    slots=sorted(set(photos) - set(stored)),
+                )
+            if (
+                existing is None
+                and upload.metadata is not None
+                and upload.metadata.app_version is not None
+            ):
                 people.note_app_version(session, caller.device_id, upload.metadata.app_version)
             if is_complete:
                 job = self._queue.enqueue_pair(session, meal, "meal")
-                log.info("meal_queued", meal_id=str(meal_id), job_id=str(job.id), purpose=job.purpose)
+                log.info(
+                    "meal_queued", meal_id=str(meal_id), job_id=str(job.id), purpose=job.purpose
+                )
                 announce_meal(session, meal)
         if is_new:
             log.info("meal_kept", meal_id=str(meal_id), slots=sorted(photos), status=meal.status)
@@ -242,7 +285,9 @@ class SubmitMeal:
         return Submitted(is_new, MealView(meal, participant.code, upload.study.code, arrived))
 
 
-def _has_scale(session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata) -> bool:
+def _has_scale(
+    session: Session, caller: DeviceCaller, study: Study, metadata: MealMetadata
+) -> bool:
     """Return whether a marker, a rig, poses or a depth map of the left photograph give the scale."""
     if (
         "left_depth" in metadata.depth_maps
@@ -287,7 +332,10 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
     if metadata.sandbox is not None:
         details["sandbox"] = metadata.sandbox
     if metadata.depth_camera is not None:
-        details["depth_camera"], details["depth_maps"] = metadata.depth_camera, list(metadata.depth_maps)
+        details["depth_camera"], details["depth_maps"] = (
+            metadata.depth_camera,
+            list(metadata.depth_maps),
+        )
     if metadata.poses is not None:
         details["poses"] = metadata.poses
     return details
@@ -319,7 +367,9 @@ def _require_announced(details: MealDetails, photos: Mapping[str, SealablePhoto]
         mismatch = size_mismatch(photo.width_px, photo.height_px, camera)
         if mismatch is not None:
             raise InvalidInputError(
-                f"The {image_name(slot)}: {mismatch.message} {mismatch.advice}", code=mismatch.code, slot=slot
+                f"The {image_name(slot)}: {mismatch.message} {mismatch.advice}",
+                code=mismatch.code,
+                slot=slot,
             )
 
 
@@ -337,10 +387,14 @@ def _new_meal(caller: DeviceCaller, upload: _Upload, now: datetime) -> Meal:
         captured_at=captured_at,
         utc_offset_minutes=metadata.time.utc_offset_minutes,
         time_zone=metadata.time.time_zone,
-        local_date=metadata.time.local_date(study.day_starts_minutes),  # computed once and never again
+        local_date=metadata.time.local_date(
+            study.day_starts_minutes
+        ),  # computed once and never again
         details=upload.details,
         status="receiving",
-        after_due_at=captured_at + timedelta(minutes=study.after_window_minutes) if study.expects_after_pair else None,
+        after_due_at=captured_at + timedelta(minutes=study.after_window_minutes)
+        if study.expects_after_pair
+        else None,
         version=1,
         received_at=now,
     )

@@ -40,8 +40,12 @@ def get_study_vessels(
     cursor: Cursor = None,
 ) -> VesselList:
     """The study's vessels by name."""
-    page = study_vessels.list_vessels(state.database, study, is_in_use=is_in_use, cursor=cursor, limit=limit)
-    return VesselList(items=[render_vessel(view) for view in page.rows], next=next_page(request, page.cursor))
+    page = study_vessels.list_vessels(
+        state.database, study, is_in_use=is_in_use, cursor=cursor, limit=limit
+    )
+    return VesselList(
+        items=[render_vessel(view) for view in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.post(VESSELS, status_code=201, responses=problem_responses(401, 403, 404, 409, 413, 422))
@@ -49,7 +53,9 @@ def post_study_vessel(
     study: StudyCode, body: VesselIn, state: State, owner: CurrentStaff, response: Response
 ) -> VesselOut:
     """Keep a vessel. Meals that are estimated from now on are measured with it."""
-    view = study_vessels.add_vessel(state.database, study, measured_vessel(body.model_dump()), vessel_author(owner))
+    view = study_vessels.add_vessel(
+        state.database, study, measured_vessel(body.model_dump()), vessel_author(owner)
+    )
     response.headers["Location"] = f"/v1/studies/{study}/vessels/{view.vessel.id}"
     return _tagged(view, response)
 
@@ -61,13 +67,17 @@ def get_study_vessel(
     state: State,
     _: CurrentStaff,
     response: Response,
-    version: Annotated[int | None, Query(ge=1, le=2**31 - 1, description="As a run names it; default: now.")] = None,
+    version: Annotated[
+        int | None, Query(ge=1, le=2**31 - 1, description="As a run names it; default: now.")
+    ] = None,
 ) -> VesselOut:
     """One vessel, as it is now or as it was in an earlier version. `ETag` names the version, for `If-Match`."""
     return _tagged(study_vessels.read_vessel(state.database, study, vessel, version), response)
 
 
-@router.put(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
+@router.put(
+    f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428)
+)
 def put_study_vessel(
     study: StudyCode,
     vessel: VesselId,
@@ -89,8 +99,12 @@ def put_study_vessel(
     return _tagged(view, response)
 
 
-@router.delete(f"{VESSELS}/{{vessel}}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_study_vessel(study: StudyCode, vessel: VesselId, state: State, owner: CurrentStaff) -> Response:
+@router.delete(
+    f"{VESSELS}/{{vessel}}", status_code=204, responses=problem_responses(401, 403, 404, 422)
+)
+def delete_study_vessel(
+    study: StudyCode, vessel: VesselId, state: State, owner: CurrentStaff
+) -> Response:
     """Retire a vessel: estimates get it no more. It stays to be seen, since runs refer to it, and so does its name."""
     study_vessels.retire_vessel(state.database, study, vessel, vessel_author(owner))
     return Response(status_code=204)
@@ -103,7 +117,11 @@ def get_own_vessels(state: State, caller: CurrentDevice) -> PhoneVesselList:
     return PhoneVesselList(
         items=[
             PhoneVesselOut.model_validate(
-                {**stored_measures(view.version), "name": view.vessel.name, "version": view.version.version}
+                {
+                    **stored_measures(view.version),
+                    "name": view.vessel.name,
+                    "version": view.version.version,
+                }
             )
             for view in views
         ]
@@ -113,7 +131,10 @@ def get_own_vessels(state: State, caller: CurrentDevice) -> PhoneVesselList:
 def render_vessel(view: VesselView) -> VesselOut:
     """A vessel as the API shows it to staff."""
     of_vessel = {name: getattr(view.vessel, name) for name in ("id", "name", "created_at")}
-    of_version = {name: getattr(view.version, name) for name in ("version", "is_retired", "author", "changed_at")}
+    of_version = {
+        name: getattr(view.version, name)
+        for name in ("version", "is_retired", "author", "changed_at")
+    }
     return VesselOut.model_validate(stored_measures(view.version) | of_vessel | of_version)
 
 

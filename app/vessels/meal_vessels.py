@@ -32,7 +32,9 @@ class VesselsOfMeal:
         """Return the hints with the library's spelling of vessels' names, since the pipeline compares exactly."""
         names = {view.vessel.name_key: view.vessel.name for view in self.views}
         return [
-            {**hint, "vessel": names.get(name_key(hint["vessel"]), hint["vessel"])} if hint.get("vessel") else hint
+            {**hint, "vessel": names.get(name_key(hint["vessel"]), hint["vessel"])}
+            if hint.get("vessel")
+            else hint
             for hint in hints
         ]
 
@@ -58,7 +60,11 @@ def require_known_vessels(session: Session, study_id: uuid.UUID, hints: Hints) -
         return
     unknown = keys - vessels.vessel_keys(session, study_id, keys)
     names = sorted(
-        {str(hint["vessel"]) for hint in hints if hint.get("vessel") and name_key(hint["vessel"]) in unknown}
+        {
+            str(hint["vessel"])
+            for hint in hints
+            if hint.get("vessel") and name_key(hint["vessel"]) in unknown
+        }
     )
     if names:
         raise InvalidInputError(

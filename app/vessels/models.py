@@ -21,7 +21,9 @@ class StudyVessel(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     name: Mapped[str] = mapped_column(sa.String(100))
-    name_key: Mapped[str] = mapped_column(sa.String(300))  # folding case makes three characters of one at the most
+    name_key: Mapped[str] = mapped_column(
+        sa.String(300)
+    )  # folding case makes three characters of one at the most
     version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime]
 
@@ -52,5 +54,7 @@ class StudyVesselVersion(Base):
 
     __table_args__ = (
         one_of("kind", VESSEL_KINDS),
-        sa.CheckConstraint("(fill_line_mm IS NULL) = (fill_line_ml IS NULL)", name="whole_fill_line"),
+        sa.CheckConstraint(
+            "(fill_line_mm IS NULL) = (fill_line_ml IS NULL)", name="whole_fill_line"
+        ),
     )

@@ -12,7 +12,12 @@ VesselRow = sa.Row[StudyVessel, StudyVesselVersion]
 
 
 def page_of_vessels(
-    session: Session, study_id: uuid.UUID, *, is_in_use: bool | None, after: str | None, limit: int | None
+    session: Session,
+    study_id: uuid.UUID,
+    *,
+    is_in_use: bool | None,
+    after: str | None,
+    limit: int | None,
 ) -> Sequence[VesselRow]:
     """A study's vessels by name, those behind the key `after`. is_in_use: only these; None: retired ones too.
 
@@ -26,7 +31,9 @@ def page_of_vessels(
     return session.execute(query).all()
 
 
-def vessels_for_estimate(session: Session, study_id: uuid.UUID, hinted_keys: Iterable[str]) -> Sequence[VesselRow]:
+def vessels_for_estimate(
+    session: Session, study_id: uuid.UUID, hinted_keys: Iterable[str]
+) -> Sequence[VesselRow]:
     """A study's vessels in use, and retired ones with a key among hinted_keys, by name."""
     hinted = StudyVessel.name_key.in_(sorted(set(hinted_keys)))
     query = _vessels(study_id).where(sa.or_(StudyVesselVersion.is_retired.is_(False), hinted))
@@ -49,7 +56,9 @@ def find_vessel_by_key(session: Session, study_id: uuid.UUID, name_key: str) -> 
     return session.execute(_vessels(study_id).where(StudyVessel.name_key == name_key)).one_or_none()
 
 
-def vessel_version(session: Session, vessel_id: uuid.UUID, version: int) -> StudyVesselVersion | None:
+def vessel_version(
+    session: Session, vessel_id: uuid.UUID, version: int
+) -> StudyVesselVersion | None:
     """What a vessel was in an earlier version."""
     return session.get(StudyVesselVersion, (vessel_id, version))
 
@@ -62,7 +71,8 @@ def count_in_use(session: Session, study_id: uuid.UUID) -> int:
 
 def _vessels(study_id: uuid.UUID) -> sa.Select[StudyVessel, StudyVesselVersion]:
     is_current = sa.and_(
-        StudyVesselVersion.vessel_id == StudyVessel.id, StudyVesselVersion.version == StudyVessel.version
+        StudyVesselVersion.vessel_id == StudyVessel.id,
+        StudyVesselVersion.version == StudyVessel.version,
     )
     return (
         sa.select(StudyVessel, StudyVesselVersion)

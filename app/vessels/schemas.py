@@ -17,7 +17,9 @@ from app.vision.vessel_library import (
     VesselKind,
 )
 
-VesselName = Annotated[Text, Field(min_length=1, max_length=100, description="Unique in the study, without case.")]
+VesselName = Annotated[
+    Text, Field(min_length=1, max_length=100, description="Unique in the study, without case.")
+]
 Profile = Annotated[
     list[tuple[Number, Number]],
     Field(
@@ -32,9 +34,12 @@ class VesselMeasures(BaseModel):
 
     kind: VesselKind = Field(description="What kind of vessel it is.")
     rim_diameter_mm: Annotated[
-        Number, Field(ge=RIM_DIAMETER_MM[0], le=RIM_DIAMETER_MM[1], description="Inside, at the brim.")
+        Number,
+        Field(ge=RIM_DIAMETER_MM[0], le=RIM_DIAMETER_MM[1], description="Inside, at the brim."),
     ]
-    height_mm: Annotated[Number, Field(ge=HEIGHT_MM[0], le=HEIGHT_MM[1], description="Of the brim over the table.")]
+    height_mm: Annotated[
+        Number, Field(ge=HEIGHT_MM[0], le=HEIGHT_MM[1], description="Of the brim over the table.")
+    ]
     capacity_ml: Annotated[Number, Field(ge=CAPACITY_ML[0], le=CAPACITY_ML[1])] | None = Field(
         default=None, description="Filled to the brim."
     )
@@ -47,13 +52,20 @@ class VesselMeasures(BaseModel):
     inside_profile_mm: Profile = []
 
 
-EXAMPLE: JsonDict = {"kind": "mug", "rim_diameter_mm": 82.0, "height_mm": 95.0, "capacity_ml": 330.0}
+EXAMPLE: JsonDict = {
+    "kind": "mug",
+    "rim_diameter_mm": 82.0,
+    "height_mm": 95.0,
+    "capacity_ml": 330.0,
+}
 
 
 class VesselIn(VesselMeasures):
     """A new vessel."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"name": "Blue mug", **EXAMPLE}})
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"name": "Blue mug", **EXAMPLE}}
+    )
 
     name: VesselName
 
@@ -63,7 +75,9 @@ class VesselChangeIn(VesselMeasures):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": EXAMPLE})
 
-    name: VesselName | None = Field(default=None, description="May be left out; another name than the vessel's is 409.")
+    name: VesselName | None = Field(
+        default=None, description="May be left out; another name than the vessel's is 409."
+    )
 
 
 class PhoneVesselOut(VesselMeasures):

@@ -46,7 +46,9 @@ class VesselView:
             capacity_ml=row.capacity_ml,
             inside_profile_mm=tuple((radius, height) for radius, height in row.inside_profile_mm),
         )
-        return replace(model, capacity_ml=known_capacity_ml(model, row.fill_line_mm, row.fill_line_ml))
+        return replace(
+            model, capacity_ml=known_capacity_ml(model, row.fill_line_mm, row.fill_line_ml)
+        )
 
     @property
     def held_ml(self) -> float | None:
@@ -94,7 +96,9 @@ def list_vessels(
     after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
         study = load_study(session, study_code)
-        rows = vessels.page_of_vessels(session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1)
+        rows = vessels.page_of_vessels(
+            session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1
+        )
     views = [VesselView(*row) for row in rows]
     if len(rows) <= limit:
         return Page(views, None)
@@ -112,22 +116,30 @@ def all_vessels(database: Database, study_code: str) -> list[VesselView]:
 def vessels_of_phone(database: Database, caller: DeviceCaller) -> list[VesselView]:
     """All vessels in use of a phone's study, by name; at most MAX_VESSELS."""
     with database.read() as session:
-        rows = vessels.page_of_vessels(session, caller.study_id, is_in_use=True, after=None, limit=MAX_VESSELS)
+        rows = vessels.page_of_vessels(
+            session, caller.study_id, is_in_use=True, after=None, limit=MAX_VESSELS
+        )
     return [VesselView(*row) for row in rows]
 
 
-def read_vessel(database: Database, study_code: str, vessel_id: uuid.UUID, version: int | None = None) -> VesselView:
+def read_vessel(
+    database: Database, study_code: str, vessel_id: uuid.UUID, version: int | None = None
+) -> VesselView:
     """A vessel as it is now, or as it was in `version`. Raises NotFoundError."""
     with database.read() as session:
         study = load_study(session, study_code)
         vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
-        earlier = current if version is None else vessels.vessel_version(session, vessel.id, version)
+        earlier = (
+            current if version is None else vessels.vessel_version(session, vessel.id, version)
+        )
         if earlier is None:
             raise NotFoundError("The vessel never had this version.", code="vessel_not_found")
         return VesselView(vessel, earlier)
 
 
-def add_vessel(database: Database, study_code: str, measured: MeasuredVessel, author: VesselAuthor) -> VesselView:
+def add_vessel(
+    database: Database, study_code: str, measured: MeasuredVessel, author: VesselAuthor
+) -> VesselView:
     """Keep a new vessel. Raises NotFoundError, ConflictError (`vessel_exists`, `vessels_too_many`)."""
     with database.write() as session:
         return _add(session, _locked_study(session, study_code), measured, author)
@@ -152,7 +164,8 @@ def change_vessel(
         vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
         if expected is not None and vessel.version not in expected:
             raise PreconditionFailedError(
-                "The vessel was changed after you read it: read it again, then change it.", version=vessel.version
+                "The vessel was changed after you read it: read it again, then change it.",
+                version=vessel.version,
             )
         name = measures.get("name")
         if isinstance(name, str) and name_key(name) != vessel.name_key:
@@ -164,7 +177,9 @@ def change_vessel(
         return _change(session, study, VesselView(vessel, current), measured, author)
 
 
-def retire_vessel(database: Database, study_code: str, vessel: uuid.UUID | str, author: VesselAuthor) -> VesselView:
+def retire_vessel(
+    database: Database, study_code: str, vessel: uuid.UUID | str, author: VesselAuthor
+) -> VesselView:
     """Take a vessel out of use: estimates get it no more, unless a hint names it. The same again changes nothing.
 
     vessel: its id, or its name.
@@ -172,27 +187,37 @@ def retire_vessel(database: Database, study_code: str, vessel: uuid.UUID | str, 
     with database.write() as session:
         study = _locked_study(session, study_code)
         if isinstance(vessel, str):
-            view = VesselView(*_known(vessels.find_vessel_by_key(session, study.id, name_key(vessel))))
+            view = VesselView(
+                *_known(vessels.find_vessel_by_key(session, study.id, name_key(vessel)))
+            )
         else:
             view = VesselView(*_known(vessels.find_vessel(session, study.id, vessel)))
         if view.version.is_retired:
             return view
         view.vessel.version += 1
         measures = stored_measures(view.version)
-        return _keep_version(session, view.vessel, measures, author, "vessel.retire", is_retired=True)
+        return _keep_version(
+            session, view.vessel, measures, author, "vessel.retire", is_retired=True
+        )
 
 
-def import_vessels(database: Database, study_code: str, value: object, author: VesselAuthor) -> ImportedVessels:
+def import_vessels(
+    database: Database, study_code: str, value: object, author: VesselAuthor
+) -> ImportedVessels:
     """All vessels of a parsed JSON list, by name: new ones added, others changed where they differ; all or none.
 
     Raises NotFoundError, InvalidInputError, ConflictError (`vessels_too_many`).
     """
     if not isinstance(value, list) or len(value) > MAX_VESSELS:
-        raise InvalidInputError(f"A library is a list of at most {MAX_VESSELS} objects.", code="vessel_invalid")
+        raise InvalidInputError(
+            f"A library is a list of at most {MAX_VESSELS} objects.", code="vessel_invalid"
+        )
     library = [measured_vessel(data) for data in value]
     keys = [name_key(measured.model.name) for measured in library]
     if len(set(keys)) < len(keys):
-        raise InvalidInputError("Two vessels of the list have the same name.", code="vessel_invalid")
+        raise InvalidInputError(
+            "Two vessels of the list have the same name.", code="vessel_invalid"
+        )
     added = changed = 0
     with database.write() as session:
         study = _locked_study(session, study_code)
@@ -203,7 +228,9 @@ def import_vessels(database: Database, study_code: str, value: object, author: V
                 added += 1
                 continue
             view, before = VesselView(*row), row[0].version
-            if view.version.is_retired or view.model != measured.model:  # an exported capacity may be a fill line's
+            if (
+                view.version.is_retired or view.model != measured.model
+            ):  # an exported capacity may be a fill line's
                 changed += _change(session, study, view, measured, author).vessel.version > before
     return ImportedVessels(added, changed, len(library) - added - changed)
 
@@ -218,7 +245,9 @@ def export_vessels(database: Database, study_code: str) -> list[dict[str, object
     ]
 
 
-def _add(session: Session, study: Study, measured: MeasuredVessel, author: VesselAuthor) -> VesselView:
+def _add(
+    session: Session, study: Study, measured: MeasuredVessel, author: VesselAuthor
+) -> VesselView:
     name = measured.model.name
     if vessels.find_vessel_by_key(session, study.id, name_key(name)) is not None:
         raise ConflictError(
@@ -227,7 +256,12 @@ def _add(session: Session, study: Study, measured: MeasuredVessel, author: Vesse
         )
     _require_room(session, study)
     vessel = StudyVessel(
-        id=uuid.uuid4(), study_id=study.id, name=name, name_key=name_key(name), version=1, created_at=datetime.now(UTC)
+        id=uuid.uuid4(),
+        study_id=study.id,
+        name=name,
+        name_key=name_key(name),
+        version=1,
+        created_at=datetime.now(UTC),
     )
     session.add(vessel)
     session.flush()  # its row first: the version names it
@@ -263,7 +297,14 @@ def _keep_version(
         changed_at=datetime.now(UTC),
     )
     session.add(version)
-    note(session, author.caller, action, study_id=vessel.study_id, subject=vessel.id, version=vessel.version)
+    note(
+        session,
+        author.caller,
+        action,
+        study_id=vessel.study_id,
+        subject=vessel.id,
+        version=vessel.version,
+    )
     session.flush()  # a list that is imported asks for what is there
     return VesselView(vessel, version)
 

@@ -10,7 +10,9 @@ from app.vision.vessel_frustum import capacity_from_fill_line, profile_capacity_
 from app.vision.vessel_library import VesselModel, vessel_from_mapping
 
 NAME_LENGTH = 100
-MIN_SHARE_OF_CYLINDER = 0.05  # a deep plate with a broad rim holds a fifth of the cylinder over its brim
+MIN_SHARE_OF_CYLINDER = (
+    0.05  # a deep plate with a broad rim holds a fifth of the cylinder over its brim
+)
 MAX_SHARE_OF_CYLINDER = 4.0  # a belly of twice the rim's width
 MAX_CAPACITY_RATIO = 1.5  # of capacity and profile: a ruler's profile is good to a tenth or two
 
@@ -30,8 +32,13 @@ class MeasuredVessel:
     def columns(self) -> dict[str, object]:
         """As a version keeps it."""
         return {
-            **{name: getattr(self.model, name) for name in ("kind", "rim_diameter_mm", "height_mm")},
-            **{name: getattr(self, name) for name in ("capacity_ml", "fill_line_mm", "fill_line_ml")},
+            **{
+                name: getattr(self.model, name) for name in ("kind", "rim_diameter_mm", "height_mm")
+            },
+            **{
+                name: getattr(self, name)
+                for name in ("capacity_ml", "fill_line_mm", "fill_line_ml")
+            },
             "inside_profile_mm": [list(point) for point in self.model.inside_profile_mm],
         }
 
@@ -45,7 +52,11 @@ def measured_vessel(data: object) -> MeasuredVessel:
         return MeasuredVessel(vessel_from_mapping(data), None)  # refuses it
     fields = {**data, "name": vessel_name(data.get("name"))}
     fill_line = _fill_line(fields)
-    if fill_line is None and fields.get("capacity_ml") is None and not fields.get("inside_profile_mm"):
+    if (
+        fill_line is None
+        and fields.get("capacity_ml") is None
+        and not fields.get("inside_profile_mm")
+    ):
         raise InvalidInputError(
             "Give the vessel's capacity, a fill line or its inside profile: without any the level says nothing of the "
             "volume.",
@@ -69,9 +80,16 @@ def measured_vessel(data: object) -> MeasuredVessel:
     return MeasuredVessel(model, outline.capacity_ml, *fill_line)
 
 
-def known_capacity_ml(model: VesselModel, fill_line_mm: float | None, fill_line_ml: float | None) -> float | None:
+def known_capacity_ml(
+    model: VesselModel, fill_line_mm: float | None, fill_line_ml: float | None
+) -> float | None:
     """The measured capacity, else what follows from the fill line; None where the profile alone says it."""
-    if model.capacity_ml is not None or fill_line_mm is None or fill_line_ml is None or model.inside_profile_mm:
+    if (
+        model.capacity_ml is not None
+        or fill_line_mm is None
+        or fill_line_ml is None
+        or model.inside_profile_mm
+    ):
         return model.capacity_ml
     return capacity_from_fill_line(
         rim_diameter_mm=model.rim_diameter_mm,
@@ -86,7 +104,8 @@ def vessel_name(name: object) -> str:
     cleaned = " ".join(unicodedata.normalize("NFC", name).split()) if isinstance(name, str) else ""
     if not 0 < len(cleaned) <= NAME_LENGTH or not cleaned.isprintable():
         raise InvalidInputError(
-            f"A vessel's name must be a text of 1 to {NAME_LENGTH} printable characters.", code="vessel_invalid"
+            f"A vessel's name must be a text of 1 to {NAME_LENGTH} printable characters.",
+            code="vessel_invalid",
         )
     return cleaned
 

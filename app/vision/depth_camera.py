@@ -23,11 +23,15 @@ def depth_camera_from_mapping(data: object) -> DepthCamera:
     Other keys are ignored, such as a distortion. Raises InvalidInputError, code "depth_camera_invalid".
     """
     values = data if isinstance(data, Mapping) else {}
-    camera = camera_from_mapping({key: values[key] for key in CAMERA_KEYS if key in values}, _invalid)
+    camera = camera_from_mapping(
+        {key: values[key] for key in CAMERA_KEYS if key in values}, _invalid
+    )
     unit_mm = number_from(values.get("unit_mm", DEFAULT_UNIT_MM), "unit_mm", _invalid)
     if unit_mm <= 0:
         raise _invalid("unit_mm must be positive.")
-    return DepthCamera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, unit_mm=unit_mm)
+    return DepthCamera(
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, unit_mm=unit_mm
+    )
 
 
 def _invalid(reason: str) -> InvalidInputError:
@@ -40,7 +44,11 @@ def _invalid(reason: str) -> InvalidInputError:
 def size_mismatch(width: int, height: int, camera: DepthCamera) -> Failure | None:
     """Failure "depth_mismatch" of a map, px, that is not the camera's, or impossible."""
     sides = sorted((width, height))
-    if (width, height) == (camera.width, camera.height) and sides[0] >= MIN_SIDE_PX and sides[1] <= MAX_SIDE_PX:
+    if (
+        (width, height) == (camera.width, camera.height)
+        and sides[0] >= MIN_SIDE_PX
+        and sides[1] <= MAX_SIDE_PX
+    ):
         return None
     return Failure(
         "depth_mismatch",

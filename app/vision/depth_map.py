@@ -22,7 +22,9 @@ HIGHEST_LEVEL = 2  # ARKit's: 0 low, 1 medium, 2 high
 LEAST_CONFIDENCE = 128  # of 0 to 255, as ARCore's
 
 
-def read_depth(data: bytes, camera: DepthCamera, confidence: bytes | None = None) -> DepthMap | Failure:
+def read_depth(
+    data: bytes, camera: DepthCamera, confidence: bytes | None = None
+) -> DepthMap | Failure:
     """The depth map, without what its confidence map calls unsure. confidence: see read_confidence.
 
     Failures: depth_unreadable, depth_mismatch, depth_empty.
@@ -33,7 +35,11 @@ def read_depth(data: bytes, camera: DepthCamera, confidence: bytes | None = None
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         pixels = None
-    if pixels is None or pixels.ndim != 2 or (data.startswith(PNG_MAGIC) and b"IEND" not in data[-12:]):
+    if (
+        pixels is None
+        or pixels.ndim != 2
+        or (data.startswith(PNG_MAGIC) and b"IEND" not in data[-12:])
+    ):
         return _unreadable("it cannot be decoded as one channel")
     if pixels.dtype not in (np.uint16, np.float32):
         return _unreadable("a PNG needs 16 bits, a TIFF 32 bit floating point numbers in mm")

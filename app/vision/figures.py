@@ -39,17 +39,27 @@ CLOUD_POINTS = 150_000
 CLOUD_VIEW_PX = 900
 SHOWN_ITEMS = 3  # side by side
 ROW_LINES = 12  # drawn across a rectified pair
-WHITE, BLACK, RED, GREEN, GREY = (255, 255, 255), (0, 0, 0), (40, 40, 220), (60, 190, 60), (170, 170, 170)
+WHITE, BLACK, RED, GREEN, GREY = (
+    (255, 255, 255),
+    (0, 0, 0),
+    (40, 40, 220),
+    (60, 190, 60),
+    (170, 170, 170),
+)
 ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (190, 50, 170))
 
 
-def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...]) -> list[Artefact]:
+def draw_artefacts(
+    trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...]
+) -> list[Artefact]:
     """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay, scene."""
     scene = trace.scene
     pictures: dict[str, ImageArray | None] = {}
     if trace.refined is not None and trace.matches is not None and trace.epipolar is not None:
         pictures["matches.jpg"] = _matches(trace, trace.refined, trace.matches, trace.epipolar)
-        pictures["rectified_by_f.jpg"] = _rectified_by_f(trace, trace.refined, trace.matches, trace.epipolar)
+        pictures["rectified_by_f.jpg"] = _rectified_by_f(
+            trace, trace.refined, trace.matches, trace.epipolar
+        )
     if scene is not None:
         first = apply_colour(scene.rectified.first_bgr, trace.colour_of(0))
         disparity = scene.rectified.disparity_from_parallax(scene.disparity.parallax_px)
@@ -58,7 +68,9 @@ def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...
             second = apply_colour(scene.rectified.second_bgr, trace.colour_of(1))
             pictures["rectified.jpg"] = _with_rows(_side_by_side(first, second))
         pictures["disparity.jpg"] = _side_by_side(first, _coloured(disparity))
-        measured = [(item, item.volume) for item in trace.items if item.volume is not None][:SHOWN_ITEMS]
+        measured = [(item, item.volume) for item in trace.items if item.volume is not None][
+            :SHOWN_ITEMS
+        ]
         if measured:
             pictures["points.jpg"] = _point_cloud(measured, scene, first)
             pictures["slices.jpg"] = _slices([volume for _, volume in measured])
@@ -75,7 +87,9 @@ def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...
 
 
 def _jpeg(name: str, picture: ImageArray) -> Artefact:
-    done, data = cv2.imencode(".jpg", _shrunk(picture, WIDTH_PX)[0], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    done, data = cv2.imencode(
+        ".jpg", _shrunk(picture, WIDTH_PX)[0], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    )
     if not done:
         raise ValueError(f"{name} cannot be encoded.")
     return Artefact(name, "image/jpeg", data.tobytes())
@@ -84,7 +98,9 @@ def _jpeg(name: str, picture: ImageArray) -> Artefact:
 def _shrunk(picture: ImageArray, width_px: float) -> tuple[ImageArray, float]:
     """The picture no wider than that, and by which factor."""
     scale = min(1.0, width_px / picture.shape[1])
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8), scale
+    return np.asarray(
+        cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+    ), scale
 
 
 def _reduced(view: View, colour: ColourCorrection) -> tuple[ImageArray, float]:
@@ -95,7 +111,9 @@ def _reduced(view: View, colour: ColourCorrection) -> tuple[ImageArray, float]:
 def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
     height = max(first.shape[0], second.shape[0])
     padded = [
-        cv2.copyMakeBorder(image, 0, height - image.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=WHITE)
+        cv2.copyMakeBorder(
+            image, 0, height - image.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=WHITE
+        )
         for image in (first, second)
     ]
     return np.hstack(padded)
@@ -119,7 +137,9 @@ def _matches(trace: Trace, views: RefinedViews, matches: Matches, epipolar: Epip
     return picture
 
 
-def _rectified_by_f(trace: Trace, refined: RefinedViews, matches: Matches, epipolar: Epipolar) -> ImageArray | None:
+def _rectified_by_f(
+    trace: Trace, refined: RefinedViews, matches: Matches, epipolar: Epipolar
+) -> ImageArray | None:
     """The paper's rectification (eq. 9), H and H' applied to the undistorted photographs."""
     views, good = (refined.first, refined.second), epipolar.is_good
     x = undistort_to_pinhole(views[0], matches.first_px[good])
@@ -136,10 +156,14 @@ def _rectified_by_f(trace: Trace, refined: RefinedViews, matches: Matches, epipo
     mapped = moved[:, :2] / moved[:, 2:]
     low, high = mapped.min(axis=0), mapped.max(axis=0)
     scale = WIDTH_PX / 2 / float((high - low).max())
-    frame = np.array([[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]])
+    frame = np.array(
+        [[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]]
+    )
     shown = tuple(int(np.ceil(side)) for side in (high - low) * scale)
     pictures = []
-    for view, homography, colour in zip(views, homographies, (trace.colour_of(0), trace.colour_of(1)), strict=True):
+    for view, homography, colour in zip(
+        views, homographies, (trace.colour_of(0), trace.colour_of(1)), strict=True
+    ):
         small, reduction = _reduced(view, colour)
         reduce = np.diag([reduction, reduction, 1.0])
         camera = reduce @ view.camera.matrix
@@ -161,14 +185,18 @@ def _coloured(values: Float32Array) -> ImageArray:
     if not is_measured.any():
         return np.zeros((*values.shape, 3), np.uint8)
     low, high = np.percentile(values[is_measured], [1, 99])
-    scaled = np.clip((np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-6) * 255, 0, 255).astype(np.uint8)
+    scaled = np.clip(
+        (np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-6) * 255, 0, 255
+    ).astype(np.uint8)
     picture = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)
     picture[~is_measured] = 0
     return picture
 
 
 def _point_cloud(
-    measured: Sequence[tuple[MeasuredItem, Volume]], scene: Reconstruction, corrected_bgr: ImageArray
+    measured: Sequence[tuple[MeasuredItem, Volume]],
+    scene: Reconstruction,
+    corrected_bgr: ImageArray,
 ) -> ImageArray:
     """The foods' points, measured in their colours and completed in grey, from the camera's side at a low slant."""
     panels = []
@@ -181,13 +209,17 @@ def _point_cloud(
     return np.hstack(panels)
 
 
-def _render(points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: Float64Array) -> ImageArray:
+def _render(
+    points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: Float64Array
+) -> ImageArray:
     """Orthographic picture from 60 degrees beside the camera, 20 degrees above the table."""
     centre = np.array([*volume.axis.centre_mm, 0.0])
     away = camera_mm[:2] - centre[:2]
     azimuth, slant = np.arctan2(away[1], away[0]) + np.radians(60.0), np.radians(20.0)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    towards = np.array([np.cos(azimuth) * np.cos(slant), np.sin(azimuth) * np.cos(slant), np.sin(slant)])
+    towards = np.array(
+        [np.cos(azimuth) * np.cos(slant), np.sin(azimuth) * np.cos(slant), np.sin(slant)]
+    )
     up = np.cross(towards, right)
     offsets = points - centre
     largest = max(volume.slices[-1].high_mm, *(each.half_axes_mm[0] for each in volume.slices))
@@ -212,12 +244,16 @@ def _slices(volumes: Sequence[Volume]) -> ImageArray:
         extent = max(each.half_axes_mm[0] for each in volume.slices) * 1.2
         scale = side / (2 * extent)
         panel = np.full((side, side, 3), 255, np.uint8)
-        places = np.rint((volume.completed_mm[:, :2] - volume.axis.centre_mm) * scale + side / 2).astype(np.int64)
+        places = np.rint(
+            (volume.completed_mm[:, :2] - volume.axis.centre_mm) * scale + side / 2
+        ).astype(np.int64)
         inside = ((places >= 0) & (places < side)).all(axis=1)
         panel[places[inside, 1], places[inside, 0]] = GREY
         for each in volume.slices:
             centre = (each.centre_mm - volume.axis.centre_mm) * scale + side / 2
-            colour = cv2.applyColorMap(np.array([[each.low_mm / top * 255]], np.uint8), cv2.COLORMAP_TURBO)[0, 0]
+            colour = cv2.applyColorMap(
+                np.array([[each.low_mm / top * 255]], np.uint8), cv2.COLORMAP_TURBO
+            )[0, 0]
             cv2.ellipse(
                 panel,
                 (round(float(centre[0])), round(float(centre[1]))),
@@ -229,7 +265,13 @@ def _slices(volumes: Sequence[Volume]) -> ImageArray:
                 2 if each.source in ("fitted", "scaled") else 1,
                 cv2.LINE_AA,
             )
-        _write(panel, f"{len(volume.slices)} slices, {volume.form}: {volume.volume_ml:.0f} ml", (16, 36), 0.9, BLACK)
+        _write(
+            panel,
+            f"{len(volume.slices)} slices, {volume.form}: {volume.volume_ml:.0f} ml",
+            (16, 36),
+            0.9,
+            BLACK,
+        )
         panels.append(panel)
     return np.hstack(panels)
 
@@ -253,6 +295,12 @@ def _overlay(left: Photo, colour: ColourCorrection, items: tuple[ItemEstimate, .
     return picture
 
 
-def _write(picture: ImageArray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+def _write(
+    picture: ImageArray,
+    text: str,
+    place: tuple[int, int],
+    size: float,
+    colour: tuple[int, int, int],
+) -> None:
     for ink, width in ((WHITE, 6), (colour, 2)):
         cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, ink, width, cv2.LINE_AA)

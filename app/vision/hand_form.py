@@ -9,10 +9,16 @@ from typing import Literal
 from app.core.units import ml_from_mm3
 
 HandSection = Literal["prism", "ellipsoid", "slab"]
-BOX_SHARE = {"slab": 1.0, "prism": math.pi / 4, "ellipsoid": math.pi / 6}  # of the box around the upright form
+BOX_SHARE = {
+    "slab": 1.0,
+    "prism": math.pi / 4,
+    "ellipsoid": math.pi / 6,
+}  # of the box around the upright form
 
 
-def hand_form_ml(section: HandSection, length_mm: float, width_mm: float, height_mm: float) -> float:
+def hand_form_ml(
+    section: HandSection, length_mm: float, width_mm: float, height_mm: float
+) -> float:
     """Return the volume of a form, ml.
 
     slab: upright sides over a rectangle; prism: upright sides over an ellipse. A form that leans has each of its levels

@@ -21,7 +21,9 @@ from app.vision.photo import DECODE_ERRORS, TRANSPOSED
 MM_PER_M = 1000.0
 OPEN: Callable[[io.BytesIO], Image.Image] = HeifImageFile
 RELATIVE_MM = (500.0, 1000.0)
-LONG_SIDE_PX = 256  # phones enlarge and smooth what their sensors measure, after which neighbours err together
+LONG_SIDE_PX = (
+    256  # phones enlarge and smooth what their sensors measure, after which neighbours err together
+)
 
 
 def decode_heic_depth(
@@ -61,12 +63,18 @@ def decode_heic_depth(
         return _unreadable("it is flat")
     step_per_m = step if is_inverse else step * float(np.median(numbers)) ** 2
     factor = max(1, max(size) // LONG_SIDE_PX)
-    per_m = cv2.resize(per_m, (per_m.shape[1] // factor, per_m.shape[0] // factor), interpolation=cv2.INTER_AREA)
+    per_m = cv2.resize(
+        per_m, (per_m.shape[1] // factor, per_m.shape[0] // factor), interpolation=cv2.INTER_AREA
+    )
     # A relative map is brought into RELATIVE_MM: only its differences tell anything.
-    scale = (1 / RELATIVE_MM[0] - 1 / RELATIVE_MM[1]) / (high - low) if not is_metric else 1 / MM_PER_M
+    scale = (
+        (1 / RELATIVE_MM[0] - 1 / RELATIVE_MM[1]) / (high - low) if not is_metric else 1 / MM_PER_M
+    )
     offset = 1 / RELATIVE_MM[1] - low * scale if not is_metric else 0.0
     per_mm = np.asarray(per_m * np.float32(scale) + np.float32(offset), np.float32)
-    measured = keep_measured(np.where(per_mm > 0, 1 / np.maximum(per_mm, np.float32(1e-9)), np.float32(np.nan)))
+    measured = keep_measured(
+        np.where(per_mm > 0, 1 / np.maximum(per_mm, np.float32(1e-9)), np.float32(np.nan))
+    )
     if isinstance(measured, Failure):
         return measured
     sd_share, area_px = measure_noise(measured)

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 LARGEST = 1e9  # of a number in a camera or rig file
 ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
-TOLERATED_RMS_PX = 0.5  # of a board's corners, reprojected: as good as phones and printed boards get
+TOLERATED_RMS_PX = (
+    0.5  # of a board's corners, reprojected: as good as phones and printed boards get
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +50,18 @@ def _invalid(reason: str) -> InvalidInputError:
     return InvalidInputError(f"The camera cannot be used: {reason}", code="camera_invalid")
 
 
-def number_from(value: object, key: str, invalid: Callable[[str], InvalidInputError] = _invalid) -> float:
+def number_from(
+    value: object, key: str, invalid: Callable[[str], InvalidInputError] = _invalid
+) -> float:
     """A finite number of JSON. Raises what `invalid` makes of the reason."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
         raise invalid(f"{key} takes numbers, not {str(value)[:40]!r}.")
     return float(value)
 
 
-def camera_from_mapping(data: object, invalid: Callable[[str], InvalidInputError] = _invalid) -> Camera:
+def camera_from_mapping(
+    data: object, invalid: Callable[[str], InvalidInputError] = _invalid
+) -> Camera:
     """A Camera from parsed JSON: width, height, fx, fy, cx, cy, distortion [k1, k2, p1, p2, k3].
 
     Other keys are ignored. Raises what `invalid` makes of the reason: InvalidInputError, code "camera_invalid".
@@ -70,13 +76,19 @@ def camera_from_mapping(data: object, invalid: Callable[[str], InvalidInputError
             raise invalid(f"{key} must be a whole number of pixels, not {side:g}.")
     for key, focal in (("fx", fx), ("fy", fy)):
         if not 0.1 * max(width, height) <= focal <= 20.0 * max(width, height):
-            raise invalid(f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px.")
+            raise invalid(
+                f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px."
+            )
     if not (0 <= cx < width and 0 <= cy < height):
-        raise invalid(f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px.")
+        raise invalid(
+            f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px."
+        )
     listed = data.get("distortion", ())
     if not isinstance(listed, list | tuple) or len(listed) not in (0, 4, 5):
         raise invalid("distortion must be the list [k1, k2, p1, p2, k3].")
-    k1, k2, p1, p2, k3 = [number_from(value, "distortion", invalid) for value in listed] + [0.0] * (5 - len(listed))
+    k1, k2, p1, p2, k3 = [number_from(value, "distortion", invalid) for value in listed] + [0.0] * (
+        5 - len(listed)
+    )
     return Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3), "given")
 
 
@@ -90,7 +102,10 @@ def adapt_camera(camera: Camera, width: int, height: int) -> Camera | Failure:
     if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
         camera = _turned(camera)
     sx, sy = width / camera.width, height / camera.height
-    if abs(height - camera.height * sx) > ROUNDING_PX and abs(width - camera.width * sy) > ROUNDING_PX:
+    if (
+        abs(height - camera.height * sx) > ROUNDING_PX
+        and abs(width - camera.width * sy) > ROUNDING_PX
+    ):
         return Failure(
             "camera_mismatch",
             f"The camera file describes {camera.width} x {camera.height} px, the photograph has {width} x {height} px, "
@@ -119,4 +134,13 @@ def _turned(camera: Camera) -> Camera:
         cx, cy, p1, p2 = camera.height - 1 - camera.cy, camera.cx, p2, -p1
     else:
         cx, cy, p1, p2 = camera.cy, camera.width - 1 - camera.cx, -p2, p1
-    return Camera(camera.height, camera.width, camera.fy, camera.fx, cx, cy, (k1, k2, p1, p2, k3), camera.source)
+    return Camera(
+        camera.height,
+        camera.width,
+        camera.fy,
+        camera.fx,
+        cx,
+        cy,
+        (k1, k2, p1, p2, k3),
+        camera.source,
+    )

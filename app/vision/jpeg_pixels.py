@@ -6,7 +6,9 @@ import simplejpeg
 
 LOST = re.compile("premature end|bad huffman code", re.IGNORECASE)  # in libjpeg's warnings
 TOO_MANY = re.compile(r"(\d+) extraneous bytes")
-MOST_PADDING_BYTES = 1024  # some encoders fill up a block; more are the rest of a scan whose header is lost
+MOST_PADDING_BYTES = (
+    1024  # some encoders fill up a block; more are the rest of a scan whose header is lost
+)
 
 
 def lacks_pixels(data: bytes) -> bool:
@@ -20,5 +22,7 @@ def lacks_pixels(data: bytes) -> bool:
     except ValueError as error:
         words = str(error)
         padding = TOO_MANY.search(words)
-        return bool(LOST.search(words)) or (padding is not None and int(padding[1]) > MOST_PADDING_BYTES)
+        return bool(LOST.search(words)) or (
+            padding is not None and int(padding[1]) > MOST_PADDING_BYTES
+        )
     return False

@@ -15,10 +15,17 @@ from app.vision.rig import Row, StereoRig, is_rotation, numbers_from
 Convention = Literal["arkit", "arcore", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 SIDES = ("left", "right")
-MIN_BASELINE_MM, MAX_BASELINE_MM = 20.0, 1000.0  # tracking is off by millimetres: nearer, it tells no scale
+MIN_BASELINE_MM, MAX_BASELINE_MM = (
+    20.0,
+    1000.0,
+)  # tracking is off by millimetres: nearer, it tells no scale
 MM_PER_M = 1000.0
 UP = (0.0, 1.0, 0.0)  # of ARKit's world and ARCore's
-QUARTER_TURNS = {3: 2, 6: 1, 8: 3}  # EXIF orientation -> quarter turns clockwise that make the stored picture upright
+QUARTER_TURNS = {
+    3: 2,
+    6: 1,
+    8: 3,
+}  # EXIF orientation -> quarter turns clockwise that make the stored picture upright
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +93,10 @@ def poses_to_json(poses: KnownPoses) -> dict[str, object]:
 
 
 def rig_of_poses(
-    poses: KnownPoses, camera: Camera, sizes: tuple[tuple[int, int], tuple[int, int]], orientations: tuple[int, int]
+    poses: KnownPoses,
+    camera: Camera,
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    orientations: tuple[int, int],
 ) -> StereoRig | Failure:
     """The rig of upright photographs of these sizes, (width, height), that one camera took at the poses.
 
@@ -104,9 +114,13 @@ def rig_of_poses(
         for pose, orientation in zip((poses.left, poses.right), orientations, strict=True)
     ]
     rotation = _times(worlds[1], _transposed(worlds[0]))
-    step = tuple(MM_PER_M * (a - b) for a, b in zip(poses.left.centre_m, poses.right.centre_m, strict=True))
+    step = tuple(
+        MM_PER_M * (a - b) for a, b in zip(poses.left.centre_m, poses.right.centre_m, strict=True)
+    )
     up = _turned(worlds[0], poses.up) if poses.up is not None else None
-    return StereoRig(left, right, rotation, _turned(worlds[1], (step[0], step[1], step[2])), "poses", up)
+    return StereoRig(
+        left, right, rotation, _turned(worlds[1], (step[0], step[1], step[2])), "poses", up
+    )
 
 
 Matrix = tuple[Row, Row, Row]
@@ -118,7 +132,9 @@ def _camera_from_world(pose: ViewPose, convention: Convention, orientation: int)
     if convention == "opencv":
         return x, y, z
     y, z = _scaled(y, -1.0), _scaled(z, -1.0)
-    for _ in range(QUARTER_TURNS.get(orientation, 0)):  # clockwise: what pointed up points right, what right down
+    for _ in range(
+        QUARTER_TURNS.get(orientation, 0)
+    ):  # clockwise: what pointed up points right, what right down
         x, y = _scaled(y, -1.0), x
     return x, y, z
 
@@ -139,14 +155,19 @@ def _turned(rotation: Matrix, vector: Row) -> Row:
 
 def _times(first: Matrix, second: Matrix) -> Matrix:
     columns = _transposed(second)
-    return _transposed((_turned(first, columns[0]), _turned(first, columns[1]), _turned(first, columns[2])))
+    return _transposed(
+        (_turned(first, columns[0]), _turned(first, columns[1]), _turned(first, columns[2]))
+    )
 
 
 def _pose(value: object, side: str) -> ViewPose:
     if not isinstance(value, list | tuple) or len(value) != 4:
         raise _invalid(f"the pose of {side} must have four rows.")
     rows = [numbers_from(row, 4, side, _invalid) for row in value]
-    if any(abs(number - expected) > 1e-6 for number, expected in zip(rows[3], (0.0, 0.0, 0.0, 1.0), strict=True)):
+    if any(
+        abs(number - expected) > 1e-6
+        for number, expected in zip(rows[3], (0.0, 0.0, 0.0, 1.0), strict=True)
+    ):
         raise _invalid(f"the last row of {side} must be 0, 0, 0, 1: matrices are row by row.")
     rotation = tuple((row[0], row[1], row[2]) for row in rows[:3])
     turn: Matrix = (rotation[0], rotation[1], rotation[2])

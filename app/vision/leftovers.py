@@ -16,11 +16,19 @@ import scipy
 from app.vision.model import Float64Array, ItemTraits
 
 MIN_MARGIN = math.log(4.0)  # by which the sum must be better than without the match: four to one
-OF_SOME_ITEM = math.log(0.95 / 0.05)  # what lies there after a meal is of the meal, rarely a napkin or a second helping
+OF_SOME_ITEM = math.log(
+    0.95 / 0.05
+)  # what lies there after a meal is of the meal, rarely a napkin or a second helping
 ONE_MORE_PIECE = -math.log(4.0)  # most foods are left in one piece
 SAME_FOOD = 4.0  # what a food that was told weighs; a person may name another food of the same kind
-SAME_LOOK_SHARE, STAYED_SHARE = 0.7, 0.7  # how often the evidence speaks at all; else it says nothing
-SAME_LOOK_SD, ANY_LOOK_SD = 10.0, 40.0  # CIELAB units a channel: of one food in two photographs; of any two foods
+SAME_LOOK_SHARE, STAYED_SHARE = (
+    0.7,
+    0.7,
+)  # how often the evidence speaks at all; else it says nothing
+SAME_LOOK_SD, ANY_LOOK_SD = (
+    10.0,
+    40.0,
+)  # CIELAB units a channel: of one food in two photographs; of any two foods
 PLACE_SD_MM, TABLE_SD_MM = 15.0, 150.0  # of a place measured twice; of any two things on a table
 NO_SMALLER_SD = 0.1  # relative, of the excess of a piece over what was served
 BOARD_STAYED, BOARD_TURNED, NO_FRAME, ALL_MOVED = 0.6, 0.1, 0.15, 0.15  # before looking
@@ -83,7 +91,9 @@ def match_pieces(
     assigned = [_assign(table, prior) for prior, table in totals]
     best, chosen = max(assigned, key=lambda each: each[0])
     # a motion that explains all worse by the margin can only explain it worse still without a match
-    near = [each for each, (total, _) in zip(totals, assigned, strict=True) if total > best - MIN_MARGIN]
+    near = [
+        each for each, (total, _) in zip(totals, assigned, strict=True) if total > best - MIN_MARGIN
+    ]
     far = max((total for total, _ in assigned if total <= best - MIN_MARGIN), default=-math.inf)
     matches = []
     for piece, item in enumerate(chosen):
@@ -91,7 +101,9 @@ def match_pieces(
             others = any(table[piece].max() > 0.0 for _, table in totals) and piece not in stated
             matches.append(Match(None, 0.0, is_ambiguous=others))
             continue
-        without = max(_assign(_without(table, piece, item, served), prior)[0] for prior, table in near)
+        without = max(
+            _assign(_without(table, piece, item, served), prior)[0] for prior, table in near
+        )
         margin = best - max(without, far)
         is_sure = margin >= MIN_MARGIN
         matches.append(Match(item if is_sure else None, margin, is_ambiguous=not is_sure))
@@ -120,8 +132,13 @@ def _look(item: Sight, piece: Sight) -> float:
     """Colours of the same food, or, bitten, cut or stewed, of any."""
     if item.traits.lab is None or piece.traits.lab is None:
         return 0.0
-    distance, any_sd = math.dist(item.traits.lab, piece.traits.lab), math.hypot(SAME_LOOK_SD, ANY_LOOK_SD)
-    own = 3.0 * math.log(any_sd / SAME_LOOK_SD) - 0.5 * distance**2 * (SAME_LOOK_SD**-2 - any_sd**-2)
+    distance, any_sd = (
+        math.dist(item.traits.lab, piece.traits.lab),
+        math.hypot(SAME_LOOK_SD, ANY_LOOK_SD),
+    )
+    own = 3.0 * math.log(any_sd / SAME_LOOK_SD) - 0.5 * distance**2 * (
+        SAME_LOOK_SD**-2 - any_sd**-2
+    )
     return math.log(SAME_LOOK_SHARE * math.exp(own) + 1.0 - SAME_LOOK_SHARE)
 
 
@@ -129,7 +146,10 @@ def _places(served: Sequence[Sight], left: Sequence[Sight], motion: _Motion) -> 
     """(left, served): a piece lies where its item lay, somewhere in its outline; or it was moved."""
     at, was = _centres(left) @ motion.rotation.T + motion.shift_mm, _centres(served)
     distance = np.hypot(*np.moveaxis(at[:, None] - was[None], -1, 0))
-    own_sd, any_sd = np.array([_place_sd(item) for item in served]), math.hypot(TABLE_SD_MM, PLACE_SD_MM)
+    own_sd, any_sd = (
+        np.array([_place_sd(item) for item in served]),
+        math.hypot(TABLE_SD_MM, PLACE_SD_MM),
+    )
     own = 2.0 * np.log(any_sd / own_sd) - 0.5 * distance**2 * (own_sd**-2 - any_sd**-2)
     score = np.log(STAYED_SHARE * np.exp(own) + 1.0 - STAYED_SHARE)
     return np.asarray(np.where(np.isnan(score), 0.0, score), np.float64)
@@ -148,7 +168,9 @@ def _volume(item: Sight, piece: Sight) -> float:
     """What is left is not more than what was served, but for doubt."""
     if item.volume_ml is None or piece.volume_ml is None or piece.volume_ml <= item.volume_ml:
         return 0.0
-    excess = math.log(piece.volume_ml / item.volume_ml) / math.hypot(item.relative_sd, piece.relative_sd, NO_SMALLER_SD)
+    excess = math.log(piece.volume_ml / item.volume_ml) / math.hypot(
+        item.relative_sd, piece.relative_sd, NO_SMALLER_SD
+    )
     return -0.5 * excess**2
 
 
@@ -167,17 +189,27 @@ def _motions(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[_Motion
     yield _Motion(np.eye(2), still, math.log(BOARD_STAYED))
     yield _Motion(-np.eye(2), still, math.log(BOARD_TURNED))
     # each motion is fitted to what it is judged by: its two places and its angle are paid for, once (Occam's factor)
-    paid = 2.0 * math.log(TABLE_SD_MM / PLACE_SD_MM) + math.log(2.0 * math.pi * TABLE_SD_MM / PLACE_SD_MM)
+    paid = 2.0 * math.log(TABLE_SD_MM / PLACE_SD_MM) + math.log(
+        2.0 * math.pi * TABLE_SD_MM / PLACE_SD_MM
+    )
     for rotation, shift in _by_two(served, left):
         yield _Motion(rotation, shift, math.log(ALL_MOVED) - paid)
 
 
-def _by_two(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[tuple[Float64Array, Float64Array]]:
+def _by_two(
+    served: Sequence[Sight], left: Sequence[Sight]
+) -> Iterator[tuple[Float64Array, Float64Array]]:
     """(rotation, shift) that bring two pieces onto two items that lay as far apart, the best fitting first."""
     was, at = _centres(served), _centres(left)
     sds = np.array([_place_sd(item) for item in served])
-    displacement, across = was[None] - was[:, None], at[None] - at[:, None]  # from the row's to the column's
-    lever, length = np.hypot(*np.moveaxis(across, -1, 0)), np.hypot(*np.moveaxis(displacement, -1, 0))
+    displacement, across = (
+        was[None] - was[:, None],
+        at[None] - at[:, None],
+    )  # from the row's to the column's
+    lever, length = (
+        np.hypot(*np.moveaxis(across, -1, 0)),
+        np.hypot(*np.moveaxis(displacement, -1, 0)),
+    )
     misfit = np.abs(lever[:, :, None, None] - length) / np.hypot(sds[:, None], sds[None])
     misfit[np.tril_indices(len(left))] = np.inf  # each two pieces once
     misfit[:, :, np.arange(len(served)), np.arange(len(served))] = np.inf
@@ -195,7 +227,9 @@ def _assign(table: Float64Array, prior: float) -> tuple[float, list[int | None]]
     pieces, items = table.shape
     copies = min(pieces, MAX_PIECES)
     columns = [table + (ONE_MORE_PIECE if copy else 0.0) for copy in range(copies)]
-    whole = np.hstack([*columns, np.zeros((pieces, pieces))])  # the last: unmatched, for any of them
+    whole = np.hstack(
+        [*columns, np.zeros((pieces, pieces))]
+    )  # the last: unmatched, for any of them
     rows, chosen = scipy.optimize.linear_sum_assignment(whole, maximize=True)
     places: list[int | None] = [None] * pieces
     for row, column in zip(rows, chosen, strict=True):
@@ -207,19 +241,28 @@ def _assign(table: Float64Array, prior: float) -> tuple[float, list[int | None]]
 def _without(table: Float64Array, piece: int, item: int, served: Sequence[Sight]) -> Float64Array:
     """The scores with this match ruled out; with it those of the same food, between which it changes no total."""
     food = served[item].food
-    same = [i for i, other in enumerate(served) if i == item or (food is not None and other.food == food)]
+    same = [
+        i
+        for i, other in enumerate(served)
+        if i == item or (food is not None and other.food == food)
+    ]
     out = table.copy()
     out[piece, same] = -FORCED * len(table)
     return out
 
 
 def _within_what_was_served(
-    served: Sequence[Sight], left: Sequence[Sight], matches: Sequence[Match], stated: Mapping[int, int | None]
+    served: Sequence[Sight],
+    left: Sequence[Sight],
+    matches: Sequence[Match],
+    stated: Mapping[int, int | None],
 ) -> list[Match]:
     """Several pieces of one item hold no more together than was served: else the least sure one is nobody's."""
     out = list(matches)
     for item, whole in enumerate(served):
-        pieces = sorted((j for j, match in enumerate(out) if match.served == item), key=lambda j: -out[j].margin)
+        pieces = sorted(
+            (j for j, match in enumerate(out) if match.served == item), key=lambda j: -out[j].margin
+        )
         while len(pieces) > 1 and _is_more(whole, [left[j] for j in pieces]):
             last = next((j for j in reversed(pieces) if j not in stated), None)
             if last is None:

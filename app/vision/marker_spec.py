@@ -28,11 +28,20 @@ SQUARES_A_SIDE: Mapping[MarkerKind, tuple[int, int]] = {
 }
 SQUARE_MM = (1.0, 200.0)
 MAX_THICK_MM = 50.0  # a block higher than that hides the meal behind it
-COLOUR_COLUMNS, COLOUR_ROWS = 4, 5  # of the colour board; which square has which colour: colour_board.py
-TAG_SHEET_MARGIN_MM = 8.0  # of white around a board of tags, as tada marker prints it; a tag needs one of its cells
+COLOUR_COLUMNS, COLOUR_ROWS = (
+    4,
+    5,
+)  # of the colour board; which square has which colour: colour_board.py
+TAG_SHEET_MARGIN_MM = (
+    8.0  # of white around a board of tags, as tada marker prints it; a tag needs one of its cells
+)
 # OpenCV's predefined dictionaries: how many tags there are, and a tag's bits a side without its black border.
 DICTIONARIES: Mapping[str, tuple[int, int]] = {
-    **{f"DICT_{bits}X{bits}_{tags}": (tags, bits) for bits in (4, 5, 6, 7) for tags in (50, 100, 250, 1000)},
+    **{
+        f"DICT_{bits}X{bits}_{tags}": (tags, bits)
+        for bits in (4, 5, 6, 7)
+        for tags in (50, 100, 250, 1000)
+    },
     "DICT_ARUCO_ORIGINAL": (1024, 5),
     "DICT_APRILTAG_16H5": (30, 4),
     "DICT_APRILTAG_25H9": (35, 5),
@@ -101,7 +110,9 @@ def parse_marker(text: str) -> MarkerSpec:
     fewest, most = SQUARES_A_SIDE[spec.kind]
     squares = "tags" if spec.kind == "aruco" else "squares"
     if not (fewest <= spec.columns <= most and fewest <= spec.rows <= most):
-        _refuse(f"A marker has {fewest} to {most} {squares} a side, not {spec.columns}x{spec.rows}.")
+        _refuse(
+            f"A marker has {fewest} to {most} {squares} a side, not {spec.columns}x{spec.rows}."
+        )
     if not SQUARE_MM[0] <= spec.square_mm <= SQUARE_MM[1]:
         _refuse(
             f"A marker's {squares} have a side of {SQUARE_MM[0]:g} to {SQUARE_MM[1]:g} mm, not {spec.square_mm:g} mm."
@@ -119,7 +130,9 @@ def _read(text: str) -> MarkerSpec:
     match = CHECKERBOARD_TEXT.fullmatch(text)
     if match is not None:
         kind: MarkerKind = "plain" if match[1] == "plain" else "colour"
-        return MarkerSpec(kind, int(match[2]), int(match[3]), float(match[4]), float(match[5] or 0.0))
+        return MarkerSpec(
+            kind, int(match[2]), int(match[3]), float(match[4]), float(match[5] or 0.0)
+        )
     match = TAG_BOARD_TEXT.fullmatch(text)
     if match is None:
         _refuse(
@@ -127,10 +140,17 @@ def _read(text: str) -> MarkerSpec:
             "aruco:COLUMNSxROWS:TAG_MM:GAP_MM:DICTIONARY or charuco:COLUMNSxROWS:SQUARE_MM:TAG_MM:DICTIONARY, such as "
             "aruco:5x7:35:5:DICT_6X6_250; for a plaque add its thickness in mm, such as :thick=8.7."
         )
-    columns, rows, square_mm, second_mm = int(match[2]), int(match[3]), float(match[4]), float(match[5])
+    columns, rows, square_mm, second_mm = (
+        int(match[2]),
+        int(match[3]),
+        float(match[4]),
+        float(match[5]),
+    )
     name, thick_mm = match[6].upper(), float(match[7] or 0.0)
     if match[1] == "aruco":
-        return MarkerSpec("aruco", columns, rows, square_mm, thick_mm, name, tag_mm=square_mm, gap_mm=second_mm)
+        return MarkerSpec(
+            "aruco", columns, rows, square_mm, thick_mm, name, tag_mm=square_mm, gap_mm=second_mm
+        )
     return MarkerSpec("charuco", columns, rows, square_mm, thick_mm, name, tag_mm=second_mm)
 
 

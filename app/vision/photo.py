@@ -81,13 +81,18 @@ class ReducedPhoto:
     factor: int
 
 
-def read_photo(data: bytes, *, max_pixels: int, least_short_side_px: int = MIN_SHORT_SIDE_PX) -> Photo | Failure:
+def read_photo(
+    data: bytes, *, max_pixels: int, least_short_side_px: int = MIN_SHORT_SIDE_PX
+) -> Photo | Failure:
     """The photograph in these bytes. least_short_side_px: by default what a marker needs.
 
     Failures: not_an_image, image_truncated, image_unreadable, image_too_many_pixels (nothing decoded), image_too_small.
     """
     read = read_reduced_photo(
-        data, max_pixels=max_pixels, least_long_side_px=None, least_short_side_px=least_short_side_px
+        data,
+        max_pixels=max_pixels,
+        least_long_side_px=None,
+        least_short_side_px=least_short_side_px,
     )
     return read if isinstance(read, Failure) else read.photo
 
@@ -106,16 +111,25 @@ def read_reduced_photo(
     be missing, so that they are decoded once only.
     """
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", module=r"PIL\.")  # of damaged EXIF entries; the sound ones are read
+        warnings.filterwarnings(
+            "ignore", module=r"PIL\."
+        )  # of damaged EXIF entries; the sound ones are read
         return _read(data, max_pixels, least_long_side_px, least_short_side_px, is_whole=is_whole)
 
 
 def _read(
-    data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int, *, is_whole: bool
+    data: bytes,
+    max_pixels: int,
+    least_long_side_px: int | None,
+    least_short_side_px: int,
+    *,
+    is_whole: bool,
 ) -> ReducedPhoto | Failure:
     opener = _opener(data)
     if opener is None:
-        return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG, WebP or HEIC file.")
+        return Failure(
+            "not_an_image", "The file is no photograph.", "Send a JPEG, PNG, WebP or HEIC file."
+        )
     try:
         image = opener(io.BytesIO(data))
     except DECODE_ERRORS:
@@ -145,14 +159,22 @@ def _read(
     except DECODE_ERRORS:
         return _damaged(data)
     exif = _exif(image)
-    if not isinstance(image, HeifImageFile):  # libheif has turned its pixels already, and says so in the same tag
+    if not isinstance(
+        image, HeifImageFile
+    ):  # libheif has turned its pixels already, and says so in the same tag
         turn = TRANSPOSED.get(_whole_number(exif.get(ExifTags.Base.Orientation)))
-        pixels_bgr = pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
-    photo = Photo(pixels_bgr, _focal_35mm(exif, width, height), _name(exif.get(ExifTags.Base.Model)))
+        pixels_bgr = (
+            pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
+        )
+    photo = Photo(
+        pixels_bgr, _focal_35mm(exif, width, height), _name(exif.get(ExifTags.Base.Model))
+    )
     return ReducedPhoto(photo, factor)
 
 
-def encode_photo(photo: Photo, *, is_lossless: bool, orientation: int, taken_at: str | None) -> bytes:
+def encode_photo(
+    photo: Photo, *, is_lossless: bool, orientation: int, taken_at: str | None
+) -> bytes:
     """A photograph written anew as PNG or JPEG: its only metadata are focal length, orientation and time.
 
     orientation: EXIF's, in which it is stored. taken_at: EXIF's local time.
@@ -180,7 +202,11 @@ def encode_photo(photo: Photo, *, is_lossless: bool, orientation: int, taken_at:
 def read_taken_at(data: bytes) -> str | None:
     """EXIF's local time of a readable photograph, or None."""
     opener = _opener(data)
-    taken_at = _exif(opener(io.BytesIO(data))).get(ExifTags.Base.DateTimeOriginal) if opener is not None else None
+    taken_at = (
+        _exif(opener(io.BytesIO(data))).get(ExifTags.Base.DateTimeOriginal)
+        if opener is not None
+        else None
+    )
     return taken_at if isinstance(taken_at, str) and TAKEN_AT.fullmatch(taken_at) else None
 
 
@@ -195,7 +221,11 @@ def _reduction(long_side_px: int, least_long_side_px: int | None) -> int:
     """1, 2, 4 or 8: what both OpenCV and the JPEG's cosine transform can do."""
     if least_long_side_px is None:
         return 1
-    return max(factor for factor in (1, 2, 4, 8) if factor == 1 or long_side_px >= factor * least_long_side_px)
+    return max(
+        factor
+        for factor in (1, 2, 4, 8)
+        if factor == 1 or long_side_px >= factor * least_long_side_px
+    )
 
 
 def _opener(data: bytes) -> Callable[[io.BytesIO], Image.Image] | None:
@@ -253,7 +283,9 @@ def _pixels_of_sound_jpeg(image: Image.Image, data: bytes, factor: int) -> Image
     scan = _jpeg_scan_offset(data)
     if scan is None or data.rfind(b"\xff\xd9", scan) < 0:
         return None
-    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), REDUCED_READ[factor] | cv2.IMREAD_IGNORE_ORIENTATION)
+    decoded = cv2.imdecode(
+        np.frombuffer(data, np.uint8), REDUCED_READ[factor] | cv2.IMREAD_IGNORE_ORIENTATION
+    )
     if decoded is None or decoded.shape[1::-1] != tuple(-(-side // factor) for side in image.size):
         return None
     return np.asarray(decoded, np.uint8)
@@ -304,7 +336,9 @@ def _focal_35mm(exif: Mapping[int, object], width: int, height: int) -> float | 
     if focal_35mm is None:
         focal_mm = _positive(exif.get(ExifTags.Base.FocalLength))
         per_unit = _positive(exif.get(ExifTags.Base.FocalPlaneXResolution))
-        unit_mm = MM_PER_RESOLUTION_UNIT.get(_whole_number(exif.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)))
+        unit_mm = MM_PER_RESOLUTION_UNIT.get(
+            _whole_number(exif.get(ExifTags.Base.FocalPlaneResolutionUnit, 2))
+        )
         if focal_mm is None or per_unit is None or unit_mm is None:
             return None
         columns = _positive(exif.get(ExifTags.Base.ExifImageWidth)) or width

@@ -11,7 +11,15 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.figures import draw_artefacts
 from app.vision.looks.vcm import describe_rings
-from app.vision.model import EstimateOptions, Float32Array, Float64Array, Hint, ItemEstimate, MealEstimate, PhotoPair
+from app.vision.model import (
+    EstimateOptions,
+    Float32Array,
+    Float64Array,
+    Hint,
+    ItemEstimate,
+    MealEstimate,
+    PhotoPair,
+)
 from app.vision.placement import MARKER_UNSEEN, Placement, doubt_volumes, place_views
 from app.vision.reconstruct import add_depths, reconstruct_over_table
 from app.vision.scene.liquids import segment_meal
@@ -37,7 +45,13 @@ from app.vision.version import PIPELINE_VERSION
 UNMEASURED = frozenset({"no_food_found", "food_not_measured"})
 # Failures of a pair after which its left photograph alone may be measured, if it has a depth map.
 PAIR_UNUSABLE = frozenset(
-    {"baseline_too_small", "baseline_too_large", "too_few_matches", "scene_moved", "food_not_measured"}
+    {
+        "baseline_too_small",
+        "baseline_too_large",
+        "too_few_matches",
+        "scene_moved",
+        "food_not_measured",
+    }
 )
 
 
@@ -150,7 +164,9 @@ def _is_confirmed(outcome: tuple[ItemEstimate, ...] | Failure) -> bool:
     return any(item.volume_ml is not None and "low_texture" not in item.flags for item in outcome)
 
 
-def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple[ItemEstimate, ...] | Failure:
+def _run_steps(
+    pair: PhotoPair, options: EstimateOptions, trace: Trace
+) -> tuple[ItemEstimate, ...] | Failure:
     placed = place_views(pair, options, trace)
     if isinstance(placed, Failure):
         return placed
@@ -169,21 +185,31 @@ def _run_steps(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> tuple
             trace.scene = scene = add_depths(scene, views, trace.others)
     with trace.stage("segment"):
         left = views.second if trace.is_swapped and isinstance(views, RefinedViews) else views.first
-        places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)
+        places = photograph_px(
+            scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped
+        )
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        foods = segment_meal(scene.rectified, scene.disparity, scene.points_table, scene.is_ignored, hints, options)
+        foods = segment_meal(
+            scene.rectified, scene.disparity, scene.points_table, scene.is_ignored, hints, options
+        )
         if isinstance(foods, Failure):
             return foods
         trace.foods = foods
     with trace.stage("volume"):
-        likely = _likely_forms(foods, places, pair, options, trace) if isinstance(views, SingleView) else []
+        likely = (
+            _likely_forms(foods, places, pair, options, trace)
+            if isinstance(views, SingleView)
+            else []
+        )
         measured = _measure(foods, placed, scene, options, trace, likely)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
     with trace.stage("describe"):
-        outlines = [rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured]
+        outlines = [
+            rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured
+        ]
         items = _describe(measured, outlines, pair, scene, trace)
         return items + _missed(options.hints, items)
 
@@ -204,7 +230,11 @@ def _likely_forms(
         if form_prior(hint) is None:
             rings = rings_of(region.mask, places, is_swapped=False)
             vector = describe_rings(pair.left.pixels_bgr, rings, trace.colour_of(0))
-        likely.append(LikelyForms(options.forms_by_looks(vector.astype(np.float64))) if vector is not None else None)
+        likely.append(
+            LikelyForms(options.forms_by_looks(vector.astype(np.float64)))
+            if vector is not None
+            else None
+        )
     return likely
 
 
@@ -223,7 +253,12 @@ def _measure(
     sd, flags = doubt
     if trace.is_by_marker_alone:
         flags = (*flags, "few_matches")
-    pair, disparity, points, hints = scene.rectified, scene.disparity, scene.points_table, options.hints
+    pair, disparity, points, hints = (
+        scene.rectified,
+        scene.disparity,
+        scene.points_table,
+        options.hints,
+    )
     measured: list[MeasuredItem] | Failure
     if options.method == "shape" or isinstance(placed.views, SingleView):
         trace.table = foods.table
@@ -240,14 +275,17 @@ def _measure(
             likely=likely,
         )
     elif options.method == "paper":
-        measured = measure_items(foods.regions, pair, disparity, points, scene.is_ignored, hints, pose_sd=sd)
+        measured = measure_items(
+            foods.regions, pair, disparity, points, scene.is_ignored, hints, pose_sd=sd
+        )
     else:
         measured = _measure_as_printed(foods, placed.views, scene, options, trace)
     if isinstance(measured, Failure):
         return measured
     if isinstance(placed.views, SingleView):
         measured = [
-            of_single_view(item, hints[item.region.hint] if item.region.hint is not None else None) for item in measured
+            of_single_view(item, hints[item.region.hint] if item.region.hint is not None else None)
+            for item in measured
         ]
     return [replace(item, flags=(*item.flags, *flags, *scene.flags)) for item in measured]
 
@@ -257,7 +295,9 @@ def _measure_as_printed(
 ) -> list[MeasuredItem] | Failure:
     """Volumes by the founding paper to the letter; of what stands above, the foods' masks alone take part."""
     if trace.matches is None or views.first.marker is None:
-        raise ValueError("The method paper-strict takes its tie points from a marker, not from a rig.")
+        raise ValueError(
+            "The method paper-strict takes its tie points from a marker, not from a rig."
+        )
     masks, rng = [region.mask for region in foods.regions], np.random.default_rng(options.seed)
     stereo = reconstruct_as_printed(views, trace.matches, scene.rectified, masks, rng)
     if isinstance(stereo, Failure):
@@ -283,7 +323,9 @@ def _describe(
             relative_sd=item.volume.relative_sd if item.volume is not None else {},
             hint=item.region.hint,
             flags=item.flags,
-            traits=traits_of(item.region.mask, scene.points_table, scene.rectified.first_bgr, colour),
+            traits=traits_of(
+                item.region.mask, scene.points_table, scene.rectified.first_bgr, colour
+            ),
             vcm=describe_rings(pair.left.pixels_bgr, rings, left_colour),
         )
         for item, rings in zip(measured, outlines, strict=True)
@@ -295,7 +337,14 @@ def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemE
     answered = {item.hint for item in items}
     flags = ("not_measurable", "hint_missed")
     return tuple(
-        ItemEstimate(rings=(), volume_ml=None, volume_interval_ml=None, relative_sd={}, hint=index, flags=flags)
+        ItemEstimate(
+            rings=(),
+            volume_ml=None,
+            volume_interval_ml=None,
+            relative_sd={},
+            hint=index,
+            flags=flags,
+        )
         for index, hint in enumerate(hints)
         if hint.has_place and index not in answered
     )

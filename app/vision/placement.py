@@ -16,7 +16,15 @@ from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.intrinsics import adapt_camera
 from app.vision.known_poses import KnownPoses, rig_of_poses
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import DepthMap, EstimateOptions, MarkerObservation, MaskArray, Photo, PhotoPair, View
+from app.vision.model import (
+    DepthMap,
+    EstimateOptions,
+    MarkerObservation,
+    MaskArray,
+    Photo,
+    PhotoPair,
+    View,
+)
 from app.vision.rig import StereoRig
 from app.vision.stereo.depth_parallax import place_by_depth
 from app.vision.stereo.epipolar import compare_fundamentals
@@ -26,7 +34,12 @@ from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import is_swapped
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
-from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE, POSES_TURN_SD_RAD, refine_rig, views_of_rig
+from app.vision.stereo.rig_pose import (
+    POSES_SHIFT_SD_SHARE,
+    POSES_TURN_SD_RAD,
+    refine_rig,
+    views_of_rig,
+)
 from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_missing, poses_mismatch
 from app.vision.trace import Reconstruction, Scale, Trace
@@ -91,7 +104,9 @@ def doubt_volumes(
     is_food: (H, W). Failure "focal_unknown".
     """
     if isinstance(placed.views, SingleView):
-        middle_mm = np.nanmedian(plane_points(scene.rectified)[is_food], axis=0)[:2].astype(np.float64)
+        middle_mm = np.nanmedian(plane_points(scene.rectified)[is_food], axis=0)[:2].astype(
+            np.float64
+        )
         sd = single_volume_sd(placed.views, middle_mm)
         return too_unsure() if sd > MOST_SD else (sd, SCALE_FLAGS[placed.scale])
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
@@ -103,7 +118,9 @@ def doubt_volumes(
     return doubt.sd, flags
 
 
-def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+def _by_marker(
+    pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace
+) -> Placement | Failure:
     """Poses by the marker, of two views refined by matches unless these show that something moved.
 
     A plain scene without matches leaves the poses as the marker alone shows them.
@@ -114,7 +131,11 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
         return observations
     left, right = observations
     with trace.stage("camera"):
-        views = place_alone(pair.left, left, options) if right is None else estimate_views(pair, (left, right), options)
+        views = (
+            place_alone(pair.left, left, options)
+            if right is None
+            else estimate_views(pair, (left, right), options)
+        )
     if isinstance(views, Failure):
         return views
     if isinstance(views, SingleView):
@@ -130,7 +151,9 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
         if moved is not None:
             return moved
         trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
-        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+        epipolar = compare_fundamentals(
+            refined.first, refined.second, matches, np.random.default_rng(options.seed)
+        )
         if not isinstance(epipolar, Failure):
             trace.epipolar = epipolar
             moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
@@ -141,7 +164,9 @@ def _by_marker(pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, tr
     return Placement(refined, "marker", trace.focal)
 
 
-def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+def _by_rig(
+    pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Trace
+) -> Placement | Failure:
     """The rig's views over the table that the scene shows, its relative pose adjusted by the matches.
 
     A plain scene without matches leaves the pose as calibrated. Colours stay, as nothing is known to be white, unless
@@ -158,7 +183,9 @@ def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Tr
         refined = refine_rig(first, second, matches, rig.source)
         trace.matches = matches
         trace.keep_views(refined)
-        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+        epipolar = compare_fundamentals(
+            refined.first, refined.second, matches, np.random.default_rng(options.seed)
+        )
         if not isinstance(epipolar, Failure):
             trace.epipolar = epipolar
             mismatch = judge_matches(matches, epipolar.is_good, placed_by=rig.source)
@@ -167,7 +194,9 @@ def _by_rig(pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Tr
     return Placement(refined, rig.source)
 
 
-def _by_poses(pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+def _by_poses(
+    pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: Trace
+) -> Placement | Failure:
     """By the rig that the pair's poses make. Failures also: focal_unknown (no intrinsics), camera_mismatch.
 
     If an attempt before saw the marker in the left photograph, the table by the poses has to be the marker's.
@@ -199,13 +228,17 @@ def _share_table(by_poses: View, by_marker: View) -> bool:
     return bool(is_level and abs(log_ratio) < MAX_OFF_SD * POSES_SHIFT_SD_SHARE)
 
 
-def _by_depth(photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Trace) -> Placement | Failure:
+def _by_depth(
+    photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Trace
+) -> Placement | Failure:
     """The left photograph's view over the table that its depth map shows; colours stay as with a rig."""
     trace.colours = UNCORRECTED, UNCORRECTED
     with trace.stage("camera"):
         camera = camera_from_exif(photo)
         if options.camera is not None:
-            adapted = adapt_camera(options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0])
+            adapted = adapt_camera(
+                options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0]
+            )
             if isinstance(adapted, Failure):
                 return adapted
             camera = adapted
@@ -230,8 +263,12 @@ def _find_markers(
     if pair.right is None or right is None or isinstance(right, Failure):
         trace.markers = (left, None)
         trace.colours = measure_colour(pair.left, left), UNCORRECTED
-        has_poses = options.poses is not None and pair.left.depth is None  # marker and depth map are better than poses
-        if isinstance(right, Failure) and (right.code not in MARKER_UNSEEN or options.method != "shape" or has_poses):
+        has_poses = (
+            options.poses is not None and pair.left.depth is None
+        )  # marker and depth map are better than poses
+        if isinstance(right, Failure) and (
+            right.code not in MARKER_UNSEEN or options.method != "shape" or has_poses
+        ):
             return right
         return left, None
     trace.markers = observations = agree_on_corners(pair, left, right)

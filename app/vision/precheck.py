@@ -23,25 +23,51 @@ from app.vision.board.tag_bits import read_tag_cells
 from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import EstimateOptions, Float64Array, ImageArray, MarkerObservation, PhotoPair, View
+from app.vision.model import (
+    EstimateOptions,
+    Float64Array,
+    ImageArray,
+    MarkerObservation,
+    PhotoPair,
+    View,
+)
 from app.vision.photo import ReducedPhoto
 from app.vision.stereo.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
 from app.vision.stereo.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
 from app.vision.stereo.relative_pose import refine_views
-from app.vision.stereo.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches, judge_missing
+from app.vision.stereo.stillness import (
+    AT_MARKER_MM,
+    MIN_JUDGED_MATCHES,
+    judge_matches,
+    judge_missing,
+)
 
-LEAST_LONG_SIDE_PX = 1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
+LEAST_LONG_SIDE_PX = (
+    1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
+)
 NEAR_BLUR_SHARE = 0.75  # of the width where measuring ends
-SMALL_ANGLE_DEG = 3.0  # twice the least: the depth noise of 5 mm that is left there is a tenth of a 50 mm food
-COARSE_MM_PER_PX = 0.5  # an outline that is a pixel off moves the volume of a 60 mm food by 3 x 0.5 / 30 = 5 %
-LOW_RESOLUTION_LONG_SIDE_PX = 1600  # photographs below it are coarse by themselves; larger ones are taken too far off
+SMALL_ANGLE_DEG = (
+    3.0  # twice the least: the depth noise of 5 mm that is left there is a tenth of a 50 mm food
+)
+COARSE_MM_PER_PX = (
+    0.5  # an outline that is a pixel off moves the volume of a 60 mm food by 3 x 0.5 / 30 = 5 %
+)
+LOW_RESOLUTION_LONG_SIDE_PX = (
+    1600  # photographs below it are coarse by themselves; larger ones are taken too far off
+)
 MAX_CLIPPED_SHARE = 0.2  # of a photograph without any texture to match; a white plate fills less
 GLARE_STEP_SHARE = 0.5  # a dark square this far up towards the light ones reflects a lamp
-SURE_STEP_PX = 12.0  # a reduced square below it is too small for the corners' fit to accuse the board
+SURE_STEP_PX = (
+    12.0  # a reduced square below it is too small for the corners' fit to accuse the board
+)
 BORDER_SHARE = 0.02  # of the long side; nearer, the rest of the food is as likely outside
-RAISED_MM = 15.0  # over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
+RAISED_MM = (
+    15.0  # over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
+)
 LEAST_AT_BORDER = (3, 0.1)  # raised matches, and their share of all: one may be wrong
-MAX_SHARE_UNDER_MARKER = 0.5  # of what is seen; nothing lies under the table that the marker lies on
+MAX_SHARE_UNDER_MARKER = (
+    0.5  # of what is seen; nothing lies under the table that the marker lies on
+)
 
 SideName = Literal["left", "right"]
 Severity = Literal["stop", "warn"]
@@ -80,10 +106,15 @@ class _Side:
 
 
 def check_pair(
-    left: ReducedPhoto | Failure, right: ReducedPhoto | Failure, spec: MarkerSpec, camera: Camera | None
+    left: ReducedPhoto | Failure,
+    right: ReducedPhoto | Failure,
+    spec: MarkerSpec,
+    camera: Camera | None,
 ) -> PairCheck:
     """Judge a pair. A Failure stands for a photograph that could not be read. camera: as in EstimateOptions."""
-    with ThreadPoolExecutor(2) as threads:  # OpenCV lets go of the interpreter while it looks for the board
+    with ThreadPoolExecutor(
+        2
+    ) as threads:  # OpenCV lets go of the interpreter while it looks for the board
         first, second = threads.map(_judge_side, SIDES, (left, right), (spec, spec))
     problems = [*first.problems, *second.problems]
     measures = {**first.measures, **second.measures}
@@ -112,7 +143,10 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     contrast = contrast_image(pixels_bgr, spec.kind)
     width_px = _edge_width_px(contrast, marker) * read.factor
     limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
-    measures |= {f"edge_width_px_{side}": width_px, f"square_px_{side}": shortest_side_px(marker) * read.factor}
+    measures |= {
+        f"edge_width_px_{side}": width_px,
+        f"square_px_{side}": shortest_side_px(marker) * read.factor,
+    }
     if width_px > limit_px:
         return _stopped(side, "image_blurred", measures, problems)
     if width_px > NEAR_BLUR_SHARE * limit_px:
@@ -122,7 +156,9 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     return _Side(tuple(problems), measures, (read, marker))
 
 
-def _stopped(side: SideName, code: str, measures: Mapping[str, float], problems: list[PairProblem]) -> _Side:
+def _stopped(
+    side: SideName, code: str, measures: Mapping[str, float], problems: list[PairProblem]
+) -> _Side:
     return _Side((PairProblem(code, "stop", side), *problems), measures)
 
 
@@ -137,14 +173,18 @@ def _edge_width_px(contrast: ImageArray, marker: MarkerObservation) -> float:
     """Width of the marker's edges, px. contrast: (H, W)."""
     if marker.spec.dictionary is None:
         return marker_edge_width_px(contrast, marker.grid_px)
-    return edge_width_px(edge_profiles(contrast, seen_tags_px(marker)[1], border_share(marker.spec)))
+    return edge_width_px(
+        edge_profiles(contrast, seen_tags_px(marker)[1], border_share(marker.spec))
+    )
 
 
 def _has_glare(contrast: ImageArray, marker: MarkerObservation) -> bool:
     """Whether a square, or the black of a tag, looks light. contrast: (H, W)."""
     if marker.spec.dictionary is None:
         means = square_means(contrast, marker.grid_px)
-        is_dark = np.indices(means.shape).sum(axis=0) % 2 == (0 if marker.spec.kind == "plain" else 1)
+        is_dark = np.indices(means.shape).sum(axis=0) % 2 == (
+            0 if marker.spec.kind == "plain" else 1
+        )
         darks, lights = means[is_dark], means[~is_dark]
     else:
         tags = zip(*seen_tags_px(marker), strict=True)
@@ -155,7 +195,9 @@ def _has_glare(contrast: ImageArray, marker: MarkerObservation) -> bool:
 
 
 def _judge_views(
-    left: tuple[ReducedPhoto, MarkerObservation], right: tuple[ReducedPhoto, MarkerObservation], camera: Camera | None
+    left: tuple[ReducedPhoto, MarkerObservation],
+    right: tuple[ReducedPhoto, MarkerObservation],
+    camera: Camera | None,
 ) -> tuple[list[PairProblem], dict[str, float]]:
     """What both together show: where the cameras stood, and whether they saw the same meal."""
     photos, markers = (left[0], right[0]), (left[1], right[1])
@@ -177,7 +219,10 @@ def _judge_views(
         mm_per_px = distance_mm / (view.camera.fx * photo.factor)
         measures |= {f"distance_mm_{side}": distance_mm, f"mm_per_px_{side}": mm_per_px}
         if mm_per_px > COARSE_MM_PER_PX:
-            is_small = max(view.camera.width, view.camera.height) * photo.factor < LOW_RESOLUTION_LONG_SIDE_PX
+            is_small = (
+                max(view.camera.width, view.camera.height) * photo.factor
+                < LOW_RESOLUTION_LONG_SIDE_PX
+            )
             code = "resolution_low" if is_small else "marker_too_small"
             problems.append(PairProblem(code, "warn", side))
     of_scene, matched = _judge_scene(*views)
@@ -200,7 +245,10 @@ def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, 
     pixels = (matches.first_px[is_good], matches.second_px[is_good])
     points = triangulate(refined.first, refined.second, *pixels)
     height_mm = np.nan_to_num(points[:, 2])
-    if len(points) >= MIN_JUDGED_MATCHES and np.mean(height_mm < -AT_MARKER_MM) > MAX_SHARE_UNDER_MARKER:
+    if (
+        len(points) >= MIN_JUDGED_MATCHES
+        and np.mean(height_mm < -AT_MARKER_MM) > MAX_SHARE_UNDER_MARKER
+    ):
         return [PairProblem("scene_moved", "stop")], measures
     is_raised = (height_mm > RAISED_MM) & (height_mm < FOOD_MAX_HEIGHT_MM)
     problems = [
@@ -217,6 +265,9 @@ def _is_cut(at_px: Float64Array, width: int, height: int) -> bool:
         return False
     border = BORDER_SHARE * max(width, height)
     x, y = at_px.T
-    counts = [np.count_nonzero(side) for side in (x < border, x > width - border, y < border, y > height - border)]
+    counts = [
+        np.count_nonzero(side)
+        for side in (x < border, x > width - border, y < border, y > height - border)
+    ]
     fewest, share = LEAST_AT_BORDER
     return bool(max(counts) >= max(fewest, share * len(at_px)))

@@ -45,7 +45,9 @@ def reconstruct_over_table(
     return views, _reconstruct(views, trace.stage)
 
 
-def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]) -> Reconstruction:
+def add_depths(
+    scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]
+) -> Reconstruction:
     """A pair's scene with its depth maps and the match of a further pair of views; a single view's as it is."""
     if isinstance(refined, SingleView):
         return scene
@@ -57,7 +59,9 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
         for view in (refined.first, refined.second)
         if view.photo.depth is not None and not view.photo.depth.is_aligned
     ]
-    agreed = [agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps]
+    agreed = [
+        agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps
+    ]
     flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
     matches: tuple[DisparityMap, ...] = ()
     further_pair = second_pair(refined.first, refined.second, others)
@@ -73,7 +77,9 @@ def add_depths(scene: Reconstruction, refined: RefinedViews | SingleView, others
         return replace(scene, flags=flags)
     fused = fuse_depths(pair, match, matches, TUNING.dense_sd_px, is_averaged=True)
     fused = fuse_depths(pair, fused, measured, TUNING.dense_sd_px, is_averaged=False)
-    points = back_project(pair, scene.depth.depth_mm(pair.disparity_from_parallax(fused.parallax_px)))
+    points = back_project(
+        pair, scene.depth.depth_mm(pair.disparity_from_parallax(fused.parallax_px))
+    )
     return replace(scene, disparity=fused, points_table=points, depths=depths, flags=flags)
 
 
@@ -91,7 +97,9 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
         if rectified.second_bgr is None:
             disparity, flags = _parallax_alone(rectified, views.first, sheet)
         else:
-            disparity = match_dense(*rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen)
+            disparity = match_dense(
+                *rectified.both_bgr, rectified.parallax_range_px, rectified.is_seen
+            )
     with stage("depth"):
         if isinstance(views, RefinedViews) and marker is not None:
             depth = fit_to_marker(rectified, views)
@@ -99,7 +107,9 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
             depth = ideal_depth(rectified)
         depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
         points = back_project(rectified, depth_mm)
-    return Reconstruction(rectified, disparity, depth, points, sheet | ~rectified.is_seen, flags=flags)
+    return Reconstruction(
+        rectified, disparity, depth, points, sheet | ~rectified.is_seen, flags=flags
+    )
 
 
 def _sheet(pair: RectifiedPair, marker: MarkerObservation | None) -> MaskArray:
@@ -109,7 +119,9 @@ def _sheet(pair: RectifiedPair, marker: MarkerObservation | None) -> MaskArray:
     return shows_sheet(marker, plane_points(pair), pair.first_centre_mm)
 
 
-def _parallax_alone(pair: RectifiedPair, view: View, sheet: MaskArray) -> tuple[DisparityMap, tuple[str, ...]]:
+def _parallax_alone(
+    pair: RectifiedPair, view: View, sheet: MaskArray
+) -> tuple[DisparityMap, tuple[str, ...]]:
     """The parallax of a single view by its depth map, in the scale of the marker if there is one, and flags.
 
     sheet: (H, W) where the marker is seen; nowhere without one.

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ORTHONORMAL = 1e-3  # by which a rotation's rows may differ from orthogonal unit vectors: written with four digits
-MAX_FORWARD_SHARE = 0.7  # of the baseline along the right camera's axis: beyond, no rows can be aligned
+MAX_FORWARD_SHARE = (
+    0.7  # of the baseline along the right camera's axis: beyond, no rows can be aligned
+)
 MIN_BASELINE_MM, MAX_BASELINE_MM = 1.0, 1000.0
 Row = tuple[float, float, float]
 
@@ -60,8 +62,13 @@ def adapt_rig(
     the cameras holds for the images as the rig was calibrated.
     """
     cameras = []
-    for side, camera, (width, height) in (("left", rig.left, left_size), ("right", rig.right, right_size)):
-        is_turned = (camera.width > camera.height) != (width > height) and camera.width != camera.height
+    for side, camera, (width, height) in (
+        ("left", rig.left, left_size),
+        ("right", rig.right, right_size),
+    ):
+        is_turned = (camera.width > camera.height) != (
+            width > height
+        ) and camera.width != camera.height
         adapted = None if is_turned else adapt_camera(camera, width, height)
         if adapted is None or isinstance(adapted, Failure):
             return Failure(
@@ -110,15 +117,20 @@ def rig_from_mapping(data: object) -> StereoRig:
 
 def is_rotation(rows: tuple[Row, Row, Row]) -> bool:
     """Return whether the rows are those of a rotation matrix, up to ORTHONORMAL."""
-    products = [sum(a * b for a, b in zip(first, second, strict=True)) for first in rows for second in rows]
+    products = [
+        sum(a * b for a, b in zip(first, second, strict=True)) for first in rows for second in rows
+    ]
     is_orthonormal = all(
-        abs(product - (1.0 if place % 4 == 0 else 0.0)) <= ORTHONORMAL for place, product in enumerate(products)
+        abs(product - (1.0 if place % 4 == 0 else 0.0)) <= ORTHONORMAL
+        for place, product in enumerate(products)
     )
     (a, b, c), (d, e, f), (g, h, i) = rows
     return is_orthonormal and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
 
 
-def numbers_from(value: object, count: int, key: str, invalid: Callable[[str], InvalidInputError]) -> tuple[float, ...]:
+def numbers_from(
+    value: object, count: int, key: str, invalid: Callable[[str], InvalidInputError]
+) -> tuple[float, ...]:
     """So many finite numbers of a JSON list. Raises what `invalid` makes of the reason."""
     if not isinstance(value, list | tuple) or len(value) != count:
         raise invalid(f"{key} must have {count} numbers in each list.")

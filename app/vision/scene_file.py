@@ -65,13 +65,18 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     spec = next((marker.spec for marker in trace.markers if marker is not None), None)
     if spec is None and trace.views is None:
         return None
-    if trace.scale not in (None, "marker"):  # a board that was seen has no place in the table frame of another source
+    if trace.scale not in (
+        None,
+        "marker",
+    ):  # a board that was seen has no place in the table frame of another source
         spec = None
     content: Document = {
         "version": SCENE_VERSION,
         "units": "mm",
         "photographs": {
-            name: _photograph(photo, marker, trace.views[place] if trace.views is not None else None)
+            name: _photograph(
+                photo, marker, trace.views[place] if trace.views is not None else None
+            )
             for place, (name, photo, marker) in enumerate(
                 zip(("left", "right"), (pair.left, pair.right), trace.markers, strict=True)
             )
@@ -85,12 +90,20 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     scene = trace.scene
     if scene is None or trace.views is None:
         return _encoded(content)
-    right = trace.views[1] if trace.second_place == 1 else None  # else outlines would be of another photograph
+    right = (
+        trace.views[1] if trace.second_place == 1 else None
+    )  # else outlines would be of another photograph
     topologies: list[IntArray] = []
     foods = [
         _item(index, item, estimate, topologies)
-        | (_right_rings(item, scene, right, is_swapped=trace.is_swapped) if right is not None else {})
-        for index, (item, estimate) in enumerate(zip(trace.items, items[: len(trace.items)], strict=True))
+        | (
+            _right_rings(item, scene, right, is_swapped=trace.is_swapped)
+            if right is not None
+            else {}
+        )
+        for index, (item, estimate) in enumerate(
+            zip(trace.items, items[: len(trace.items)], strict=True)
+        )
     ]
     content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
     room = (MAX_BYTES - len(_encoded(content))) // POINT_BYTES
@@ -117,7 +130,9 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
             "cx": round(camera.cx, 3),
             "cy": round(camera.cy, 3),
             "distortion": _rounded(camera.distortion, 6),
-            "rotation": _rounded(view.rotation, 8),  # x_camera = rotation @ x_table + translation_mm
+            "rotation": _rounded(
+                view.rotation, 8
+            ),  # x_camera = rotation @ x_table + translation_mm
             "translation_mm": _rounded(view.translation_mm, 4),
             "centre_mm": _rounded(view.centre_mm, 3),
         }
@@ -142,11 +157,15 @@ def _board(spec: MarkerSpec) -> Document:
         "margin_mm": spec.margin_mm,  # of the white border
         "rotation": np.eye(3).tolist(),
         "translation_mm": [0.0, 0.0, round(spec.thick_mm, 3)],
-        "square_colours": [list(colour) for colour in colours],  # sRGB, row by row from the top left
+        "square_colours": [
+            list(colour) for colour in colours
+        ],  # sRGB, row by row from the top left
     }
 
 
-def _item(index: int, item: MeasuredItem, estimate: ItemEstimate, topologies: list[IntArray]) -> Document:
+def _item(
+    index: int, item: MeasuredItem, estimate: ItemEstimate, topologies: list[IntArray]
+) -> Document:
     """One food. topologies: those used so far; gains a new one."""
     interval = estimate.volume_interval_ml
     out: Document = {
@@ -201,7 +220,9 @@ def _vertices(volume: Volume, support_mm: float) -> Float64Array:
     return vertices
 
 
-def _right_rings(item: MeasuredItem, scene: Reconstruction, right: View, *, is_swapped: bool) -> Document:
+def _right_rings(
+    item: MeasuredItem, scene: Reconstruction, right: View, *, is_swapped: bool
+) -> Document:
     """The food's outline in the photograph sent as right, and what it is of.
 
     "mask": as it was found, where that photograph is the grid's own, or no shape is known or to be seen: then the mask
@@ -221,9 +242,15 @@ def _right_rings(item: MeasuredItem, scene: Reconstruction, right: View, *, is_s
         height, width = right.photo.pixels_bgr.shape[:2]
         rings = rings_of_faces(pixels, item.volume.shape.faces, (width, height))
     else:
-        places = photograph_px(scene.rectified, scene.points_table, right, is_swapped=not is_swapped)
+        places = photograph_px(
+            scene.rectified, scene.points_table, right, is_swapped=not is_swapped
+        )
         rings = rings_of(item.region.mask, places, is_swapped=not is_swapped)
-    return {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source} if rings else {}
+    return (
+        {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source}
+        if rings
+        else {}
+    )
 
 
 def _points(
@@ -235,14 +262,18 @@ def _points(
     chosen = []
     # Well inside each mask: at its rim a window may have matched what lies behind.
     candidates = [
-        np.flatnonzero(usable & (inward_px(item.region.mask) > scene.disparity.reach_px)) for item in trace.items
+        np.flatnonzero(usable & (inward_px(item.region.mask) > scene.disparity.reach_px))
+        for item in trace.items
     ]
     thinning = max(1.0, sum(map(len, candidates)) / max(FOOD_SHARE * most, 1.0))
     for item, own in zip(trace.items, candidates, strict=True):
         foods |= item.region.mask
         chosen.append(_evenly(own, pair.shape[1], int(len(own) / thinning)))
     rest = np.flatnonzero(usable & ~foods)
-    ranges = [(int(start), len(own)) for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)]
+    ranges = [
+        (int(start), len(own))
+        for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)
+    ]
     chosen.append(_evenly(rest, pair.shape[1], most - sum(map(len, chosen))))
     index = np.concatenate(chosen)
     painted = np.empty((0, 3), np.uint8)
@@ -254,7 +285,9 @@ def _points(
     }, ranges
 
 
-def _over_the_table(table: TableTrend | None, scene: Reconstruction, index: IntArray) -> Float64Array:
+def _over_the_table(
+    table: TableTrend | None, scene: Reconstruction, index: IntArray
+) -> Float64Array:
     """(n, 3) mm of the grid's pixels at index (n,). Where the shapes' heights count from the table, so do these.
 
     That is, without the drift that stereo/sight.py takes out of the parallax around each food.
@@ -272,11 +305,14 @@ def _over_the_table(table: TableTrend | None, scene: Reconstruction, index: IntA
     disparity = plane_px + (1 - a) * (scene.disparity.parallax_px.ravel()[index] - drift_px)
     depth = pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6)
     return np.asarray(
-        (pair.rays(np.column_stack([columns, rows])) * depth[:, None]) @ pair.rotation + camera, np.float64
+        (pair.rays(np.column_stack([columns, rows])) * depth[:, None]) @ pair.rotation + camera,
+        np.float64,
     )
 
 
-def _near(items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec | None) -> MaskArray:
+def _near(
+    items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec | None
+) -> MaskArray:
     """(H, W) where a point over the table about the board and the foods was measured; of neither, about the origin."""
     seen = [item.points_table[:, :2] for item in items if len(item.points_table)]
     half = np.array([spec.width_mm, spec.height_mm]) / 2 if spec is not None else np.zeros(2)
@@ -306,7 +342,11 @@ def _steps(values: Float64Array) -> tuple[Float64Array, Float64Array, IntArray]:
     low, high = values.min(axis=0), values.max(axis=0)
     scale = np.where(high > low, (high - low) / STEPS, 1.0)
     offset = low + scale * (STEPS + 1) / 2
-    return offset, scale, np.clip(np.rint((values - offset) / scale), -32768, 32767).astype(np.int64)
+    return (
+        offset,
+        scale,
+        np.clip(np.rint((values - offset) / scale), -32768, 32767).astype(np.int64),
+    )
 
 
 def _unpacked(values: Float64Array) -> Float64Array:
@@ -324,7 +364,11 @@ def _packed(values: np.ndarray, kind: str) -> Document:
     """Rows of whole numbers as base64, little endian."""
     names = {"<i2": "int16", "<u2": "uint16", "u1": "uint8"}
     data = np.ascontiguousarray(values.astype(np.dtype(kind)))
-    return {"type": names[kind], "shape": list(data.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
+    return {
+        "type": names[kind],
+        "shape": list(data.shape),
+        "base64": base64.b64encode(data.tobytes()).decode("ascii"),
+    }
 
 
 def _rounded(values: Float64Array | tuple[float, ...], decimals: int) -> object:

@@ -103,7 +103,9 @@ class Trace:
 
     def keep_views(self, refined: RefinedViews) -> None:
         """Put refined views, and their markers, in the place of those before."""
-        left, right = (refined.second, refined.first) if self.is_swapped else (refined.first, refined.second)
+        left, right = (
+            (refined.second, refined.first) if self.is_swapped else (refined.first, refined.second)
+        )
         self.refined = refined
         self.views = left, right
         self.markers = left.marker, right.marker
@@ -122,7 +124,9 @@ class Trace:
     def parameters(self) -> dict[str, object]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""
         # the number in its slot's name; 2: the right one
-        out: dict[str, object] = {} if self.second_place == 1 else {"second_view": self.second_place + 1}
+        out: dict[str, object] = (
+            {} if self.second_place == 1 else {"second_view": self.second_place + 1}
+        )
         out |= {} if self.scale is None else {"scale_source": self.scale}
         if self.single is not None:
             marker = self.single.first.marker
@@ -132,7 +136,9 @@ class Trace:
             out |= _of_view("first", self.refined.first) | _of_view("second", self.refined.second)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             if self.refined.first.marker is not None:
-                out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
+                out["marker_thick_mm"] = (
+                    self.refined.first.marker.spec.thick_mm
+                )  # announced, or measured
             if self.focal is not None:
                 out["focal_log_sd"] = round(self.focal.log_sd, 3)
             if self.others:
@@ -153,7 +159,9 @@ class Trace:
             out["baseline_mm"] = round(pair.baseline_mm, 2)
             out["rectified_focal_px"] = round(pair.focal_px, 2)
             out["depth_p_mm"] = round(depth.p_mm, 3)
-            out["depth_q_over_focal_baseline"] = round(depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5)
+            out["depth_q_over_focal_baseline"] = round(
+                depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5
+            )
         out |= {} if self.foods is None else {"rim_radii_mm": rim_radii_mm(self.foods)}
         if self.printed is not None:
             out["printed_depth_p_mm"] = round(self.printed.depth.p_mm, 3)

@@ -25,11 +25,15 @@ def traits_of(
     if len(points) >= MIN_PIXELS:
         middle = np.median(points, axis=0)
         centre_mm = (float(middle[0]), float(middle[1]))
-        radius_mm = float(np.sqrt(2.0 * np.median(np.sum((points - middle) ** 2, axis=1))))  # half a disc's area
+        radius_mm = float(
+            np.sqrt(2.0 * np.median(np.sum((points - middle) ** 2, axis=1)))
+        )  # half a disc's area
     return ItemTraits(centre_mm, radius_mm, _lab(mask, pixels_bgr, colour))
 
 
-def _lab(mask: MaskArray, pixels_bgr: ImageArray, colour: ColourCorrection) -> tuple[float, float, float] | None:
+def _lab(
+    mask: MaskArray, pixels_bgr: ImageArray, colour: ColourCorrection
+) -> tuple[float, float, float] | None:
     side = 2 * OUTLINE_PX + 1
     inner = eroded(mask, side)
     pixels = pixels_bgr[inner if np.count_nonzero(inner) >= MIN_PIXELS else mask]

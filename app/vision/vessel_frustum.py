@@ -7,7 +7,9 @@ from itertools import pairwise
 from app.core.errors import InvalidInputError
 
 
-def frustum_floor_mm(*, rim_diameter_mm: float, height_mm: float, level_mm: float, volume_ml: float) -> float | None:
+def frustum_floor_mm(
+    *, rim_diameter_mm: float, height_mm: float, level_mm: float, volume_ml: float
+) -> float | None:
     """Radius of the floor of the frustum with this rim that holds volume_ml up to level_mm over its floor.
 
     With r = (1 - s) r0 + s R at the level, s = level / height, V = pi level / 3 (r0^2 + r0 r + r^2) is a quadratic in
@@ -44,10 +46,15 @@ def capacity_from_fill_line(
             f"the fill line must be between the table and the brim, {height_mm:g} mm, not at {fill_line_mm:g} mm."
         )
     floor_mm = frustum_floor_mm(
-        rim_diameter_mm=rim_diameter_mm, height_mm=height_mm, level_mm=fill_line_mm, volume_ml=fill_line_ml
+        rim_diameter_mm=rim_diameter_mm,
+        height_mm=height_mm,
+        level_mm=fill_line_mm,
+        volume_ml=fill_line_ml,
     )
     if floor_mm is None:
-        raise _impossible(f"one with this rim and height holds more than {fill_line_ml:g} ml up to its fill line.")
+        raise _impossible(
+            f"one with this rim and height holds more than {fill_line_ml:g} ml up to its fill line."
+        )
     rim_mm = rim_diameter_mm / 2
     return math.pi * height_mm / 3.0 * (floor_mm**2 + floor_mm * rim_mm + rim_mm**2) / 1000.0
 

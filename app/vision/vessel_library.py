@@ -11,9 +11,15 @@ from typing import Literal, get_args
 
 from app.core.errors import InvalidInputError
 
-VesselKind = Literal["mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other"]
+VesselKind = Literal[
+    "mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other"
+]
 
-FLAT_KINDS = ("plate", "big_plate", "board")  # listed beside vessels by some; nothing has a level in them
+FLAT_KINDS = (
+    "plate",
+    "big_plate",
+    "board",
+)  # listed beside vessels by some; nothing has a level in them
 VESSEL_KINDS: tuple[VesselKind, ...] = get_args(VesselKind)
 MAX_VESSELS = 500
 MAX_PROFILE_POINTS = 200
@@ -57,7 +63,9 @@ def vessels_from_json(value: object) -> tuple[VesselModel, ...]:
 def vessel_from_mapping(data: object) -> VesselModel:
     """A VesselModel from its JSON object; other keys are ignored. Raises InvalidInputError, code "vessel_invalid"."""
     if not isinstance(data, Mapping):
-        raise _invalid("each vessel must be an object with name, kind, rim_diameter_mm and height_mm.")
+        raise _invalid(
+            "each vessel must be an object with name, kind, rim_diameter_mm and height_mm."
+        )
     name = data.get("name")
     kind = next((kind for kind in VESSEL_KINDS if kind == data.get("kind")), None)
     if not isinstance(name, str) or not 1 <= len(name) <= 100:
@@ -74,7 +82,9 @@ def vessel_from_mapping(data: object) -> VesselModel:
         inside_profile_mm=_profile(data.get("inside_profile_mm") or ()),
     )
     if model.capacity_ml is None and not model.inside_profile_mm:
-        raise _invalid("give capacity_ml or inside_profile_mm: without either the level says nothing of the volume.")
+        raise _invalid(
+            "give capacity_ml or inside_profile_mm: without either the level says nothing of the volume."
+        )
     return model
 
 
@@ -85,7 +95,9 @@ def vessel_to_json(model: VesselModel) -> dict[str, object]:
 
 def _profile(value: object) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_PROFILE_POINTS:
-        raise _invalid(f"inside_profile_mm must be a list of at most {MAX_PROFILE_POINTS} pairs [radius, height].")
+        raise _invalid(
+            f"inside_profile_mm must be a list of at most {MAX_PROFILE_POINTS} pairs [radius, height]."
+        )
     points = []
     for pair in value:
         if not isinstance(pair, Sequence) or len(pair) != 2:

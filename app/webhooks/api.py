@@ -31,7 +31,9 @@ WRITE = problem_responses(401, 403, 404, 409, 413, 422)
 
 
 def _webhooks(study: StudyCode, state: State, owner: CurrentStaff) -> Webhooks:
-    return Webhooks(state.database, state.part(SecretBox), state.settings.webhook_allow_loopback, owner, study)
+    return Webhooks(
+        state.database, state.part(SecretBox), state.settings.webhook_allow_loopback, owner, study
+    )
 
 
 Hooks = Annotated[Webhooks, Depends(_webhooks)]
@@ -59,11 +61,17 @@ def get_webhook(hooks: Hooks, webhook: WebhookId, response: Response) -> Webhook
 
 @router.patch("/{webhook}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def patch_webhook(
-    hooks: Hooks, webhook: WebhookId, body: WebhookChangeIn, response: Response, if_match: IfMatch = None
+    hooks: Hooks,
+    webhook: WebhookId,
+    body: WebhookChangeIn,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> WebhookOut:
     """Change the address or events, disable or enable the webhook."""
     expected = expected_versions(if_match)
-    changed = hooks.change(webhook, expected=expected, url=body.url, events=body.events, is_enabled=body.is_enabled)
+    changed = hooks.change(
+        webhook, expected=expected, url=body.url, events=body.events, is_enabled=body.is_enabled
+    )
     return _tagged(changed, response)
 
 
@@ -80,7 +88,9 @@ def post_secret(hooks: Hooks, webhook: WebhookId) -> WebhookSecretOut:
     return _secret_out(hooks.rotate_secret(webhook))
 
 
-@router.post("/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
+@router.post(
+    "/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422)
+)
 def post_test(hooks: Hooks, webhook: WebhookId) -> DeliveryOut:
     """Send a `ping`; its delivery appears in the log."""
     return _delivery_out(hooks.test(webhook))
@@ -91,20 +101,28 @@ def get_deliveries(
     request: Request,
     hooks: Hooks,
     webhook: WebhookId,
-    only: Annotated[DeliveryState | None, Query(alias="state", description="Only deliveries of this state.")] = None,
+    only: Annotated[
+        DeliveryState | None, Query(alias="state", description="Only deliveries of this state.")
+    ] = None,
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> DeliveryPage:
     """The log of deliveries, the newest first. Deliveries that have ended are kept for 30 days."""
     page = hooks.list_deliveries(webhook, state=only, cursor=cursor, limit=limit)
-    return DeliveryPage(items=[_delivery_out(row) for row in page.rows], next=next_page(request, page.cursor))
+    return DeliveryPage(
+        items=[_delivery_out(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.post(
-    "/{webhook}/deliveries/{delivery}/replay", status_code=202, responses=problem_responses(401, 403, 404, 409, 422)
+    "/{webhook}/deliveries/{delivery}/replay",
+    status_code=202,
+    responses=problem_responses(401, 403, 404, 409, 422),
 )
 def post_replay(
-    hooks: Hooks, webhook: WebhookId, delivery: Annotated[uuid.UUID, Path(description="The delivery's id.")]
+    hooks: Hooks,
+    webhook: WebhookId,
+    delivery: Annotated[uuid.UUID, Path(description="The delivery's id.")],
 ) -> DeliveryOut:
     """Send the same payload again, as a new delivery."""
     return _delivery_out(hooks.replay(webhook, delivery))

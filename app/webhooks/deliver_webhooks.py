@@ -49,7 +49,9 @@ FIRST_REST_SECONDS, LONGEST_REST_SECONDS = 5.0, 300.0
 KEPT = timedelta(days=30)  # after the event, once the delivery has ended
 GONE = 410
 WITHDRAWN = "participant.withdrawn"
-SECRET_UNREADABLE = "The webhook's secret cannot be opened: TADA_SECRET_KEY is not the one it was sealed with."  # noqa: S105
+SECRET_UNREADABLE = (
+    "The webhook's secret cannot be opened: TADA_SECRET_KEY is not the one it was sealed with."  # noqa: S105
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +87,18 @@ class DeliverWebhooks:
         self._chance = chance or random.SystemRandom()
         self._lock = threading.Condition()
         self._busy: set[uuid.UUID] = set()
-        self._rests: dict[uuid.UUID, tuple[float, float]] = {}  # webhook -> (length in seconds, end by monotonic clock)
+        self._rests: dict[
+            uuid.UUID, tuple[float, float]
+        ] = {}  # webhook -> (length in seconds, end by monotonic clock)
 
     def run(self) -> int:
         """Start a thread for each webhook with a due delivery, up to MAX_CONCURRENT. Returns the number started."""
         started = 0
         while (claimed := self._claim_any()) is not None:
             try:
-                threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
+                threading.Thread(
+                    target=self._deliver, args=(claimed,), name="webhook", daemon=True
+                ).start()
             except RuntimeError:  # no thread is available: the claim expires
                 self._release_webhook(claimed)
                 raise
@@ -135,7 +141,9 @@ class DeliverWebhooks:
         return claimed
 
     def _claim(self, due: Due) -> _Claimed | None:
-        with self._database.read() as session:  # usually nothing is due, and no write lock is needed
+        with (
+            self._database.read() as session
+        ):  # usually nothing is due, and no write lock is needed
             if not webhooks.has_due(session, due):
                 return None
         with self._database.write() as session:
@@ -166,9 +174,15 @@ class DeliverWebhooks:
                 self._store_outcome(current, answer)
                 _log_attempt(current, answer)
                 may_continue = answer.is_success and time.monotonic() < turn_ends
-                current = self._claim(Due(self._now(), only=claimed.webhook_id)) if may_continue else None
-        except Exception as error:  # the worker's edge: the claim expires, and the delivery is sent again
-            log.warning("webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error)
+                current = (
+                    self._claim(Due(self._now(), only=claimed.webhook_id)) if may_continue else None
+                )
+        except (
+            Exception
+        ) as error:  # the worker's edge: the claim expires, and the delivery is sent again
+            log.warning(
+                "webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error
+            )
         finally:
             self._release_webhook(claimed)
 
@@ -182,7 +196,9 @@ class DeliverWebhooks:
             signing = open_secrets(self._box, claimed.secret_sealed)
         except SecretKeyError:
             log.error(  # noqa: TRY400  # the cause is clear: no traceback for each attempt
-                "webhook_secret_unreadable", webhook_id=str(claimed.webhook_id), detail=SECRET_UNREADABLE
+                "webhook_secret_unreadable",
+                webhook_id=str(claimed.webhook_id),
+                detail=SECRET_UNREADABLE,
             )
             return Answer(None, SECRET_UNREADABLE)
         now = self._now()
@@ -212,12 +228,18 @@ class DeliverWebhooks:
             if row is None:
                 return
             delivery, hook = row
-            if delivery.state != "waiting" or (delivery.attempts != claimed.attempt and not answer.is_success):
+            if delivery.state != "waiting" or (
+                delivery.attempts != claimed.attempt and not answer.is_success
+            ):
                 return
             delivery.last_status = answer.status
             delivery.last_error = None if answer.is_success else _error_message(answer)
             if answer.is_success:
-                delivery.state, delivery.delivered_at, delivery.next_try_at = "delivered", self._now(), None
+                delivery.state, delivery.delivered_at, delivery.next_try_at = (
+                    "delivered",
+                    self._now(),
+                    None,
+                )
                 _remove_withdrawal_data(delivery)
                 return
             is_given_up = answer.status == GONE or claimed.attempt >= MAX_ATTEMPTS
@@ -229,12 +251,21 @@ class DeliverWebhooks:
             if hook.disabled_at is not None or not is_given_up:
                 return
             outcomes = webhooks.last_outcomes(session, hook.id, MAX_CONSECUTIVE_GIVEN_UP)
-            all_given_up = len(outcomes) == MAX_CONSECUTIVE_GIVEN_UP and set(outcomes) == {"given_up"}
+            all_given_up = len(outcomes) == MAX_CONSECUTIVE_GIVEN_UP and set(outcomes) == {
+                "given_up"
+            }
             if answer.status == GONE or all_given_up:
                 hook.disabled_at = self._now()
                 hook.version += 1
                 reason = "gone" if answer.status == GONE else "given_up_in_a_row"
-                audit.note(session, None, "webhook.disable", study_id=hook.study_id, subject=hook.id, reason=reason)
+                audit.note(
+                    session,
+                    None,
+                    "webhook.disable",
+                    study_id=hook.study_id,
+                    subject=hook.id,
+                    reason=reason,
+                )
                 log.warning("webhook_disabled", webhook_id=str(hook.id), reason=reason)
 
     def _pause(self, attempt: int, answer: Answer) -> timedelta:
@@ -276,4 +307,6 @@ def _give_up(delivery: WebhookDelivery) -> None:
 def _remove_withdrawal_data(delivery: WebhookDelivery) -> None:
     """Remove the participant's code from the delivered notice of a withdrawal, so that the log does not keep it."""
     if delivery.event == WITHDRAWN:
-        delivery.payload = {name: value for name, value in delivery.payload.items() if name != "data"}
+        delivery.payload = {
+            name: value for name, value in delivery.payload.items() if name != "data"
+        }

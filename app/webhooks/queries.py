@@ -32,13 +32,17 @@ def lock_study(session: Session, study_id: uuid.UUID) -> None:
     session.execute(sa.select(Study.id).where(Study.id == study_id).with_for_update(key_share=True))
 
 
-def find_webhook(session: Session, study_id: uuid.UUID, webhook_id: uuid.UUID, *, lock: bool = False) -> Webhook | None:
+def find_webhook(
+    session: Session, study_id: uuid.UUID, webhook_id: uuid.UUID, *, lock: bool = False
+) -> Webhook | None:
     """Return a webhook of this study, locked until commit if `lock` is set."""
     query = sa.select(Webhook).where(Webhook.id == webhook_id, Webhook.study_id == study_id)
     return session.scalars(query.with_for_update(key_share=True) if lock else query).one_or_none()
 
 
-def find_delivery(session: Session, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery | None:
+def find_delivery(
+    session: Session, webhook_id: uuid.UUID, delivery_id: uuid.UUID
+) -> WebhookDelivery | None:
     """Return a delivery of this webhook to copy; its participant and meal are locked against erasure."""
     row = WebhookDelivery
     query = sa.select(row).where(row.id == delivery_id, row.webhook_id == webhook_id)
@@ -66,7 +70,9 @@ def page_of_deliveries(
     if state is not None:
         query = query.where(row.state == state)
     if before is not None:
-        bound = sa.tuple_(sa.literal(before[0], row.created_at.type), sa.literal(before[1], row.id.type))
+        bound = sa.tuple_(
+            sa.literal(before[0], row.created_at.type), sa.literal(before[1], row.id.type)
+        )
         query = query.where(sa.tuple_(row.created_at, row.id) < bound)
     return list(session.scalars(query.order_by(row.created_at.desc(), row.id.desc()).limit(limit)))
 
@@ -76,13 +82,20 @@ def has_due(session: Session, due: Due) -> bool:
     return session.scalar(_due(due).with_only_columns(WebhookDelivery.id).limit(1)) is not None
 
 
-def claim_due(session: Session, due: Due, *, until: datetime) -> tuple[WebhookDelivery, Webhook] | None:
+def claim_due(
+    session: Session, due: Due, *, until: datetime
+) -> tuple[WebhookDelivery, Webhook] | None:
     """Claim the delivery that has waited longest, with its webhook; no other worker gets it before `until`.
 
     PostgreSQL skips rows that another worker is claiming; SQLite has one writer at a time.
     """
     row = WebhookDelivery
-    query = _due(due).order_by(row.next_try_at, row.id).limit(1).with_for_update(of=row, skip_locked=True)
+    query = (
+        _due(due)
+        .order_by(row.next_try_at, row.id)
+        .limit(1)
+        .with_for_update(of=row, skip_locked=True)
+    )
     claimed = session.execute(query).one_or_none()
     if claimed is None:
         return None
@@ -93,13 +106,19 @@ def claim_due(session: Session, due: Due, *, until: datetime) -> tuple[WebhookDe
     return delivery, hook
 
 
-def lock_delivery(session: Session, delivery_id: uuid.UUID) -> tuple[WebhookDelivery, Webhook] | None:
+def lock_delivery(
+    session: Session, delivery_id: uuid.UUID
+) -> tuple[WebhookDelivery, Webhook] | None:
     """Lock a webhook and then its delivery, in the order used everywhere; None if the delivery was erased."""
-    webhook_id = session.scalar(sa.select(WebhookDelivery.webhook_id).where(WebhookDelivery.id == delivery_id))
+    webhook_id = session.scalar(
+        sa.select(WebhookDelivery.webhook_id).where(WebhookDelivery.id == delivery_id)
+    )
     if webhook_id is None:
         return None
     hook_query = sa.select(Webhook).where(Webhook.id == webhook_id)
-    hook = session.scalars(hook_query.with_for_update(key_share=True)).one()  # does not block new deliveries
+    hook = session.scalars(
+        hook_query.with_for_update(key_share=True)
+    ).one()  # does not block new deliveries
     query = sa.select(WebhookDelivery).where(WebhookDelivery.id == delivery_id).with_for_update()
     delivery = session.scalars(query).one_or_none()
     return (delivery, hook) if delivery is not None else None
@@ -112,7 +131,9 @@ def last_outcomes(session: Session, webhook_id: uuid.UUID, limit: int) -> list[s
     return list(session.scalars(query.order_by(row.created_at.desc(), row.id.desc()).limit(limit)))
 
 
-def unsendable(session: Session, now: datetime, most_attempts: int, limit: int) -> list[WebhookDelivery]:
+def unsendable(
+    session: Session, now: datetime, most_attempts: int, limit: int
+) -> list[WebhookDelivery]:
     """Return waiting deliveries that will not be sent: webhook disabled, or the worker died in the last attempt."""
     row = WebhookDelivery
     query = (
@@ -120,7 +141,10 @@ def unsendable(session: Session, now: datetime, most_attempts: int, limit: int) 
         .join(Webhook, Webhook.id == row.webhook_id)
         .where(
             row.state == "waiting",
-            sa.or_(Webhook.disabled_at.is_not(None), sa.and_(row.attempts >= most_attempts, row.next_try_at <= now)),
+            sa.or_(
+                Webhook.disabled_at.is_not(None),
+                sa.and_(row.attempts >= most_attempts, row.next_try_at <= now),
+            ),
         )
         .limit(limit)
     )
@@ -132,7 +156,10 @@ def remove_ended(session: Session, before: datetime, limit: int) -> int:
     row = WebhookDelivery
     old = sa.select(row.id).where(row.state != "waiting", row.created_at < before).limit(limit)
     removed = session.execute(
-        sa.delete(row).where(row.id.in_(old)).returning(row.id).execution_options(synchronize_session=False)
+        sa.delete(row)
+        .where(row.id.in_(old))
+        .returning(row.id)
+        .execution_options(synchronize_session=False)
     )
     return len(removed.all())
 

@@ -57,7 +57,9 @@ NOT_PUBLIC_V6 = tuple(
 ISATAP_MARKS = (b"\x00\x00\x5e\xfe", b"\x02\x00\x5e\xfe")  # RFC 5214: an IPv4 address follows
 
 _VISIBLE_ASCII = re.compile(r"[!-~]+")
-_AMBIGUOUS = frozenset('\\"<>^`{|}')  # not allowed by RFC 3986; URL parsers differ about some of them
+_AMBIGUOUS = frozenset(
+    '\\"<>^`{|}'
+)  # not allowed by RFC 3986; URL parsers differ about some of them
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?")
 _NUMBER = re.compile(r"\d+|0x[0-9a-f]*")
 
@@ -121,7 +123,9 @@ def parse_target(url: str, *, allow_loopback: bool) -> Target:
     return Target(parts.scheme, host, port, f"{path}?{parts.query}" if parts.query else path)
 
 
-def resolve_safely(target: Target, *, allow_loopback: bool, resolve: Resolver | None = None) -> tuple[str, ...]:
+def resolve_safely(
+    target: Target, *, allow_loopback: bool, resolve: Resolver | None = None
+) -> tuple[str, ...]:
     """Return the target's addresses, all public; connect to these without resolving again.
 
     allow_loopback: also accept 127.0.0.1. Raises AddressError if there is no address, or one of them is not public.
@@ -160,7 +164,9 @@ def system_resolver(host: str, port: int) -> list[str]:
             return
         addresses.extend(dict.fromkeys(str(answer[4][0]) for answer in answers))
 
-    thread = threading.Thread(target=resolve, name="resolve", daemon=True)  # getaddrinfo has no time-out
+    thread = threading.Thread(
+        target=resolve, name="resolve", daemon=True
+    )  # getaddrinfo has no time-out
     thread.start()
     thread.join(RESOLVE_SECONDS)
     return list(addresses)

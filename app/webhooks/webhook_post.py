@@ -25,7 +25,9 @@ STEP_SHARE = 0.9  # of the total time, for one step
 MAX_HEADERS = 100  # a response with more is refused
 MAX_CONNECTIONS, MAX_KEPT_CONNECTIONS = 100, 20  # the first: more than POSTs are sent at once
 MAX_LOOKUPS = 64  # at once; at least as many as POSTs are sent at once, so that a slow look-up delays no other
-MAX_BODY_BYTES = 16 * 1024  # of a response whose connection is kept; after a longer one it is closed
+MAX_BODY_BYTES = (
+    16 * 1024
+)  # of a response whose connection is kept; after a longer one it is closed
 BODY_SECONDS = 1.0  # for the body of such a response; after a slower one the connection is closed
 
 ErrorT = TypeVar("ErrorT", bound=BaseException)
@@ -81,8 +83,12 @@ class WebhookPost:
 
         A host's addresses are resolved and checked once; after a failure the next POST tries again.
         """
-        limits = httpx2.Limits(max_connections=MAX_CONNECTIONS, max_keepalive_connections=MAX_KEPT_CONNECTIONS)
-        transport = self._transport or httpx2.AsyncHTTPTransport(verify=self._tls, trust_env=False, limits=limits)
+        limits = httpx2.Limits(
+            max_connections=MAX_CONNECTIONS, max_keepalive_connections=MAX_KEPT_CONNECTIONS
+        )
+        transport = self._transport or httpx2.AsyncHTTPTransport(
+            verify=self._tls, trust_env=False, limits=limits
+        )
         async with transport:
             yield partial(self._send, transport, _Lookups(self._resolve_safely))
 
@@ -124,10 +130,14 @@ class WebhookPost:
             return Answer(None, "The answer was not HTTP.")
         return Answer(None, _why_not_connected(error))
 
-    def _request(self, target: Target, address: str, headers: Mapping[str, str], body: bytes) -> httpx2.Request:
+    def _request(
+        self, target: Target, address: str, headers: Mapping[str, str], body: bytes
+    ) -> httpx2.Request:
         host = f"[{address}]" if ":" in address else address
         # per step, so that the library itself ends a stalled step and closes the connection
-        timeouts = dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds)
+        timeouts = dict.fromkeys(
+            ("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds
+        )
         return httpx2.Request(
             "POST",
             f"{target.scheme}://{host}:{target.port}{target.path}",
@@ -162,7 +172,9 @@ class _Lookups:
         return set(hosts) != {target.host}
 
 
-async def _send_to_first(transport: httpx2.AsyncBaseTransport, requests: Sequence[httpx2.Request]) -> httpx2.Response:
+async def _send_to_first(
+    transport: httpx2.AsyncBaseTransport, requests: Sequence[httpx2.Request]
+) -> httpx2.Response:
     """Send to the first address that accepts a connection."""
     *others, last = requests
     for request in others:
@@ -215,4 +227,8 @@ def _cause(error: BaseException, kind: type[ErrorT]) -> ErrorT | None:
 
 def _seconds(retry_after: str | None) -> float | None:
     """Parse Retry-After in seconds; dates, its other form, are ignored."""
-    return float(retry_after) if retry_after is not None and retry_after.isascii() and retry_after.isdigit() else None
+    return (
+        float(retry_after)
+        if retry_after is not None and retry_after.isascii() and retry_after.isdigit()
+        else None
+    )

@@ -32,9 +32,16 @@ class SigningSecrets:
     def signatures(self, delivery_id: str, now: datetime, body: bytes) -> str:
         """Return the header's value: one signature per valid secret, separated by spaces."""
         in_force = [self.current]
-        if self.previous is not None and self.previous_until is not None and now < self.previous_until:
+        if (
+            self.previous is not None
+            and self.previous_until is not None
+            and now < self.previous_until
+        ):
             in_force.append(self.previous)
-        return " ".join(Webhook(secret).sign(delivery_id, now.astimezone(UTC), body.decode()) for secret in in_force)
+        return " ".join(
+            Webhook(secret).sign(delivery_id, now.astimezone(UTC), body.decode())
+            for secret in in_force
+        )
 
 
 def new_secret() -> str:

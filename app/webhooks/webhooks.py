@@ -97,7 +97,8 @@ class Webhooks:
             hook = self._find(session, webhook_id, lock=True)
             if expected is not None and hook.version not in expected:
                 raise PreconditionFailedError(
-                    "The webhook was changed after you read it: read it again, then change it.", version=hook.version
+                    "The webhook was changed after you read it: read it again, then change it.",
+                    version=hook.version,
                 )
             changed = []
             if url is not None and url != hook.url:
@@ -145,7 +146,9 @@ class Webhooks:
         before = decode_cursor(list_name, cursor, INSTANT, ID)
         with self.database.read() as session:
             hook = self._find(session, webhook_id)
-            rows = sql.page_of_deliveries(session, hook.id, state=state, before=before, limit=limit + 1)
+            rows = sql.page_of_deliveries(
+                session, hook.id, state=state, before=before, limit=limit + 1
+            )
         return page_of(list_name, rows, limit, lambda row: (row.created_at, row.id))
 
     def replay(self, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery:
@@ -190,7 +193,14 @@ class Webhooks:
         return hook
 
     def _note(self, session: Session, hook: Webhook, action: str, **details: object) -> None:
-        audit.note(session, self.caller, f"webhook.{action}", study_id=hook.study_id, subject=hook.id, **details)
+        audit.note(
+            session,
+            self.caller,
+            f"webhook.{action}",
+            study_id=hook.study_id,
+            subject=hook.id,
+            **details,
+        )
 
     def _check_url(self, url: str) -> None:
         """Check a URL. Call it outside any transaction, since resolving a name takes time."""
@@ -208,5 +218,6 @@ def _require_room(session: Session, study_id: uuid.UUID) -> None:
     sql.lock_study(session, study_id)
     if len(enabled_webhooks(session, study_id)) >= MAX_ENABLED:
         raise ConflictError(
-            f"The study already has {MAX_ENABLED} enabled webhooks: disable one first.", code="webhooks_too_many"
+            f"The study already has {MAX_ENABLED} enabled webhooks: disable one first.",
+            code="webhooks_too_many",
         )

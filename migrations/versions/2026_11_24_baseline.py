@@ -18,7 +18,9 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-BIG_ID = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # the only type that SQLite counts up by itself
+BIG_ID = sa.BigInteger().with_variant(
+    sa.Integer(), "sqlite"
+)  # the only type that SQLite counts up by itself
 JSON = sa.JSON(none_as_null=True).with_variant(postgresql.JSONB(none_as_null=True), "postgresql")
 RUNS = (
     "delays",
@@ -110,10 +112,14 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("subject", sa.String(length=200), nullable=True),
         sa.Column("details", JSON, nullable=False),
         sa.Column("request_id", sa.String(length=32), nullable=True),
-        sa.CheckConstraint("actor_kind IN ('staff', 'device', 'system')", name=op.f("ck_audit_event_actor_kind")),
+        sa.CheckConstraint(
+            "actor_kind IN ('staff', 'device', 'system')", name=op.f("ck_audit_event_actor_kind")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_audit_event")),
     )
-    op.create_index(op.f("ix_audit_event_study_id_id"), "audit_event", ["study_id", "id"], unique=False)
+    op.create_index(
+        op.f("ix_audit_event_study_id_id"), "audit_event", ["study_id", "id"], unique=False
+    )
     op.create_index(
         "ix_audit_event_last_backup",
         "audit_event",
@@ -142,7 +148,10 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.PrimaryKeyConstraint("id", name=op.f("pk_day_mark")),
     )
     op.create_index(
-        op.f("ix_day_mark_participant_id_local_date"), "day_mark", ["participant_id", "local_date"], unique=False
+        op.f("ix_day_mark_participant_id_local_date"),
+        "day_mark",
+        ["participant_id", "local_date"],
+        unique=False,
     )
     op.create_index(
         op.f("ix_day_mark_study_id_local_date_participant_id"),
@@ -168,7 +177,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     op.create_table(
         "food_word",
         sa.Column(
-            "word", sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"), nullable=False
+            "word",
+            sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"),
+            nullable=False,
         ),
         sa.PrimaryKeyConstraint("word", name=op.f("pk_food_word")),
     )
@@ -219,12 +230,16 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("change_seq", sa.BigInteger(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.CheckConstraint(
-            "(location_policy = 'round') = (location_decimals IS NOT NULL)", name=op.f("ck_study_decimals_to_round")
+            "(location_policy = 'round') = (location_decimals IS NOT NULL)",
+            name=op.f("ck_study_decimals_to_round"),
         ),
         sa.CheckConstraint("locale IN ('en', 'de', 'es', 'zh')", name=op.f("ck_study_locale")),
-        sa.CheckConstraint("location_policy IN ('drop', 'round', 'keep')", name=op.f("ck_study_location_policy")),
         sa.CheckConstraint(
-            "withdrawal_policy IN ('keep', 'anonymise', 'erase')", name=op.f("ck_study_withdrawal_policy")
+            "location_policy IN ('drop', 'round', 'keep')", name=op.f("ck_study_location_policy")
+        ),
+        sa.CheckConstraint(
+            "withdrawal_policy IN ('keep', 'anonymise', 'erase')",
+            name=op.f("ck_study_withdrawal_policy"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_study")),
         sa.UniqueConstraint("code", name=op.f("uq_study_code")),
@@ -237,7 +252,10 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.PrimaryKeyConstraint("id", name=op.f("pk_study_day_mark")),
     )
     op.create_index(
-        op.f("ix_study_day_mark_study_id_local_date"), "study_day_mark", ["study_id", "local_date"], unique=False
+        op.f("ix_study_day_mark_study_id_local_date"),
+        "study_day_mark",
+        ["study_id", "local_date"],
+        unique=False,
     )
     op.create_table(
         "worker_lease",
@@ -257,11 +275,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("policy", sa.String(length=16), nullable=False),
         sa.Column("counts", JSON, nullable=False),
         sa.Column("erased_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("what IN ('participant', 'meal', 'photographs')", name=op.f("ck_erasure_receipt_what")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_erasure_receipt_study_id_study")),
+        sa.CheckConstraint(
+            "what IN ('participant', 'meal', 'photographs')", name=op.f("ck_erasure_receipt_what")
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_erasure_receipt_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_erasure_receipt")),
     )
-    op.create_index(op.f("ix_erasure_receipt_study_id"), "erasure_receipt", ["study_id"], unique=False)
+    op.create_index(
+        op.f("ix_erasure_receipt_study_id"), "erasure_receipt", ["study_id"], unique=False
+    )
     op.create_table(
         "export",
         sa.Column("study_id", sa.Uuid(), nullable=False),
@@ -285,9 +309,12 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("bytes", sa.BigInteger(), nullable=False),
         sa.Column("at_change_seq", sa.BigInteger(), nullable=True),
         sa.Column("failure_code", sa.String(length=64), nullable=True),
-        sa.CheckConstraint("(state = 'done') = (blob_key IS NOT NULL)", name=op.f("ck_export_file_of_what_is_done")),
         sa.CheckConstraint(
-            "state IN ('queued', 'running', 'done', 'failed', 'cancelled', 'expired')", name=op.f("ck_export_state")
+            "(state = 'done') = (blob_key IS NOT NULL)", name=op.f("ck_export_file_of_what_is_done")
+        ),
+        sa.CheckConstraint(
+            "state IN ('queued', 'running', 'done', 'failed', 'cancelled', 'expired')",
+            name=op.f("ck_export_state"),
         ),
         sa.ForeignKeyConstraint(["staff_id"], ["staff.id"], name=op.f("fk_export_staff_id_staff")),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_export_study_id_study")),
@@ -296,9 +323,14 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     )
     op.create_index(op.f("ix_export_staff_id"), "export", ["staff_id"], unique=False)
     op.create_index(
-        op.f("ix_export_study_id_requested_at_id"), "export", ["study_id", "requested_at", "id"], unique=False
+        op.f("ix_export_study_id_requested_at_id"),
+        "export",
+        ["study_id", "requested_at", "id"],
+        unique=False,
     )
-    op.create_index(op.f("ix_export_state_requested_at"), "export", ["state", "requested_at"], unique=False)
+    op.create_index(
+        op.f("ix_export_state_requested_at"), "export", ["state", "requested_at"], unique=False
+    )
     op.create_index(
         "uq_export_under_way",
         "export",
@@ -325,14 +357,22 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("recipe_yield", sa.Double(), nullable=True),
         sa.Column("source_ids", JSON, nullable=False),
         sa.Column("superseded_by_id", sa.Integer(), nullable=True),
-        sa.ForeignKeyConstraint(["release_id"], ["food_release.id"], name=op.f("fk_food_release_id_food_release")),
-        sa.ForeignKeyConstraint(["superseded_by_id"], ["food.id"], name=op.f("fk_food_superseded_by_id_food")),
+        sa.ForeignKeyConstraint(
+            ["release_id"], ["food_release.id"], name=op.f("fk_food_release_id_food_release")
+        ),
+        sa.ForeignKeyConstraint(
+            ["superseded_by_id"], ["food.id"], name=op.f("fk_food_superseded_by_id_food")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_food")),
-        sa.UniqueConstraint("release_id", "key", "version", name=op.f("uq_food_release_id_key_version")),
+        sa.UniqueConstraint(
+            "release_id", "key", "version", name=op.f("uq_food_release_id_key_version")
+        ),
     )
     op.create_index(op.f("ix_food_superseded_by_id"), "food", ["superseded_by_id"], unique=False)
     op.create_index(op.f("ix_food_key"), "food", ["key"], unique=False)
-    op.create_index(op.f("ix_food_release_id_food_group"), "food", ["release_id", "food_group"], unique=False)
+    op.create_index(
+        op.f("ix_food_release_id_food_group"), "food", ["release_id", "food_group"], unique=False
+    )
     op.create_table(
         "food_activation",
         sa.Column("id", sa.Integer(), nullable=False),
@@ -341,11 +381,15 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("author", sa.String(length=200), nullable=False),
         sa.Column("activated_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(
-            ["release_id"], ["food_release.id"], name=op.f("fk_food_activation_release_id_food_release")
+            ["release_id"],
+            ["food_release.id"],
+            name=op.f("fk_food_activation_release_id_food_release"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_food_activation")),
     )
-    op.create_index(op.f("ix_food_activation_name_id"), "food_activation", ["name", "id"], unique=False)
+    op.create_index(
+        op.f("ix_food_activation_name_id"), "food_activation", ["name", "id"], unique=False
+    )
     op.create_table(
         "food_word_trigram",
         sa.Column(
@@ -354,9 +398,13 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             nullable=False,
         ),
         sa.Column(
-            "word", sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"), nullable=False
+            "word",
+            sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"),
+            nullable=False,
         ),
-        sa.ForeignKeyConstraint(["word"], ["food_word.word"], name=op.f("fk_food_word_trigram_word_food_word")),
+        sa.ForeignKeyConstraint(
+            ["word"], ["food_word.word"], name=op.f("fk_food_word_trigram_word_food_word")
+        ),
         sa.PrimaryKeyConstraint("trigram", "word", name=op.f("pk_food_word_trigram")),
     )
     op.create_table(
@@ -369,7 +417,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("profile", JSON, nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_participant_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_participant_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_participant")),
         sa.UniqueConstraint("alias", name=op.f("uq_participant_alias")),
         sa.UniqueConstraint("study_id", "code", name=op.f("uq_participant_study_id_code")),
@@ -400,7 +450,8 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("at_change_seq", sa.BigInteger(), nullable=True),
         sa.Column("failure_code", sa.String(length=64), nullable=True),
         sa.CheckConstraint(
-            "state IN ('queued', 'running', 'ready', 'changing', 'failed')", name=op.f("ck_release_state")
+            "state IN ('queued', 'running', 'ready', 'changing', 'failed')",
+            name=op.f("ck_release_state"),
         ),
         sa.ForeignKeyConstraint(["staff_id"], ["staff.id"], name=op.f("fk_release_staff_id_staff")),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_release_study_id_study")),
@@ -409,15 +460,22 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
     )
     op.create_index(op.f("ix_release_staff_id"), "release", ["staff_id"], unique=False)
     op.create_index(
-        op.f("ix_release_study_id_requested_at_id"), "release", ["study_id", "requested_at", "id"], unique=False
+        op.f("ix_release_study_id_requested_at_id"),
+        "release",
+        ["study_id", "requested_at", "id"],
+        unique=False,
     )
-    op.create_index(op.f("ix_release_state_requested_at"), "release", ["state", "requested_at"], unique=False)
+    op.create_index(
+        op.f("ix_release_state_requested_at"), "release", ["state", "requested_at"], unique=False
+    )
     op.create_table(
         "spent_code",
         sa.Column("study_id", sa.Uuid(), nullable=False),
         sa.Column("digest", sa.String(length=64), nullable=False),
         sa.Column("spent_at", sa.DateTime(timezone=True), nullable=False),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_spent_code_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_spent_code_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("study_id", "digest", name=op.f("pk_spent_code")),
     )
     op.create_table(
@@ -456,7 +514,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("sodium_mg", sa.LargeBinary(), nullable=False),
         sa.Column("potassium_mg", sa.LargeBinary(), nullable=False),
         sa.Column("vitamin_c_mg", sa.LargeBinary(), nullable=False),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_study_day_sum_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_study_day_sum_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("study_id", "local_date", name=op.f("pk_study_day_sum")),
     )
     op.create_table(
@@ -481,19 +541,32 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.CheckConstraint("kind IN ('solid', 'bulk')", name=op.f("ck_study_density_kind")),
         sa.CheckConstraint("weighs IN ('as_seen', 'edible')", name=op.f("ck_study_density_weighs")),
         sa.CheckConstraint("g_per_ml > 0", name=op.f("ck_study_density_positive")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_study_density_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_study_density_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_study_density")),
     )
-    op.create_index(op.f("ix_study_density_study_id_food_key"), "study_density", ["study_id", "food_key"], unique=False)
+    op.create_index(
+        op.f("ix_study_density_study_id_food_key"),
+        "study_density",
+        ["study_id", "food_key"],
+        unique=False,
+    )
     op.create_table(
         "study_member",
         sa.Column("study_id", sa.Uuid(), nullable=False),
         sa.Column("staff_id", sa.Uuid(), nullable=False),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("role IN ('viewer', 'reviewer', 'owner')", name=op.f("ck_study_member_role")),
-        sa.ForeignKeyConstraint(["staff_id"], ["staff.id"], name=op.f("fk_study_member_staff_id_staff")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_study_member_study_id_study")),
+        sa.CheckConstraint(
+            "role IN ('viewer', 'reviewer', 'owner')", name=op.f("ck_study_member_role")
+        ),
+        sa.ForeignKeyConstraint(
+            ["staff_id"], ["staff.id"], name=op.f("fk_study_member_staff_id_staff")
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_study_member_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("study_id", "staff_id", name=op.f("pk_study_member")),
     )
     op.create_index(op.f("ix_study_member_staff_id"), "study_member", ["staff_id"], unique=False)
@@ -505,10 +578,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("name_key", sa.String(length=300), nullable=False),
         sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_study_vessel_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_study_vessel_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_study_vessel")),
     )
-    op.create_index(op.f("ix_study_vessel_study_id_name_key"), "study_vessel", ["study_id", "name_key"], unique=True)
+    op.create_index(
+        op.f("ix_study_vessel_study_id_name_key"),
+        "study_vessel",
+        ["study_id", "name_key"],
+        unique=True,
+    )
     op.create_table(
         "tombstone",
         sa.Column("kind", sa.String(length=16), nullable=False),
@@ -516,11 +596,21 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("study_id", sa.Uuid(), nullable=True),
         sa.Column("change_seq", sa.BigInteger(), nullable=True),
         sa.Column("erased_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("kind IN ('participant', 'meal', 'token', 'record', 'day')", name=op.f("ck_tombstone_kind")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_tombstone_study_id_study")),
+        sa.CheckConstraint(
+            "kind IN ('participant', 'meal', 'token', 'record', 'day')",
+            name=op.f("ck_tombstone_kind"),
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_tombstone_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("kind", "digest", name=op.f("pk_tombstone")),
     )
-    op.create_index(op.f("ix_tombstone_study_id_change_seq"), "tombstone", ["study_id", "change_seq"], unique=False)
+    op.create_index(
+        op.f("ix_tombstone_study_id_change_seq"),
+        "tombstone",
+        ["study_id", "change_seq"],
+        unique=False,
+    )
     op.create_table(
         "webhook",
         sa.Column("id", sa.Uuid(), nullable=False),
@@ -542,7 +632,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("receipt_id", sa.Uuid(), nullable=True),
         sa.Column("requested_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(
-            ["receipt_id"], ["erasure_receipt.id"], name=op.f("fk_blob_deletion_receipt_id_erasure_receipt")
+            ["receipt_id"],
+            ["erasure_receipt.id"],
+            name=op.f("fk_blob_deletion_receipt_id_erasure_receipt"),
         ),
         sa.PrimaryKeyConstraint("blob_key", name=op.f("pk_blob_deletion")),
     )
@@ -555,15 +647,24 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("layer", sa.String(length=16), nullable=False),
         sa.Column("author", sa.String(length=200), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("kind IN ('closed', 'ate_nothing', 'reopened')", name=op.f("ck_day_event_kind")),
-        sa.CheckConstraint("layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_day_event_layer")),
+        sa.CheckConstraint(
+            "kind IN ('closed', 'ate_nothing', 'reopened')", name=op.f("ck_day_event_kind")
+        ),
+        sa.CheckConstraint(
+            "layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_day_event_layer")
+        ),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_day_event_participant_id_participant")
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_day_event_participant_id_participant"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_day_event")),
     )
     op.create_index(
-        op.f("ix_day_event_participant_id_local_date"), "day_event", ["participant_id", "local_date"], unique=False
+        op.f("ix_day_event_participant_id_local_date"),
+        "day_event",
+        ["participant_id", "local_date"],
+        unique=False,
     )
     op.create_table(
         "day_sum",
@@ -638,7 +739,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("enrolled_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("revoked_at", sa.DateTime(timezone=True), nullable=True),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_device_participant_id_participant")
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_device_participant_id_participant"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_device")),
     )
@@ -656,14 +759,28 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("change_seq", sa.BigInteger(), nullable=False),
         sa.CheckConstraint("status IN ('open', 'closed')", name=op.f("ck_diary_day_status")),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_diary_day_participant_id_participant")
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_diary_day_participant_id_participant"),
         ),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_diary_day_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_diary_day_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("participant_id", "local_date", name=op.f("pk_diary_day")),
         sa.UniqueConstraint("id", name=op.f("uq_diary_day_id")),
     )
-    op.create_index(op.f("ix_diary_day_study_id_local_date"), "diary_day", ["study_id", "local_date"], unique=False)
-    op.create_index(op.f("ix_diary_day_study_id_change_seq"), "diary_day", ["study_id", "change_seq"], unique=False)
+    op.create_index(
+        op.f("ix_diary_day_study_id_local_date"),
+        "diary_day",
+        ["study_id", "local_date"],
+        unique=False,
+    )
+    op.create_index(
+        op.f("ix_diary_day_study_id_change_seq"),
+        "diary_day",
+        ["study_id", "change_seq"],
+        unique=False,
+    )
     op.create_table(
         "enrolment",
         sa.Column("id", sa.Uuid(), nullable=False),
@@ -673,12 +790,16 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("used_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_enrolment_participant_id_participant")
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_enrolment_participant_id_participant"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_enrolment")),
         sa.UniqueConstraint("code_sha256", name=op.f("uq_enrolment_code_sha256")),
     )
-    op.create_index(op.f("ix_enrolment_participant_id"), "enrolment", ["participant_id"], unique=False)
+    op.create_index(
+        op.f("ix_enrolment_participant_id"), "enrolment", ["participant_id"], unique=False
+    )
     op.create_table(
         "food_change",
         sa.Column("food_id", sa.Integer(), nullable=False),
@@ -688,10 +809,14 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("differences", JSON, nullable=False),
         sa.Column("changed_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_change_food_id_food")),
-        sa.ForeignKeyConstraint(["previous_id"], ["food.id"], name=op.f("fk_food_change_previous_id_food")),
+        sa.ForeignKeyConstraint(
+            ["previous_id"], ["food.id"], name=op.f("fk_food_change_previous_id_food")
+        ),
         sa.PrimaryKeyConstraint("food_id", name=op.f("pk_food_change")),
     )
-    op.create_index(op.f("ix_food_change_previous_id"), "food_change", ["previous_id"], unique=False)
+    op.create_index(
+        op.f("ix_food_change_previous_id"), "food_change", ["previous_id"], unique=False
+    )
     op.create_table(
         "food_code",
         sa.Column("system", sa.String(length=32), nullable=False),
@@ -716,7 +841,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.CheckConstraint("kind IN ('solid', 'bulk')", name=op.f("ck_food_density_kind")),
         sa.CheckConstraint("weighs IN ('as_seen', 'edible')", name=op.f("ck_food_density_weighs")),
         sa.CheckConstraint("g_per_ml > 0", name=op.f("ck_food_density_positive")),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_density_food_id_food")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_food_density_food_id_food")
+        ),
         sa.PrimaryKeyConstraint("food_id", "position", name=op.f("pk_food_density")),
     )
     op.create_table(
@@ -727,11 +854,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("mass_g", sa.Double(), nullable=False),
         sa.Column("retention", JSON, nullable=False),
         sa.Column("retention_source", sa.String(length=300), nullable=True),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_ingredient_food_id_food")),
-        sa.ForeignKeyConstraint(["ingredient_id"], ["food.id"], name=op.f("fk_food_ingredient_ingredient_id_food")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_food_ingredient_food_id_food")
+        ),
+        sa.ForeignKeyConstraint(
+            ["ingredient_id"], ["food.id"], name=op.f("fk_food_ingredient_ingredient_id_food")
+        ),
         sa.PrimaryKeyConstraint("food_id", "position", name=op.f("pk_food_ingredient")),
     )
-    op.create_index(op.f("ix_food_ingredient_ingredient_id"), "food_ingredient", ["ingredient_id"], unique=False)
+    op.create_index(
+        op.f("ix_food_ingredient_ingredient_id"), "food_ingredient", ["ingredient_id"], unique=False
+    )
     op.create_table(
         "food_nutrient",
         sa.Column("food_id", sa.Integer(), nullable=False),
@@ -740,7 +873,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.ForeignKeyConstraint(
             ["component_id"], ["component.id"], name=op.f("fk_food_nutrient_component_id_component")
         ),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_nutrient_food_id_food")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_food_nutrient_food_id_food")
+        ),
         sa.PrimaryKeyConstraint("food_id", "component_id", name=op.f("pk_food_nutrient")),
     )
     op.create_table(
@@ -751,22 +886,32 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("amount", sa.Double(), nullable=False),
         sa.Column("measure", sa.String(length=200), nullable=False),
         sa.Column("mass_g", sa.Double(), nullable=False),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_portion_food_id_food")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_food_portion_food_id_food")
+        ),
         sa.PrimaryKeyConstraint("food_id", "position", name=op.f("pk_food_portion")),
     )
     op.create_table(
         "food_posting",
         sa.Column(
-            "word", sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"), nullable=False
+            "word",
+            sa.String(length=64).with_variant(sa.String(length=64, collation="C"), "postgresql"),
+            nullable=False,
         ),
         sa.Column("rank", sa.Integer(), nullable=False),
         sa.Column("food_id", sa.Integer(), nullable=False),
         sa.Column("release_id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_posting_food_id_food")),
-        sa.PrimaryKeyConstraint("word", "rank", "food_id", "release_id", name=op.f("pk_food_posting")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_food_posting_food_id_food")
+        ),
+        sa.PrimaryKeyConstraint(
+            "word", "rank", "food_id", "release_id", name=op.f("pk_food_posting")
+        ),
         sqlite_with_rowid=False,
     )
-    op.create_index(op.f("ix_food_posting_food_id_word"), "food_posting", ["food_id", "word"], unique=False)
+    op.create_index(
+        op.f("ix_food_posting_food_id_word"), "food_posting", ["food_id", "word"], unique=False
+    )
     op.create_table(
         "release_change",
         sa.Column("id", sa.Uuid(), nullable=False),
@@ -777,13 +922,20 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("new_ids", sa.Uuid(), nullable=True),
         sa.Column("requested_at", sa.DateTime(timezone=True), nullable=False),
         sa.CheckConstraint(
-            "(deed = 'anonymise') = (new_code IS NOT NULL)", name=op.f("ck_release_change_code_of_who_stays")
+            "(deed = 'anonymise') = (new_code IS NOT NULL)",
+            name=op.f("ck_release_change_code_of_who_stays"),
         ),
-        sa.CheckConstraint("deed IN ('meal', 'erase', 'anonymise')", name=op.f("ck_release_change_deed")),
-        sa.ForeignKeyConstraint(["release_id"], ["release.id"], name=op.f("fk_release_change_release_id_release")),
+        sa.CheckConstraint(
+            "deed IN ('meal', 'erase', 'anonymise')", name=op.f("ck_release_change_deed")
+        ),
+        sa.ForeignKeyConstraint(
+            ["release_id"], ["release.id"], name=op.f("fk_release_change_release_id_release")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_release_change")),
     )
-    op.create_index(op.f("ix_release_change_release_id"), "release_change", ["release_id"], unique=False)
+    op.create_index(
+        op.f("ix_release_change_release_id"), "release_change", ["release_id"], unique=False
+    )
     op.create_table(
         "release_file",
         sa.Column("release_id", sa.Uuid(), nullable=False),
@@ -792,7 +944,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("bytes", sa.BigInteger(), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("blob_key", sa.String(length=300), nullable=False),
-        sa.ForeignKeyConstraint(["release_id"], ["release.id"], name=op.f("fk_release_file_release_id_release")),
+        sa.ForeignKeyConstraint(
+            ["release_id"], ["release.id"], name=op.f("fk_release_file_release_id_release")
+        ),
         sa.PrimaryKeyConstraint("release_id", "name", name=op.f("pk_release_file")),
         sa.UniqueConstraint("blob_key", name=op.f("uq_release_file_blob_key")),
     )
@@ -815,10 +969,13 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             name=op.f("ck_study_vessel_version_kind"),
         ),
         sa.CheckConstraint(
-            "(fill_line_mm IS NULL) = (fill_line_ml IS NULL)", name=op.f("ck_study_vessel_version_whole_fill_line")
+            "(fill_line_mm IS NULL) = (fill_line_ml IS NULL)",
+            name=op.f("ck_study_vessel_version_whole_fill_line"),
         ),
         sa.ForeignKeyConstraint(
-            ["vessel_id"], ["study_vessel.id"], name=op.f("fk_study_vessel_version_vessel_id_study_vessel")
+            ["vessel_id"],
+            ["study_vessel.id"],
+            name=op.f("fk_study_vessel_version_vessel_id_study_vessel"),
         ),
         sa.PrimaryKeyConstraint("vessel_id", "version", name=op.f("pk_study_vessel_version")),
     )
@@ -836,12 +993,22 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("expires_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("last_used_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("revoked_at", sa.DateTime(timezone=True), nullable=True),
-        sa.CheckConstraint("kind IN ('device', 'session', 'personal')", name=op.f("ck_access_token_kind")),
+        sa.CheckConstraint(
+            "kind IN ('device', 'session', 'personal')", name=op.f("ck_access_token_kind")
+        ),
         sa.CheckConstraint("scope IN ('read', 'write')", name=op.f("ck_access_token_scope")),
-        sa.CheckConstraint("(device_id IS NULL) <> (staff_id IS NULL)", name=op.f("ck_access_token_one_owner")),
-        sa.ForeignKeyConstraint(["device_id"], ["device.id"], name=op.f("fk_access_token_device_id_device")),
-        sa.ForeignKeyConstraint(["staff_id"], ["staff.id"], name=op.f("fk_access_token_staff_id_staff")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_access_token_study_id_study")),
+        sa.CheckConstraint(
+            "(device_id IS NULL) <> (staff_id IS NULL)", name=op.f("ck_access_token_one_owner")
+        ),
+        sa.ForeignKeyConstraint(
+            ["device_id"], ["device.id"], name=op.f("fk_access_token_device_id_device")
+        ),
+        sa.ForeignKeyConstraint(
+            ["staff_id"], ["staff.id"], name=op.f("fk_access_token_staff_id_staff")
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_access_token_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_access_token")),
         sa.UniqueConstraint("token_sha256", name=op.f("uq_access_token_token_sha256")),
     )
@@ -859,11 +1026,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("author", sa.String(length=200), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
-        sa.ForeignKeyConstraint(["device_id"], ["device.id"], name=op.f("fk_camera_calibration_device_id_device")),
+        sa.ForeignKeyConstraint(
+            ["device_id"], ["device.id"], name=op.f("fk_camera_calibration_device_id_device")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_camera_calibration")),
     )
-    op.create_index(op.f("ix_camera_calibration_device_id"), "camera_calibration", ["device_id"], unique=False)
-    op.create_index(op.f("ix_camera_calibration_model"), "camera_calibration", ["model"], unique=False)
+    op.create_index(
+        op.f("ix_camera_calibration_device_id"), "camera_calibration", ["device_id"], unique=False
+    )
+    op.create_index(
+        op.f("ix_camera_calibration_model"), "camera_calibration", ["model"], unique=False
+    )
     op.create_table(
         "meal",
         sa.Column("id", sa.Uuid(), nullable=False),
@@ -903,27 +1076,43 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             "status IN ('receiving', 'queued', 'processing', 'estimated', 'needs_review', 'failed', 'confirmed')",
             name=op.f("ck_meal_status"),
         ),
-        sa.ForeignKeyConstraint(["device_id"], ["device.id"], name=op.f("fk_meal_device_id_device")),
+        sa.ForeignKeyConstraint(
+            ["device_id"], ["device.id"], name=op.f("fk_meal_device_id_device")
+        ),
         sa.ForeignKeyConstraint(
             ["participant_id"], ["participant.id"], name=op.f("fk_meal_participant_id_participant")
         ),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_meal_study_id_study")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_meal")),
         sa.UniqueConstraint("alias", name=op.f("uq_meal_alias")),
-        sa.UniqueConstraint("participant_id", "client_id", name=op.f("uq_meal_participant_id_client_id")),
+        sa.UniqueConstraint(
+            "participant_id", "client_id", name=op.f("uq_meal_participant_id_client_id")
+        ),
     )
     op.create_index(op.f("ix_meal_device_id"), "meal", ["device_id"], unique=False)
     op.create_index(op.f("ix_meal_after_status"), "meal", ["after_status"], unique=False)
     op.create_index(op.f("ix_meal_after_due_at"), "meal", ["after_due_at"], unique=False)
-    op.create_index(op.f("ix_meal_study_id_captured_at_id"), "meal", ["study_id", "captured_at", "id"], unique=False)
-    op.create_index(op.f("ix_meal_participant_id_local_date"), "meal", ["participant_id", "local_date"], unique=False)
+    op.create_index(
+        op.f("ix_meal_study_id_captured_at_id"),
+        "meal",
+        ["study_id", "captured_at", "id"],
+        unique=False,
+    )
+    op.create_index(
+        op.f("ix_meal_participant_id_local_date"),
+        "meal",
+        ["participant_id", "local_date"],
+        unique=False,
+    )
     op.create_index(
         op.f("ix_meal_study_id_local_date_participant_id"),
         "meal",
         ["study_id", "local_date", "participant_id"],
         unique=False,
     )
-    op.create_index(op.f("ix_meal_status_submitted_at"), "meal", ["status", "submitted_at"], unique=False)
+    op.create_index(
+        op.f("ix_meal_status_submitted_at"), "meal", ["status", "submitted_at"], unique=False
+    )
     op.create_index(
         "ix_meal_list_of_status",
         "meal",
@@ -931,7 +1120,10 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         unique=False,
     )
     op.create_index(
-        "ix_meal_list_of_participant", "meal", ["participant_id", "captured_at", "id", "local_date"], unique=False
+        "ix_meal_list_of_participant",
+        "meal",
+        ["participant_id", "captured_at", "id", "local_date"],
+        unique=False,
     )
     op.create_index(
         "ix_meal_list_of_failure",
@@ -970,10 +1162,16 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             "'confirm_meal', 'comment', 'question', 'answer', 'undo')",
             name=op.f("ck_meal_event_kind"),
         ),
-        sa.CheckConstraint("layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_meal_event_layer")),
-        sa.ForeignKeyConstraint(["device_id"], ["device.id"], name=op.f("fk_meal_event_device_id_device")),
+        sa.CheckConstraint(
+            "layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_meal_event_layer")
+        ),
+        sa.ForeignKeyConstraint(
+            ["device_id"], ["device.id"], name=op.f("fk_meal_event_device_id_device")
+        ),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_meal_event_meal_id_meal")),
-        sa.ForeignKeyConstraint(["staff_id"], ["staff.id"], name=op.f("fk_meal_event_staff_id_staff")),
+        sa.ForeignKeyConstraint(
+            ["staff_id"], ["staff.id"], name=op.f("fk_meal_event_staff_id_staff")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_meal_event")),
         sa.UniqueConstraint("meal_id", "sequence", name=op.f("uq_meal_event_meal_id_sequence")),
     )
@@ -1026,18 +1224,36 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("last_error", sa.String(length=200), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("delivered_at", sa.DateTime(timezone=True), nullable=True),
-        sa.CheckConstraint("state IN ('waiting', 'delivered', 'given_up')", name=op.f("ck_webhook_delivery_state")),
-        sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_webhook_delivery_meal_id_meal")),
-        sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_webhook_delivery_participant_id_participant")
+        sa.CheckConstraint(
+            "state IN ('waiting', 'delivered', 'given_up')", name=op.f("ck_webhook_delivery_state")
         ),
-        sa.ForeignKeyConstraint(["webhook_id"], ["webhook.id"], name=op.f("fk_webhook_delivery_webhook_id_webhook")),
+        sa.ForeignKeyConstraint(
+            ["meal_id"], ["meal.id"], name=op.f("fk_webhook_delivery_meal_id_meal")
+        ),
+        sa.ForeignKeyConstraint(
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_webhook_delivery_participant_id_participant"),
+        ),
+        sa.ForeignKeyConstraint(
+            ["webhook_id"], ["webhook.id"], name=op.f("fk_webhook_delivery_webhook_id_webhook")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_webhook_delivery")),
     )
-    op.create_index(op.f("ix_webhook_delivery_meal_id"), "webhook_delivery", ["meal_id"], unique=False)
-    op.create_index(op.f("ix_webhook_delivery_participant_id"), "webhook_delivery", ["participant_id"], unique=False)
     op.create_index(
-        op.f("ix_webhook_delivery_state_next_try_at"), "webhook_delivery", ["state", "next_try_at"], unique=False
+        op.f("ix_webhook_delivery_meal_id"), "webhook_delivery", ["meal_id"], unique=False
+    )
+    op.create_index(
+        op.f("ix_webhook_delivery_participant_id"),
+        "webhook_delivery",
+        ["participant_id"],
+        unique=False,
+    )
+    op.create_index(
+        op.f("ix_webhook_delivery_state_next_try_at"),
+        "webhook_delivery",
+        ["state", "next_try_at"],
+        unique=False,
     )
     op.create_index(
         op.f("ix_webhook_delivery_webhook_id_created_at"),
@@ -1064,12 +1280,20 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("enqueued_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
-        sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name=op.f("ck_job_finished")),
         sa.CheckConstraint(
-            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_job_purpose")
+            "(state IN ('done', 'failed')) = (finished_at IS NOT NULL)",
+            name=op.f("ck_job_finished"),
         ),
-        sa.CheckConstraint("state IN ('queued', 'processing', 'done', 'failed')", name=op.f("ck_job_state")),
-        sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_job_event_id_meal_event")),
+        sa.CheckConstraint(
+            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')",
+            name=op.f("ck_job_purpose"),
+        ),
+        sa.CheckConstraint(
+            "state IN ('queued', 'processing', 'done', 'failed')", name=op.f("ck_job_state")
+        ),
+        sa.ForeignKeyConstraint(
+            ["event_id"], ["meal_event.id"], name=op.f("fk_job_event_id_meal_event")
+        ),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_job_meal_id_meal")),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_job_study_id_study")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_job")),
@@ -1119,9 +1343,15 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("pipeline_version", sa.String(length=32), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("ended_at", sa.DateTime(timezone=True), nullable=True),
-        sa.CheckConstraint("(state = 'running') = (ended_at IS NULL)", name=op.f("ck_remeasurement_ended")),
-        sa.CheckConstraint("state IN ('running', 'stopped', 'done')", name=op.f("ck_remeasurement_state")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_remeasurement_study_id_study")),
+        sa.CheckConstraint(
+            "(state = 'running') = (ended_at IS NULL)", name=op.f("ck_remeasurement_ended")
+        ),
+        sa.CheckConstraint(
+            "state IN ('running', 'stopped', 'done')", name=op.f("ck_remeasurement_state")
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_remeasurement_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_remeasurement")),
     )
     op.create_index(
@@ -1158,12 +1388,15 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("remeasurement_id", sa.Uuid(), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.CheckConstraint(
-            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')", name=op.f("ck_run_purpose")
+            "purpose IN ('meal', 'after', 'remeasure', 'rerun', 'rerun_after')",
+            name=op.f("ck_run_purpose"),
         ),
         sa.ForeignKeyConstraint(["id"], ["job.id"], name=op.f("fk_run_id_job")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_run_meal_id_meal")),
         sa.ForeignKeyConstraint(
-            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_run_remeasurement_id_remeasurement")
+            ["remeasurement_id"],
+            ["remeasurement.id"],
+            name=op.f("fk_run_remeasurement_id_remeasurement"),
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_run")),
         sa.UniqueConstraint("result_key", name=op.f("uq_run_result_key")),
@@ -1187,16 +1420,20 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("flags", JSON, nullable=False),
         sa.Column("traits", JSON, nullable=False),
         sa.CheckConstraint(
-            "(run_id IS NULL) = (origin NOT IN ('pipeline', 'after'))", name=op.f("ck_item_run_of_what_it_found")
+            "(run_id IS NULL) = (origin NOT IN ('pipeline', 'after'))",
+            name=op.f("ck_item_run_of_what_it_found"),
         ),
         sa.CheckConstraint(
-            "origin IN ('pipeline', 'after', 'declared', 'added', 'split', 'merged')", name=op.f("ck_item_origin")
+            "origin IN ('pipeline', 'after', 'declared', 'added', 'split', 'merged')",
+            name=op.f("ck_item_origin"),
         ),
         sa.CheckConstraint(
             "(volume_ml IS NULL) = (volume_low_ml IS NULL) AND (volume_ml IS NULL) = (volume_high_ml IS NULL)",
             name=op.f("ck_item_volume_with_interval"),
         ),
-        sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_item_event_id_meal_event")),
+        sa.ForeignKeyConstraint(
+            ["event_id"], ["meal_event.id"], name=op.f("fk_item_event_id_meal_event")
+        ),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_item_meal_id_meal")),
         sa.ForeignKeyConstraint(["parent_id"], ["item.id"], name=op.f("fk_item_parent_id_item")),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_run_id_run")),
@@ -1269,18 +1506,33 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             "status IN ('proposed', 'needs_review', 'confirmed', 'corrected', 'rejected')",
             name=op.f("ck_effective_record_status"),
         ),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_effective_record_food_id_food")),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_effective_record_item_id_item")),
-        sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_effective_record_meal_id_meal")),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_effective_record_participant_id_participant")
+            ["food_id"], ["food.id"], name=op.f("fk_effective_record_food_id_food")
         ),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_effective_record_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["item_id"], ["item.id"], name=op.f("fk_effective_record_item_id_item")
+        ),
+        sa.ForeignKeyConstraint(
+            ["meal_id"], ["meal.id"], name=op.f("fk_effective_record_meal_id_meal")
+        ),
+        sa.ForeignKeyConstraint(
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_effective_record_participant_id_participant"),
+        ),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_effective_record_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("item_id", name=op.f("pk_effective_record")),
     )
-    op.create_index(op.f("ix_effective_record_meal_id"), "effective_record", ["meal_id"], unique=False)
     op.create_index(
-        op.f("ix_effective_record_captured_at_item_id"), "effective_record", ["captured_at", "item_id"], unique=False
+        op.f("ix_effective_record_meal_id"), "effective_record", ["meal_id"], unique=False
+    )
+    op.create_index(
+        op.f("ix_effective_record_captured_at_item_id"),
+        "effective_record",
+        ["captured_at", "item_id"],
+        unique=False,
     )
     op.create_index(
         op.f("ix_effective_record_study_id_captured_at_item_id"),
@@ -1307,7 +1559,10 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         unique=False,
     )
     op.create_index(
-        op.f("ix_effective_record_study_id_change_seq"), "effective_record", ["study_id", "change_seq"], unique=False
+        op.f("ix_effective_record_study_id_change_seq"),
+        "effective_record",
+        ["study_id", "change_seq"],
+        unique=False,
     )
     op.create_index(
         op.f("ix_effective_record_study_id_reviewed_status_doubt_item_id"),
@@ -1370,17 +1625,27 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("volume_ml", sa.Double(), nullable=True),
         sa.Column("captured_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("day_minute", sa.Integer(), nullable=False),
-        sa.CheckConstraint("day_minute >= 0 AND day_minute < 1440", name=op.f("ck_index_entry_day_minute")),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_index_entry_item_id_item"), ondelete="CASCADE"),
+        sa.CheckConstraint(
+            "day_minute >= 0 AND day_minute < 1440", name=op.f("ck_index_entry_day_minute")
+        ),
         sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_index_entry_participant_id_participant")
+            ["item_id"], ["item.id"], name=op.f("fk_index_entry_item_id_item"), ondelete="CASCADE"
+        ),
+        sa.ForeignKeyConstraint(
+            ["participant_id"],
+            ["participant.id"],
+            name=op.f("fk_index_entry_participant_id_participant"),
         ),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_index_entry_run_id_run")),
-        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_index_entry_study_id_study")),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["study.id"], name=op.f("fk_index_entry_study_id_study")
+        ),
         sa.PrimaryKeyConstraint("item_id", name=op.f("pk_index_entry")),
     )
     op.create_index(op.f("ix_index_entry_run_id"), "index_entry", ["run_id"], unique=False)
-    op.create_index(op.f("ix_index_entry_participant_id"), "index_entry", ["participant_id"], unique=False)
+    op.create_index(
+        op.f("ix_index_entry_participant_id"), "index_entry", ["participant_id"], unique=False
+    )
     op.create_index(
         op.f("ix_index_entry_study_id_food_key_captured_at"),
         "index_entry",
@@ -1395,8 +1660,12 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("probability", sa.Double(), nullable=True),
         sa.Column("source", sa.String(length=16), nullable=False),
         sa.Column("run_id", sa.Uuid(), nullable=True),
-        sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_item_candidate_food_id_food")),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_item_candidate_item_id_item")),
+        sa.ForeignKeyConstraint(
+            ["food_id"], ["food.id"], name=op.f("fk_item_candidate_food_id_food")
+        ),
+        sa.ForeignKeyConstraint(
+            ["item_id"], ["item.id"], name=op.f("fk_item_candidate_item_id_item")
+        ),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_candidate_run_id_run")),
         sa.PrimaryKeyConstraint("item_id", "position", name=op.f("pk_item_candidate")),
     )
@@ -1419,11 +1688,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("event_id", sa.Uuid(), nullable=True),
         sa.Column("recompute_id", sa.Uuid(), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_item_food_layer")),
-        sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_item_food_event_id_meal_event")),
+        sa.CheckConstraint(
+            "layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_item_food_layer")
+        ),
+        sa.ForeignKeyConstraint(
+            ["event_id"], ["meal_event.id"], name=op.f("fk_item_food_event_id_meal_event")
+        ),
         sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_item_food_food_id_food")),
         sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_item_food_item_id_item")),
-        sa.ForeignKeyConstraint(["recompute_id"], ["recompute.id"], name=op.f("fk_item_food_recompute_id_recompute")),
+        sa.ForeignKeyConstraint(
+            ["recompute_id"], ["recompute.id"], name=op.f("fk_item_food_recompute_id_recompute")
+        ),
         sa.PrimaryKeyConstraint("item_id", "version", name=op.f("pk_item_food")),
     )
     op.create_index(op.f("ix_item_food_event_id"), "item_food", ["event_id"], unique=False)
@@ -1441,12 +1716,21 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
             name=op.f("ck_item_identification_identified_by_an_index"),
         ),
         sa.ForeignKeyConstraint(
-            ["item_id"], ["item.id"], name=op.f("fk_item_identification_item_id_item"), ondelete="CASCADE"
+            ["item_id"],
+            ["item.id"],
+            name=op.f("fk_item_identification_item_id_item"),
+            ondelete="CASCADE",
         ),
-        sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_identification_run_id_run")),
-        sa.PrimaryKeyConstraint("item_id", "run_id", "vcm_version", name=op.f("pk_item_identification")),
+        sa.ForeignKeyConstraint(
+            ["run_id"], ["run.id"], name=op.f("fk_item_identification_run_id_run")
+        ),
+        sa.PrimaryKeyConstraint(
+            "item_id", "run_id", "vcm_version", name=op.f("pk_item_identification")
+        ),
     )
-    op.create_index(op.f("ix_item_identification_run_id"), "item_identification", ["run_id"], unique=False)
+    op.create_index(
+        op.f("ix_item_identification_run_id"), "item_identification", ["run_id"], unique=False
+    )
     op.create_table(
         "item_measure",
         sa.Column("item_id", sa.Uuid(), nullable=False),
@@ -1458,8 +1742,12 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("volume_high_ml", sa.Double(), nullable=True),
         sa.Column("relative_sd", JSON, nullable=False),
         sa.Column("flags", JSON, nullable=False),
-        sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_item_measure_event_id_meal_event")),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_item_measure_item_id_item")),
+        sa.ForeignKeyConstraint(
+            ["event_id"], ["meal_event.id"], name=op.f("fk_item_measure_event_id_meal_event")
+        ),
+        sa.ForeignKeyConstraint(
+            ["item_id"], ["item.id"], name=op.f("fk_item_measure_item_id_item")
+        ),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_measure_run_id_run")),
         sa.PrimaryKeyConstraint("item_id", "run_id", name=op.f("pk_item_measure")),
         sa.UniqueConstraint("item_id", "event_id", name=op.f("uq_item_measure_item_id_event_id")),
@@ -1477,14 +1765,22 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("flags", JSON, nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.CheckConstraint(
-            "(item_id IS NULL) = (leftover_class = 'unmatched')", name=op.f("ck_leftover_matched_to_an_item")
+            "(item_id IS NULL) = (leftover_class = 'unmatched')",
+            name=op.f("ck_leftover_matched_to_an_item"),
         ),
-        sa.CheckConstraint("layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_leftover_layer")),
         sa.CheckConstraint(
-            "leftover_class IN ('food_left', 'refuse', 'unmatched')", name=op.f("ck_leftover_leftover_class")
+            "layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_leftover_layer")
         ),
-        sa.ForeignKeyConstraint(["after_item_id"], ["item.id"], name=op.f("fk_leftover_after_item_id_item")),
-        sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_leftover_event_id_meal_event")),
+        sa.CheckConstraint(
+            "leftover_class IN ('food_left', 'refuse', 'unmatched')",
+            name=op.f("ck_leftover_leftover_class"),
+        ),
+        sa.ForeignKeyConstraint(
+            ["after_item_id"], ["item.id"], name=op.f("fk_leftover_after_item_id_item")
+        ),
+        sa.ForeignKeyConstraint(
+            ["event_id"], ["meal_event.id"], name=op.f("fk_leftover_event_id_meal_event")
+        ),
         sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_leftover_item_id_item")),
         sa.PrimaryKeyConstraint("after_item_id", "version", name=op.f("pk_leftover")),
     )
@@ -1501,24 +1797,35 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("job_id", sa.Uuid(), nullable=True),
         sa.Column("ended_at", sa.DateTime(timezone=True), nullable=True),
         sa.CheckConstraint(
-            "(ended_at IS NULL) = (state IN ('pending', 'queued'))", name=op.f("ck_remeasured_pair_ended")
+            "(ended_at IS NULL) = (state IN ('pending', 'queued'))",
+            name=op.f("ck_remeasured_pair_ended"),
         ),
         sa.CheckConstraint(
-            "(reason IS NULL) = (state NOT IN ('kept', 'skipped'))", name=op.f("ck_remeasured_pair_reason")
+            "(reason IS NULL) = (state NOT IN ('kept', 'skipped'))",
+            name=op.f("ck_remeasured_pair_reason"),
         ),
         sa.CheckConstraint("pair IN ('meal', 'after')", name=op.f("ck_remeasured_pair_pair")),
         sa.CheckConstraint(
-            "state IN ('pending', 'queued', 'measured', 'kept', 'skipped')", name=op.f("ck_remeasured_pair_state")
+            "state IN ('pending', 'queued', 'measured', 'kept', 'skipped')",
+            name=op.f("ck_remeasured_pair_state"),
         ),
         sa.ForeignKeyConstraint(["job_id"], ["job.id"], name=op.f("fk_remeasured_pair_job_id_job")),
-        sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_remeasured_pair_meal_id_meal")),
         sa.ForeignKeyConstraint(
-            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_remeasured_pair_remeasurement_id_remeasurement")
+            ["meal_id"], ["meal.id"], name=op.f("fk_remeasured_pair_meal_id_meal")
         ),
-        sa.PrimaryKeyConstraint("remeasurement_id", "meal_id", "pair", name=op.f("pk_remeasured_pair")),
+        sa.ForeignKeyConstraint(
+            ["remeasurement_id"],
+            ["remeasurement.id"],
+            name=op.f("fk_remeasured_pair_remeasurement_id_remeasurement"),
+        ),
+        sa.PrimaryKeyConstraint(
+            "remeasurement_id", "meal_id", "pair", name=op.f("pk_remeasured_pair")
+        ),
         sa.UniqueConstraint("job_id", name=op.f("uq_remeasured_pair_job_id")),
     )
-    op.create_index(op.f("ix_remeasured_pair_meal_id"), "remeasured_pair", ["meal_id"], unique=False)
+    op.create_index(
+        op.f("ix_remeasured_pair_meal_id"), "remeasured_pair", ["meal_id"], unique=False
+    )
     op.create_index(
         op.f("ix_remeasured_pair_remeasurement_id_position_pair"),
         "remeasured_pair",
@@ -1546,13 +1853,19 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("old_mass_g", sa.Double(), nullable=True),
         sa.Column("new_mass_g", sa.Double(), nullable=True),
         sa.Column("is_changed", sa.Boolean(), nullable=False),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_remeasured_item_item_id_item")),
         sa.ForeignKeyConstraint(
-            ["remeasurement_id"], ["remeasurement.id"], name=op.f("fk_remeasured_item_remeasurement_id_remeasurement")
+            ["item_id"], ["item.id"], name=op.f("fk_remeasured_item_item_id_item")
+        ),
+        sa.ForeignKeyConstraint(
+            ["remeasurement_id"],
+            ["remeasurement.id"],
+            name=op.f("fk_remeasured_item_remeasurement_id_remeasurement"),
         ),
         sa.PrimaryKeyConstraint("remeasurement_id", "item_id", name=op.f("pk_remeasured_item")),
     )
-    op.create_index(op.f("ix_remeasured_item_item_id"), "remeasured_item", ["item_id"], unique=False)
+    op.create_index(
+        op.f("ix_remeasured_item_item_id"), "remeasured_item", ["item_id"], unique=False
+    )
     if op.get_bind().dialect.name == "postgresql":
         for name in RUNS:  # doubles do not get smaller, and reading them would take their unpacking
             op.execute(f"ALTER TABLE study_day_sum ALTER COLUMN {name} SET STORAGE EXTERNAL")

@@ -28,7 +28,9 @@ def upgrade() -> None:
 
 def downgrade() -> None:
     images = sa.table("meal_image", sa.column("slot"))
-    count = op.get_bind().scalar(sa.select(sa.func.count()).select_from(images).where(images.c.slot.in_(MAPS)))
+    count = op.get_bind().scalar(
+        sa.select(sa.func.count()).select_from(images).where(images.c.slot.in_(MAPS))
+    )
     if count:
         raise ConflictError(
             f"The schema cannot go back behind {revision}: the older one has no place for depth maps ({count}). "

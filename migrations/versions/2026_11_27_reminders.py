@@ -36,7 +36,10 @@ def upgrade() -> None:
         sa.Column("after_reminded_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(
-            ["device_id"], ["device.id"], name=op.f("fk_push_subscription_device_id_device"), ondelete="CASCADE"
+            ["device_id"],
+            ["device.id"],
+            name=op.f("fk_push_subscription_device_id_device"),
+            ondelete="CASCADE",
         ),
         sa.PrimaryKeyConstraint("device_id", name=op.f("pk_push_subscription")),
     )

@@ -53,7 +53,11 @@ def downgrade() -> None:
 
 
 def _set_nullable(batch: BatchOperations, *, nullable: bool) -> None:
-    for name, column_type in (("marker", sa.String(length=64)), ("rms_px", sa.Double()), ("photographs", sa.Integer())):
+    for name, column_type in (
+        ("marker", sa.String(length=64)),
+        ("rms_px", sa.Double()),
+        ("photographs", sa.Integer()),
+    ):
         batch.alter_column(name, existing_type=column_type, nullable=nullable)
 
 

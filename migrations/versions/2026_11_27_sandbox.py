@@ -18,7 +18,9 @@ depends_on = None
 
 def upgrade() -> None:
     # with a default: the version before adds studies too while the upgrade rolls out
-    op.add_column("study", sa.Column("is_sandbox", sa.Boolean(), nullable=False, server_default=sa.false()))
+    op.add_column(
+        "study", sa.Column("is_sandbox", sa.Boolean(), nullable=False, server_default=sa.false())
+    )
 
 
 def downgrade() -> None:

@@ -29,7 +29,9 @@ def upgrade() -> None:
 
 def downgrade() -> None:
     images = sa.table("meal_image", sa.column("slot"))
-    count = op.get_bind().scalar(sa.select(sa.func.count()).select_from(images).where(images.c.slot == NOTE))
+    count = op.get_bind().scalar(
+        sa.select(sa.func.count()).select_from(images).where(images.c.slot == NOTE)
+    )
     if count:
         raise ConflictError(
             f"The schema cannot go back behind {revision}: the older one has no place for voice notes ({count}). "

@@ -96,7 +96,10 @@ def downgrade() -> None:
         *(sa.Column(name, sa.LargeBinary(), nullable=False) for name in ("delays", *HEADLINES)),
         sa.PrimaryKeyConstraint("study_id", "local_date", name=op.f("pk_study_day_sum")),
     )
-    for table, columns in {"day_mark": ("participant_id", "study_id"), "study_day_mark": ("study_id",)}.items():
+    for table, columns in {
+        "day_mark": ("participant_id", "study_id"),
+        "study_day_mark": ("study_id",),
+    }.items():
         op.create_table(
             table,
             sa.Column("id", BIG_ID, autoincrement=True, nullable=False),
@@ -107,7 +110,12 @@ def downgrade() -> None:
 
 
 def _participant() -> sa.Column[object]:
-    return sa.Column("participant_id", sa.Uuid(), sa.ForeignKey("participant.id", ondelete="CASCADE"), nullable=False)
+    return sa.Column(
+        "participant_id",
+        sa.Uuid(),
+        sa.ForeignKey("participant.id", ondelete="CASCADE"),
+        nullable=False,
+    )
 
 
 def _study() -> sa.Column[object]:

@@ -16,7 +16,10 @@ depends_on = None
 
 def upgrade() -> None:
     op.add_column("meal_image", sa.Column("decoding_pixels", sa.BigInteger, nullable=True))
-    op.add_column("meal_image", sa.Column("is_reencoded", sa.Boolean, nullable=False, server_default=sa.false()))
+    op.add_column(
+        "meal_image",
+        sa.Column("is_reencoded", sa.Boolean, nullable=False, server_default=sa.false()),
+    )
 
 
 def downgrade() -> None:

@@ -30,7 +30,9 @@ FOLDER = Path(__file__).parent
 # The components that most studies ask for; the whole release has 150 (tada foods import sr28).
 _LAST_COMPONENT = "VITK1"
 _TAGNAMES = [component.tagname or "" for component in COMPONENTS]
-TAGNAMES = {c.tagname: c.number for c in COMPONENTS[: _TAGNAMES.index(_LAST_COMPONENT) + 1] if c.tagname}
+TAGNAMES = {
+    c.tagname: c.number for c in COMPONENTS[: _TAGNAMES.index(_LAST_COMPONENT) + 1] if c.tagname
+}
 _AS_EATEN_GROUPS = frozenset({"Baked Products", "Snacks", "Sweets", "Nut and Seed Products"})
 
 
@@ -40,27 +42,44 @@ def build(sources: StarterSources, selection: Mapping[str, Any]) -> tuple[bytes,
     Raises ValueError where the selection and the releases differ.
     """
     chosen = selection["food"]
-    lines = [json.dumps(_food(sources, entry), ensure_ascii=False, separators=(",", ":")) for entry in chosen]
-    release = json.dumps({key: str(value) for key, value in selection["release"].items()}, ensure_ascii=False)
+    lines = [
+        json.dumps(_food(sources, entry), ensure_ascii=False, separators=(",", ":"))
+        for entry in chosen
+    ]
+    release = json.dumps(
+        {key: str(value) for key, value in selection["release"].items()}, ensure_ascii=False
+    )
     foods_json = f'{{"release":{release},\n"foods":[\n' + ",\n".join(lines) + "\n]}\n"
     return foods_json.encode(), _nutrients_csv(chosen, sources.contents).encode()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m tools.starter_table.build", description="Build the food table.")
-    parser.add_argument("--sr28", type=Path, required=True, help="USDA SR28, ASCII release: zip or folder")
-    parser.add_argument("--fao", type=Path, required=True, help="FAO/INFOODS Density Database 2.0, xlsx")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write the table into")
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.starter_table.build", description="Build the food table."
+    )
+    parser.add_argument(
+        "--sr28", type=Path, required=True, help="USDA SR28, ASCII release: zip or folder"
+    )
+    parser.add_argument(
+        "--fao", type=Path, required=True, help="FAO/INFOODS Density Database 2.0, xlsx"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="folder to write the table into"
+    )
     options = parser.parse_args(arguments)
     selection = tomllib.loads((FOLDER / "selection.toml").read_text())
     measured = read_measured((FOLDER / "ecustfd.csv").read_text())
-    sources = StarterSources(Sr28Release(options.sr28), read_fao_rows(options.fao), measured, selection)
+    sources = StarterSources(
+        Sr28Release(options.sr28), read_fao_rows(options.fao), measured, selection
+    )
     foods_json, nutrients_csv = build(sources, selection)
     table = parse_table(foods_json, nutrients_csv)  # raises before anything is written
     (options.output / "foods.json").write_bytes(foods_json)
     (options.output / "nutrients.csv").write_bytes(nutrients_csv)
-    sys.stdout.write(f"{table.name} {table.version}: {len(table.foods)} foods, checksum {table.checksum[:12]}\n")
+    sys.stdout.write(
+        f"{table.name} {table.version}: {len(table.foods)} foods, checksum {table.checksum[:12]}\n"
+    )
 
 
 def _food(sources: StarterSources, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,7 +106,11 @@ def _food(sources: StarterSources, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 def _state(group: str, entry: Mapping[str, Any]) -> FoodState:
     """Return the state that the entry names; "as_eaten" for dishes and for baked goods, snacks, sweets and nuts."""
-    return "as_eaten" if entry.get("mixed_dish") or group in _AS_EATEN_GROUPS else usual_state(entry["state"])
+    return (
+        "as_eaten"
+        if entry.get("mixed_dish") or group in _AS_EATEN_GROUPS
+        else usual_state(entry["state"])
+    )
 
 
 def _refuse(source: Sr28Food, entry: Mapping[str, Any]) -> list[RefusePart]:
@@ -99,13 +122,19 @@ def _refuse(source: Sr28Food, entry: Mapping[str, Any]) -> list[RefusePart]:
     return [RefusePart(part, percent, part not in served_without) for part, percent in parts]
 
 
-def _nutrients_csv(chosen: Sequence[Mapping[str, Any]], contents: Mapping[str, Mapping[str, float]]) -> str:
+def _nutrients_csv(
+    chosen: Sequence[Mapping[str, Any]], contents: Mapping[str, Mapping[str, float]]
+) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, ["key", *TAGNAMES], restval="", lineterminator="\n")
     writer.writeheader()
     for entry in chosen:
         content = contents[entry["ndb"]]
-        row = {tagname: f"{content[number]:g}" for tagname, number in TAGNAMES.items() if number in content}
+        row = {
+            tagname: f"{content[number]:g}"
+            for tagname, number in TAGNAMES.items()
+            if number in content
+        }
         writer.writerow({"key": entry["key"], **row})
     return text.getvalue()
 

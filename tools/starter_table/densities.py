@@ -14,7 +14,12 @@ from app.foods.importers.sr28 import Sr28Release
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import DENSITY_BASES, Density, DensityBasis, FoodForm
-from app.nutrition.portion_density import group_medians, portion_densities, portion_density, usual_relative_sd
+from app.nutrition.portion_density import (
+    group_medians,
+    portion_densities,
+    portion_density,
+    usual_relative_sd,
+)
 from app.nutrition.portions import Portion
 from tools.ecustfd import MeasuredDensity
 from tools.starter_table.piece_sizes import piece_volume_ml
@@ -51,7 +56,10 @@ class StarterSources:
         self.entries = {entry["key"]: entry for entry in selection["food"]}
         self.contents = release.contents([entry["ndb"] for entry in selection["food"]])
         self.group_medians = group_medians(
-            ((self.groups[food.group_code], self.portions.get(ndb, [])) for ndb, food in self.foods.items()),
+            (
+                (self.groups[food.group_code], self.portions.get(ndb, []))
+                for ndb, food in self.foods.items()
+            ),
             "USDA SR28",
         )
 
@@ -67,7 +75,11 @@ class StarterSources:
         dropped = entry.get("drop_portions", [])
         for sequence in dropped:
             self.portion(entry["ndb"], sequence)
-        return [portion for portion in self.portions.get(entry["ndb"], []) if portion.sequence not in dropped]
+        return [
+            portion
+            for portion in self.portions.get(entry["ndb"], [])
+            if portion.sequence not in dropped
+        ]
 
 
 def starter_densities(sources: StarterSources, entry: Entry) -> list[Density]:
@@ -93,7 +105,9 @@ def starter_densities(sources: StarterSources, entry: Entry) -> list[Density]:
         *_from_composition(sources, entry),
     ]
     if not any(density.kind == kind for density in found):
-        of_group = sources.group_medians.get((sources.groups[sources.foods[entry["ndb"]].group_code], kind))
+        of_group = sources.group_medians.get(
+            (sources.groups[sources.foods[entry["ndb"]].group_code], kind)
+        )
         if form == "liquid" or of_group is None:
             raise ValueError(f"{entry['key']}: no {kind} density for a food that is {form}")
         found.append(of_group)
@@ -101,9 +115,14 @@ def starter_densities(sources: StarterSources, entry: Entry) -> list[Density]:
 
 
 def _measured(sources: StarterSources, entry: Entry) -> list[Density]:
-    found = [_literature(sources.literature[name], "measured") for name in entry.get("literature", [])]
+    found = [
+        _literature(sources.literature[name], "measured") for name in entry.get("literature", [])
+    ]
     if "ecustfd" in entry:
-        measured, least_sd = sources.ecustfd[entry["ecustfd"]], entry.get("ecustfd_relative_sd", 0.0)
+        measured, least_sd = (
+            sources.ecustfd[entry["ecustfd"]],
+            entry.get("ecustfd_relative_sd", 0.0),
+        )
         found.append(_ecustfd(measured, entry["ecustfd_state"], "measured", least_sd))
     return found
 
@@ -111,11 +130,17 @@ def _measured(sources: StarterSources, entry: Entry) -> list[Density]:
 def _related(sources: StarterSources, entry: Entry) -> list[Density]:
     form: FoodForm = entry["form"]
     kind = KIND_OF_FORM[form]
-    found = [_literature(sources.literature[name], "related") for name in entry.get("related_literature", [])]
+    found = [
+        _literature(sources.literature[name], "related")
+        for name in entry.get("related_literature", [])
+    ]
     if "related_ecustfd" in entry:
         found.append(_ecustfd(sources.ecustfd[entry["related_ecustfd"]], entry["state"], "related"))
     for ndb_number, sequence in entry.get("related", []):
-        portion, sd = sources.portion(ndb_number, sequence), RELATED_FACTOR * usual_relative_sd(form, kind)
+        portion, sd = (
+            sources.portion(ndb_number, sequence),
+            RELATED_FACTOR * usual_relative_sd(form, kind),
+        )
         text = _of_relative(sources, ndb_number)
         found.append(portion_density(portion, text, kind, entry["state"], "related", sd))
     return found
@@ -123,10 +148,14 @@ def _related(sources: StarterSources, entry: Entry) -> list[Density]:
 
 def _literature(work: Mapping[str, Any], basis: DensityBasis) -> Density:
     factor = RELATED_FACTOR if basis == "related" else 1.0
-    return _solid(work["g_per_ml"], factor * work["relative_sd"], work["state"], basis, work["source"])
+    return _solid(
+        work["g_per_ml"], factor * work["relative_sd"], work["state"], basis, work["source"]
+    )
 
 
-def _ecustfd(measured: MeasuredDensity, state: str, basis: DensityBasis, least_relative_sd: float = 0.0) -> Density:
+def _ecustfd(
+    measured: MeasuredDensity, state: str, basis: DensityBasis, least_relative_sd: float = 0.0
+) -> Density:
     text = f'ECUSTFD (Liang and Li 2017), sheet "{measured.food}": median of {measured.specimens} specimens'
     text += f", {measured.excluded} impossible ones left out" if measured.excluded else ""
     factor = RELATED_FACTOR if basis == "related" else 1.0
@@ -137,7 +166,9 @@ def _ecustfd(measured: MeasuredDensity, state: str, basis: DensityBasis, least_r
 def _fao(rows: Mapping[int, FaoRow], form: FoodForm, choice: Mapping[str, Any]) -> Density:
     row, kind = rows[choice["row"]], choice["kind"]
     if row.name != choice["name"]:
-        raise ValueError(f"FAO row {row.row} is {row.name!r}, the selection says {choice['name']!r}")
+        raise ValueError(
+            f"FAO row {row.row} is {row.name!r}, the selection says {choice['name']!r}"
+        )
     return fao_density(row, form, kind, choice["state"], relative_sd=choice.get("relative_sd"))
 
 
@@ -145,7 +176,9 @@ def _piece(sources: StarterSources, entry: Entry, ndb_number: str, sequence: str
     portion = sources.portion(ndb_number, sequence)
     volume_ml = piece_volume_ml(portion.measure)
     if volume_ml is None:
-        raise ValueError(f"{entry['key']}: portion {sequence} of {ndb_number} gives no size: {portion.measure}")
+        raise ValueError(
+            f"{entry['key']}: portion {sequence} of {ndb_number} gives no size: {portion.measure}"
+        )
     is_own = ndb_number == entry["ndb"]
     text = f"USDA SR28, NDB {ndb_number}" if is_own else _of_relative(sources, ndb_number)
     text += f", portion {sequence}: {portion.amount:g} {portion.measure} {portion.mass_g:g} g"
@@ -161,9 +194,13 @@ def _from_composition(sources: StarterSources, entry: Entry) -> list[Density]:
         g_per_ml = pore_free_density(contents)
         if g_per_ml is None:
             raise ValueError(f"{entry['key']}: SR28 does not give its composition")
-        relative_sd = PORE_FREE_LIQUID_RELATIVE_SD if entry["form"] == "liquid" else PORE_FREE_RELATIVE_SD
+        relative_sd = (
+            PORE_FREE_LIQUID_RELATIVE_SD if entry["form"] == "liquid" else PORE_FREE_RELATIVE_SD
+        )
         solid = _solid(g_per_ml, relative_sd, entry["state"], "composition", words)
-        return [replace(solid, kind=KIND_OF_FORM[entry["form"]])]  # without air a bowl of it is as dense as a piece
+        return [
+            replace(solid, kind=KIND_OF_FORM[entry["form"]])
+        ]  # without air a bowl of it is as dense as a piece
     if "crumb" not in entry:
         return []
     of = sources.entries[entry["crumb"]["of"]]
@@ -176,7 +213,10 @@ def _from_composition(sources: StarterSources, entry: Entry) -> list[Density]:
 
 
 def _crumb_and_rest(
-    contents: Mapping[str, float], of_crumb: Mapping[str, float], share: float, crumb_g_per_ml: float
+    contents: Mapping[str, float],
+    of_crumb: Mapping[str, float],
+    share: float,
+    crumb_g_per_ml: float,
 ) -> float:
     """Density of a dish that is crumb by `share` of its mass: volumes add up. Raises ValueError if there is no rest."""
     if not 0.0 < share < 1.0:
@@ -196,5 +236,9 @@ def _of_relative(sources: StarterSources, ndb_number: str) -> str:
     return f'USDA SR28, NDB {ndb_number} "{sources.foods[ndb_number].name}"'
 
 
-def _solid(g_per_ml: float, relative_sd: float, state: str, basis: DensityBasis, source: str) -> Density:
-    return Density(round(g_per_ml, 3), round(relative_sd * g_per_ml, 3), state, "solid", basis, source[:300])
+def _solid(
+    g_per_ml: float, relative_sd: float, state: str, basis: DensityBasis, source: str
+) -> Density:
+    return Density(
+        round(g_per_ml, 3), round(relative_sd * g_per_ml, 3), state, "solid", basis, source[:300]
+    )

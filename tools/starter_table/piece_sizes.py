@@ -11,7 +11,9 @@ ML_PER_CUBIC_INCH = 16.387064
 
 _LENGTH = r"(\d+[- ]\d+/\d+|\d+/\d+|\d+\.\d+|\d+)"
 _INCH = r'\s*(?:"|in\.)?\s*'
-_BOX = re.compile(_LENGTH + _INCH + "x" + r"\s*" + _LENGTH + _INCH + "x" + r"\s*" + _LENGTH + r'\s*(?:"|in\.)')
+_BOX = re.compile(
+    _LENGTH + _INCH + "x" + r"\s*" + _LENGTH + _INCH + "x" + r"\s*" + _LENGTH + r'\s*(?:"|in\.)'
+)
 _SQUARE = re.compile(_LENGTH + _INCH + r"sq\s*x\s*" + _LENGTH + r'\s*"')
 _DISC = re.compile(_LENGTH + _INCH + r"dia\.?,?\s*(?:x\s*)?" + _LENGTH + r'\s*(?:"|in\.)')
 

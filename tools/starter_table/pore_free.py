@@ -11,7 +11,14 @@ from types import MappingProxyType
 # At 20 C, g/ml, by SR28's nutrient number: water, protein, fat, carbohydrate, fibre; ethanol from the same temperature.
 _WATER, _PROTEIN, _FAT, _CARBOHYDRATE, _FIBER, _ALCOHOL = "255", "203", "204", "205", "291", "221"
 _G_PER_ML = MappingProxyType(
-    {_WATER: 0.9957, _PROTEIN: 1.3195, _FAT: 0.9172, _CARBOHYDRATE: 1.5929, _FIBER: 1.3042, _ALCOHOL: 0.7893}
+    {
+        _WATER: 0.9957,
+        _PROTEIN: 1.3195,
+        _FAT: 0.9172,
+        _CARBOHYDRATE: 1.5929,
+        _FIBER: 1.3042,
+        _ALCOHOL: 0.7893,
+    }
 )
 _ASH_G_PER_ML = 2.4182
 

@@ -17,16 +17,28 @@ from app.conformance.checks.unknown_fields import check_unknown_fields
 from app.conformance.conversation import Conversation
 from app.conformance.verdict import Result, Verdict
 
-CHECKS: tuple[tuple[str, str, Callable[[Conversation], Verdict], bool], ...] = (  # the last: is it required
+CHECKS: tuple[
+    tuple[str, str, Callable[[Conversation], Verdict], bool], ...
+] = (  # the last: is it required
     ("ids", "The phone makes each meal's id, once", check_ids, True),
-    ("safe_resending", "A meal is sent again after a lost answer, unchanged", check_safe_resending, True),
+    (
+        "safe_resending",
+        "A meal is sent again after a lost answer, unchanged",
+        check_safe_resending,
+        True,
+    ),
     ("resume", "A broken upload continues with what is missing", check_resume, True),
     ("durable", "A photograph is kept until the server calls it durable", check_durable, True),
     ("etags", "Changes name the version that they were made from", check_etags, True),
     ("retry_after", "Retry-After is obeyed", check_retry_after, True),
     ("unknown_fields", "Unknown fields of answers are ignored", check_unknown_fields, True),
     ("both_photographs", "Both photographs of a meal arrive", check_both_photographs, True),
-    ("time_zones", "The time of a meal is its own, with the zone of the place", check_time_zones, True),
+    (
+        "time_zones",
+        "The time of a meal is its own, with the zone of the place",
+        check_time_zones,
+        True,
+    ),
     ("tokens", "No token or enrolment code stands in an address", check_tokens, True),
     ("erasure", "What was erased is not sent again", check_erasure, True),
     ("exif", "Photographs are HEIC or JPEG, with their EXIF", check_exif, False),
@@ -35,4 +47,7 @@ CHECKS: tuple[tuple[str, str, Callable[[Conversation], Verdict], bool], ...] = (
 
 def judge(conversation: Conversation) -> list[Result]:
     """Return the verdict of every check."""
-    return [Result(name, title, check(conversation), is_required) for name, title, check, is_required in CHECKS]
+    return [
+        Result(name, title, check(conversation), is_required)
+        for name, title, check, is_required in CHECKS
+    ]

@@ -9,7 +9,11 @@ PAIR = {"left", "right"}
 def check_both_photographs(conversation: Conversation) -> Verdict:
     """Fail for a pair of the same photograph, and for a meal that stays incomplete."""
     whole = 0
-    announced = {each.meal: each for each in conversation.exchanges if each.metadata is not None and each.meal}
+    announced = {
+        each.meal: each
+        for each in conversation.exchanges
+        if each.metadata is not None and each.meal
+    }
     for meal, first in announced.items():
         if first.metadata is None or first.metadata.get("views", 2) != 2:
             continue
@@ -27,8 +31,15 @@ def check_both_photographs(conversation: Conversation) -> Verdict:
             return failed(
                 f"The meal {meal} is not complete: its photographs are {', '.join(sorted(digests)) or 'none'}."
             )
-    return passed(f"Pairs that arrived: {whole}.") if whole else not_seen("Send a meal with two photographs.")
+    return (
+        passed(f"Pairs that arrived: {whole}.")
+        if whole
+        else not_seen("Send a meal with two photographs.")
+    )
 
 
 def _is_erased(conversation: Conversation, meal: str | None) -> bool:
-    return any(each.meal == meal and (each.method == "DELETE" or each.status == 410) for each in conversation.exchanges)
+    return any(
+        each.meal == meal and (each.method == "DELETE" or each.status == 410)
+        for each in conversation.exchanges
+    )

@@ -28,18 +28,28 @@ def check_durable(conversation: Conversation) -> Verdict:
                 "dropped before it was durable?"
             )
         if not again:
-            return not_seen(f"{sent.slot} of the meal {accepted.meal} was not durable; it has not come again yet.")
+            return not_seen(
+                f"{sent.slot} of the meal {accepted.meal} was not durable; it has not come again yet."
+            )
     return passed("A photograph that was not durable was kept, and came again with the same bytes.")
 
 
 def _check_pieces(conversation: Conversation, lost: Exchange) -> Verdict:
     """Judge a photograph whose pieces the server has lost: it is to come again from its first byte."""
     is_back = any(
-        later.content == lost.content and later.is_ok and (later.upload_offset == 0 or later.photographs)
+        later.content == lost.content
+        and later.is_ok
+        and (later.upload_offset == 0 or later.photographs)
         for later in conversation.after(lost)
     )
     if is_back:
-        return passed("A photograph whose pieces the server had lost came again from its first byte.")
+        return passed(
+            "A photograph whose pieces the server had lost came again from its first byte."
+        )
     if conversation.is_overdue(lost):
-        return failed(f"The server lost the pieces of {lost.path}, and the photograph did not come again.")
-    return not_seen(f"The server lost the pieces of {lost.path}; the photograph has not come again yet.")
+        return failed(
+            f"The server lost the pieces of {lost.path}, and the photograph did not come again."
+        )
+    return not_seen(
+        f"The server lost the pieces of {lost.path}; the photograph has not come again yet."
+    )

@@ -19,9 +19,13 @@ def check_erasure(conversation: Conversation) -> Verdict:
             if later.at - exchange.ended_at < UNDER_WAY_SECONDS:
                 continue
             if is_leaving and later.is_authorised:
-                return failed(f"The participant had left, and {later.method} {later.path} came with the token.")
+                return failed(
+                    f"The participant had left, and {later.method} {later.path} came with the token."
+                )
             if later.meal == exchange.meal and later.content is not None:
-                return failed(f"The meal {later.meal} was erased, and {later.method} {later.path} came again.")
+                return failed(
+                    f"The meal {later.meal} was erased, and {later.method} {later.path} came again."
+                )
     if seen:
         return passed("What was erased did not come again.")
     return not_seen("Erase a meal in the app, or leave the study.")
@@ -33,6 +37,10 @@ def _ends_participation(exchange: Exchange) -> bool:
 
 def _erases_meal(exchange: Exchange) -> bool:
     return exchange.meal is not None and (
-        (exchange.is_ok and exchange.method == "DELETE" and exchange.path == f"/v1/meals/{exchange.meal}")
+        (
+            exchange.is_ok
+            and exchange.method == "DELETE"
+            and exchange.path == f"/v1/meals/{exchange.meal}"
+        )
         or exchange.code == "meal_deleted"
     )

@@ -9,7 +9,9 @@ def check_resume(conversation: Conversation) -> Verdict:
     durable: set[tuple[str, str]] = set()
     for exchange in conversation.exchanges:
         if exchange.content in durable and exchange.method == "PUT":
-            return failed(f"{exchange.path} was sent again, though the server had said that it is durable.")
+            return failed(
+                f"{exchange.path} was sent again, though the server had said that it is durable."
+            )
         durable |= {(exchange.meal, slot) for slot in exchange.durable if exchange.meal is not None}
     broken = next(conversation.with_fault("lost_request"), None)
     if broken is None:

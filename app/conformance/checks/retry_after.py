@@ -15,7 +15,9 @@ def check_retry_after(conversation: Conversation) -> Verdict:
         again = conversation.again(refused)
         if again is None:
             if conversation.is_overdue(refused, refused.retry_after + GRACE_SECONDS):
-                return failed(f"{refused.method} {refused.path} was answered {refused.status} and did not come again.")
+                return failed(
+                    f"{refused.method} {refused.path} was answered {refused.status} and did not come again."
+                )
             continue
         pause = again.at - refused.ended_at
         if pause < refused.retry_after - TOLERANCE_SECONDS:

@@ -12,8 +12,14 @@ def check_safe_resending(conversation: Conversation) -> Verdict:
     again = conversation.again(lost)
     if again is None:
         if conversation.is_overdue(lost):
-            return failed(f"The answer to {lost.method} {lost.path} was lost, and the request did not come again.")
-        return not_seen(f"The answer to {lost.method} {lost.path} was lost; it has not come again yet.")
+            return failed(
+                f"The answer to {lost.method} {lost.path} was lost, and the request did not come again."
+            )
+        return not_seen(
+            f"The answer to {lost.method} {lost.path} was lost; it has not come again yet."
+        )
     if again.metadata != lost.metadata:
         return failed(f"{again.method} {again.path} came again with other metadata.")
-    return passed(f"{again.method} {again.path} came again unchanged, and was answered {again.status}.")
+    return passed(
+        f"{again.method} {again.path} came again unchanged, and was answered {again.status}."
+    )

@@ -21,7 +21,11 @@ def check_time_zones(conversation: Conversation) -> Verdict:
         reason = _doubt(captured_at, zone)
         if reason is not None:
             return failed(f"The meal {exchange.meal}: {reason}.")
-    return passed(f"Meals with the time and zone of their place: {len(times)}.") if times else not_seen("Send a meal.")
+    return (
+        passed(f"Meals with the time and zone of their place: {len(times)}.")
+        if times
+        else not_seen("Send a meal.")
+    )
 
 
 def _doubt(captured_at: object, zone: object) -> str | None:

@@ -10,7 +10,9 @@ def check_tokens(conversation: Conversation) -> Verdict:
     """Fail for an address that contains one."""
     leaking = next((each for each in conversation.exchanges if each.has_secret_in_url), None)
     if leaking is not None:
-        return failed(f"A token or an enrolment code stood in the address of {leaking.method} {leaking.path}.")
+        return failed(
+            f"A token or an enrolment code stood in the address of {leaking.method} {leaking.path}."
+        )
     count = sum(each.is_authorised for each in conversation.exchanges)
     if count < LEAST_CALLS:
         return not_seen(f"{count} calls with a token; {LEAST_CALLS} are looked at.")

@@ -16,7 +16,9 @@ def check_unknown_fields(conversation: Conversation) -> Verdict:
         before, count = runs.get(exchange.meal, (call, 0))
         count = count + 1 if before == call and exchange.is_ok and exchange.fault is None else 0
         if count >= STUCK:
-            return failed(f"{exchange.method} {exchange.path} was answered {count} times, and the phone did not go on.")
+            return failed(
+                f"{exchange.method} {exchange.path} was answered {count} times, and the phone did not go on."
+            )
         runs[exchange.meal] = call, count
     if conversation.complete_meals:
         return passed("A meal was sent whole, by answers with fields that no app knows.")

@@ -19,7 +19,13 @@ from app.meals.record_models import RecordStatus
 
 TABLES: Final = tuple((rows, rows.capitalize()) for rows in get_args(Rows))
 SINGLE: Final = ("participant", "from", "to", "origin", "needs")
-DEFAULTS: Final = {"rows": "items", "layout": "wide", "components": "headline", "format": "csv", "provenance": "true"}
+DEFAULTS: Final = {
+    "rows": "items",
+    "layout": "wide",
+    "components": "headline",
+    "format": "csv",
+    "provenance": "true",
+}
 TYPED: Final = ("food", "failure")  # several values in one field, separated by blanks
 CHECKED: Final = ("status", "flag", "after_status")  # one checkbox per value
 ITEM_STATUSES, MEAL_STATUSES = get_args(RecordStatus), get_args(MealStatus)
@@ -76,7 +82,9 @@ class Choice:
         return urlencode([(name, text) for name, texts in values.items() for text in texts])
 
 
-def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_others: bool = False) -> Choice:
+def choice_of(
+    fields: ImmutableMultiDict[str, object], study: str, *, drop_others: bool = False
+) -> Choice:
     """Read the fields. drop_others: ignore what the table does not have, as when switching to another table."""
     values = _values(fields)
     if drop_others:
@@ -86,7 +94,9 @@ def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_other
     try:
         body = ExportIn.model_validate(_body(values))
     except ValidationError as error:
-        wrong = {_field(part["loc"]): sentence(part["type"], part["msg"]) for part in error.errors()} | wrong
+        wrong = {
+            _field(part["loc"]): sentence(part["type"], part["msg"]) for part in error.errors()
+        } | wrong
     if body is None or wrong:
         return Choice({**values, "rows": [_rows(values["rows"][0])]}, None, wrong)
     spec = body.as_spec(study)
@@ -98,10 +108,18 @@ def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_other
 
 
 def _values(fields: ImmutableMultiDict[str, object]) -> Values:
-    values = {name: [str(fields.get(name) or default).strip()] for name, default in DEFAULTS.items()}
-    values |= {name: [text for text in [str(fields.get(name) or "").strip()] if text] for name in SINGLE}
-    values |= {name: " ".join(map(str, fields.getlist(name))).replace(",", " ").split() for name in TYPED}
-    return values | {name: [str(value) for value in fields.getlist(name) if value] for name in CHECKED}
+    values = {
+        name: [str(fields.get(name) or default).strip()] for name, default in DEFAULTS.items()
+    }
+    values |= {
+        name: [text for text in [str(fields.get(name) or "").strip()] if text] for name in SINGLE
+    }
+    values |= {
+        name: " ".join(map(str, fields.getlist(name))).replace(",", " ").split() for name in TYPED
+    }
+    return values | {
+        name: [str(value) for value in fields.getlist(name) if value] for name in CHECKED
+    }
 
 
 def _offered(values: Values) -> Values:
@@ -109,7 +127,10 @@ def _offered(values: Values) -> Values:
     rows = _rows(values["rows"][0])
     offered = {*DEFAULTS, *(WIRE_NAMES[name] for name in FILTERS[rows])}
     kept = {name: texts if name in offered else [] for name, texts in values.items()}
-    kept |= {"rows": [rows], "status": [status for status in kept["status"] if status in STATUSES[rows]]}
+    kept |= {
+        "rows": [rows],
+        "status": [status for status in kept["status"] if status in STATUSES[rows]],
+    }
     if values["format"][0] not in FORMATS[rows]:
         kept["format"] = ["csv"]
     if rows in WITHOUT_COMPONENTS:
@@ -131,7 +152,9 @@ def _unknown(values: Values) -> dict[str, str]:
 
 def _body(values: Values) -> dict[str, object]:
     filters = {
-        name: texts[0] if name in SINGLE else texts for name, texts in values.items() if texts and name not in DEFAULTS
+        name: texts[0] if name in SINGLE else texts
+        for name, texts in values.items()
+        if texts and name not in DEFAULTS
     }
     return {name: values[name][0] for name in DEFAULTS} | {"filters": filters}
 

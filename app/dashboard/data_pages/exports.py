@@ -59,10 +59,18 @@ def post_export(page: CurrentPage, study: str, fields: Fields) -> Response:
     if choice.spec is None:
         return _exports(page, study, choice, None, status=422)
     try:
-        _, is_new = background_exports.request_export(page.state.database, page.caller, study, choice.spec)
+        _, is_new = background_exports.request_export(
+            page.state.database, page.caller, study, choice.spec
+        )
     except (InvalidInputError, RateLimitedError) as error:
-        return _exports(page, study, replace(choice, wrong={"": error.message}), None, status=error.status)
-    notice = "The file is being made: see below." if is_new else "This file is already being made for you: see below."
+        return _exports(
+            page, study, replace(choice, wrong={"": error.message}), None, status=error.status
+        )
+    notice = (
+        "The file is being made: see below."
+        if is_new
+        else "This file is already being made for you: see below."
+    )
     return page.redirect(f"{study_address(study, 'exports')}?{choice.query()}", notice)
 
 
@@ -81,7 +89,9 @@ def get_table(page: CurrentPage, study: str) -> Response:
 
 @router.get(f"{PATH}/dictionary")
 def get_dictionary(
-    page: CurrentPage, study: str, output: Annotated[Literal["csv", "table-schema"], Query(alias="of")] = "csv"
+    page: CurrentPage,
+    study: str,
+    output: Annotated[Literal["csv", "table-schema"], Query(alias="of")] = "csv",
 ) -> Response:
     """The data dictionary of the file's columns, as a file."""
     spec = _spec(page, study)
@@ -101,7 +111,9 @@ def post_removal(page: CurrentPage, study: str, export_id: uuid.UUID) -> Respons
     """Cancel an export, or remove its file."""
     row = background_exports.read_export(page.state.database, page.caller, study, export_id)
     background_exports.remove_export(page.state.database, page.caller, study, export_id)
-    notice = "The export was cancelled." if row.export.state in UNDER_WAY else "The export was removed."
+    notice = (
+        "The export was cancelled." if row.export.state in UNDER_WAY else "The export was removed."
+    )
     return page.redirect(study_address(study, "exports"), notice)
 
 

@@ -18,5 +18,6 @@ def _name(words: str) -> str:
 
 
 HEADLINES = tuple(
-    Headline(column, _name(column.rpartition("_")[0]), column.rpartition("_")[2]) for column in HEADLINE_COLUMNS
+    Headline(column, _name(column.rpartition("_")[0]), column.rpartition("_")[2])
+    for column in HEADLINE_COLUMNS
 )

@@ -54,12 +54,19 @@ def get_overview_page(
 ) -> Response:
     """The overview of the days from `from` to `to`, or of the last days with data."""
     wrong = ""
-    headline = next((headline for headline in HEADLINES if headline.column == component), HEADLINES[0])
+    headline = next(
+        (headline for headline in HEADLINES if headline.column == component), HEADLINES[0]
+    )
     try:
         overview = _overview(page, study, first, last, days, headline.column)
     except InvalidInputError as error:
-        overview, wrong = _overview(page, study, None, None, DEFAULT_PRESET, headline.column), error.message
-    nutrient = next(nutrient for nutrient in overview.nutrients if nutrient.component == headline.column)
+        overview, wrong = (
+            _overview(page, study, None, None, DEFAULT_PRESET, headline.column),
+            error.message,
+        )
+    nutrient = next(
+        nutrient for nutrient in overview.nutrients if nutrient.component == headline.column
+    )
     charts = day_charts(overview.days) | {"nutrient": nutrient_chart(nutrient, headline)}
     window = {"from": overview.first_day.isoformat(), "to": overview.last_day.isoformat()}
 
@@ -106,15 +113,28 @@ def get_overview_file(
 def get_waiting(page: CurrentPage, study: str) -> Response:
     """The waiting meals; the page polls them."""
     waiting, failures = study_waiting(page.state.database, page.caller, study)
-    return page.render("overview_waiting.html", waiting=waiting, failures=failures, is_moving=_is_moving(waiting))
+    return page.render(
+        "overview_waiting.html", waiting=waiting, failures=failures, is_moving=_is_moving(waiting)
+    )
 
 
 def _overview(
-    page: CurrentPage, study: str, first: date | None, last: date | None, days: str | None, column: str
+    page: CurrentPage,
+    study: str,
+    first: date | None,
+    last: date | None,
+    days: str | None,
+    column: str,
 ) -> StudyOverview:
     length = DAYS[days or DEFAULT_PRESET] if first is None and last is None else DEFAULT_DAYS
     return study_overview(
-        page.state.database, page.caller, study, first_day=first, last_day=last, days=length, binned=column
+        page.state.database,
+        page.caller,
+        study,
+        first_day=first,
+        last_day=last,
+        days=length,
+        binned=column,
     )
 
 

@@ -63,7 +63,9 @@ def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
             labels=labels,
             series=[
                 Series("Closed", [day.told_closed for day in days], "series-1"),
-                Series("Open with a meal", [day.told_open for day in days], "series-1", fill="hatched"),
+                Series(
+                    "Open with a meal", [day.told_open for day in days], "series-1", fill="hatched"
+                ),
                 Series("No entry", [day.silent for day in days], "soft", fill="hollow"),
             ],
             whole=True,
@@ -80,7 +82,11 @@ def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
             caption="Median delay per day",
             unit="s",
             labels=labels,
-            series=[Series("Median delay", [day.median_delay_seconds for day in days], "series-3", "line")],
+            series=[
+                Series(
+                    "Median delay", [day.median_delay_seconds for day in days], "series-3", "line"
+                )
+            ],
             low=True,
         ),
         "energy": Chart(

@@ -41,13 +41,19 @@ def post_release(page: CurrentPage, study: str, fields: Fields) -> Response:
     try:
         body = read_form(ReleaseIn, values)
         releases.request_release(
-            page.state.database, page.caller, study, name=body.name, note=body.note, filters=body.as_filters()
+            page.state.database,
+            page.caller,
+            study,
+            name=body.name,
+            note=body.note,
+            filters=body.as_filters(),
         )
     except (ConflictError, InvalidInputError) as error:
         wrong = wrong_fields(error, "name" if isinstance(error, ConflictError) else "")
         return _releases(page, study, None, values=values, wrong=wrong, status=error.status)
     return page.redirect(
-        study_address(study, "releases", body.name), "The study is being frozen; this page follows it."
+        study_address(study, "releases", body.name),
+        "The study is being frozen; this page follows it.",
     )
 
 
@@ -95,7 +101,10 @@ def _release(page: Page, row: ReleaseRow, check: CheckedRelease | None = None) -
         release=release,
         requested_by=row.requested_by,
         files=row.files if release.state == "ready" else [],
-        former=[(checksum, datetime.fromisoformat(until)) for checksum, until in release.former_checksums],
+        former=[
+            (checksum, datetime.fromisoformat(until))
+            for checksum, until in release.former_checksums
+        ],
         contents=read_contents(page.state.blobs, row),
         is_moving=release.state in MOVING,
         check=check,
@@ -124,4 +133,6 @@ def _releases(
 
 
 def _list(page: Page, study: str, cursor: str | None) -> paging.Page[ReleaseRow]:
-    return releases.list_releases(page.state.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE)
+    return releases.list_releases(
+        page.state.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE
+    )

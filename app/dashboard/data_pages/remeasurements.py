@@ -56,17 +56,27 @@ def post_remeasurement(page: CurrentPage, study: str, fields: Fields) -> Respons
             page.state.database, _requester(page), study, body.as_selection()
         )
     except (ConflictError, InvalidInputError) as error:
-        return _remeasurements(page, study, None, values=values, wrong=wrong_fields(error), status=error.status)
-    notice = "The remeasurement was started." if is_new else "The unfinished remeasurement of the same meals goes on."
+        return _remeasurements(
+            page, study, None, values=values, wrong=wrong_fields(error), status=error.status
+        )
+    notice = (
+        "The remeasurement was started."
+        if is_new
+        else "The unfinished remeasurement of the same meals goes on."
+    )
     return page.redirect(_address(study, view), notice)
 
 
 @router.get(f"{PATH}/{{remeasurement}}")
-def get_remeasurement(page: CurrentPage, study: str, remeasurement: uuid.UUID, cursor: Cursor = None) -> Response:
+def get_remeasurement(
+    page: CurrentPage, study: str, remeasurement: uuid.UUID, cursor: Cursor = None
+) -> Response:
     """A remeasurement: its progress, and the table of old and new volumes."""
     database, requester = page.state.database, _requester(page)
     view = remeasurements.read_remeasurement(database, requester, study, remeasurement)
-    rows = remeasurements.list_compared(database, requester, study, remeasurement, cursor=cursor, limit=ROWS_A_PAGE)
+    rows = remeasurements.list_compared(
+        database, requester, study, remeasurement, cursor=cursor, limit=ROWS_A_PAGE
+    )
     return page.render(
         "remeasurement.html",
         run=render_remeasurement(view),
@@ -78,7 +88,9 @@ def get_remeasurement(page: CurrentPage, study: str, remeasurement: uuid.UUID, c
 @router.get(f"{PATH}/{{remeasurement}}/state")
 def get_state(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """The progress, which the page polls; once it is not running any more the whole page is loaded."""
-    view = remeasurements.read_remeasurement(page.state.database, _requester(page), study, remeasurement)
+    view = remeasurements.read_remeasurement(
+        page.state.database, _requester(page), study, remeasurement
+    )
     if page.is_fragment and view.remeasurement.state != "running":
         return page.redirect(_address(study, view))
     return page.render("remeasurement_state.html", run=render_remeasurement(view))
@@ -87,18 +99,26 @@ def get_state(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Respon
 @router.post(f"{PATH}/{{remeasurement}}/stop")
 def post_stop(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """Stop it."""
-    view = remeasurements.stop_remeasurement(page.state.database, _requester(page), study, remeasurement)
-    return page.redirect(_address(study, view), "The remeasurement was stopped. What was measured stays.")
+    view = remeasurements.stop_remeasurement(
+        page.state.database, _requester(page), study, remeasurement
+    )
+    return page.redirect(
+        _address(study, view), "The remeasurement was stopped. What was measured stays."
+    )
 
 
 @router.post(f"{PATH}/{{remeasurement}}/continue")
 def post_continue(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """Continue it where it was."""
-    view = remeasurements.continue_remeasurement(page.state.database, _requester(page), study, remeasurement)
+    view = remeasurements.continue_remeasurement(
+        page.state.database, _requester(page), study, remeasurement
+    )
     return page.redirect(_address(study, view), "The remeasurement goes on.")
 
 
-router.add_api_route(f"{PATH}/{{remeasurement}}/items", get_remeasured_items, methods=["GET"])  # the table as a file
+router.add_api_route(
+    f"{PATH}/{{remeasurement}}/items", get_remeasured_items, methods=["GET"]
+)  # the table as a file
 
 
 def _remeasurements(

@@ -17,7 +17,9 @@ def _specimens(text: str) -> list[dict[str, float]]:
 def _specimen(line: str) -> dict[str, float]:
     parts = line.replace(";", " ").split()
     if len(parts) != 2:
-        raise WrongFieldError(f"“{line[:40]}”: write the volume in ml and the mass in g, with a blank between.")
+        raise WrongFieldError(
+            f"“{line[:40]}”: write the volume in ml and the mass in g, with a blank between."
+        )
     return {"volume_ml": number(parts[0]), "mass_g": number(parts[1])}
 
 

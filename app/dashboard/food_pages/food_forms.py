@@ -61,7 +61,9 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     if entered.get("do") == "rows":
         return _edit_page(page, base, shown, more=EMPTY_INGREDIENTS)
     is_preview = entered.get("do") != "save"
-    values, wrong = body_of(entered, changed, {row.component.number: row.component.unit for row in base.nutrients})
+    values, wrong = body_of(
+        entered, changed, {row.component.number: row.component.unit for row in base.nutrients}
+    )
     values["reason"] = PREVIEW_REASON if is_preview else entered.get("reason", "")
     expected = frozenset({base.food.id})
     try:
@@ -69,20 +71,34 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         edit = food_edit(body)
         if is_preview:
             differences = edit_food.preview_edit(database, key, edit, expected=expected)
-            return _edit_page(page, base, shown, preview=describe_differences(differences, base.nutrients))
-        view = edit_food.edit_food(database, key, edit, Editor.of(page.caller, body.reason), expected=expected)
+            return _edit_page(
+                page, base, shown, preview=describe_differences(differences, base.nutrients)
+            )
+        view = edit_food.edit_food(
+            database, key, edit, Editor.of(page.caller, body.reason), expected=expected
+        )
     except PreconditionFailedError as error:
         current = edit_food.read_version(database, key)
         kept = {name: entered[name] for name in changed} | {"reason": entered.get("reason", "")}
-        added = {name: text for name, text in entered.items() if name.partition("-")[0] in ("add", "figure", "unit")}
+        added = {
+            name: text
+            for name, text in entered.items()
+            if name.partition("-")[0] in ("add", "figure", "unit")
+        }
         return _edit_page(
-            page, current, texts_of(current) | added | kept, since=_since(page, base), status=error.status
+            page,
+            current,
+            texts_of(current) | added | kept,
+            since=_since(page, base),
+            status=error.status,
         )
     except (InvalidInputError, ConflictError) as error:
         return _edit_page(page, base, shown, wrong=wrong_fields(error), status=error.status)
     if view.food.id == base.food.id:
         return page.redirect(food_address(view.value.key), "Nothing differs: no version was made.")
-    return page.redirect(food_address(view.value.key), f"Version {view.food.version} is in force. {STAY}")
+    return page.redirect(
+        food_address(view.value.key), f"Version {view.food.version} is in force. {STAY}"
+    )
 
 
 @router.post(f"{FOODS}/{{key}}/restore")
@@ -91,9 +107,15 @@ def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     entered = form_values(fields)
     reason = entered.get("reason", "")
     try:
-        body = read_form(RestoreIn, {"version": _number(entered.get("version", "")) or 0, "reason": reason})
+        body = read_form(
+            RestoreIn, {"version": _number(entered.get("version", "")) or 0, "reason": reason}
+        )
         view = edit_food.restore_food(
-            page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=_base(entered)
+            page.state.database,
+            key,
+            body.version,
+            Editor.of(page.caller, body.reason),
+            expected=_base(entered),
         )
     except WrongFormError as error:
         refused = "; ".join(f"{name}: {text}" for name, text in error.wrong.items())
@@ -101,7 +123,8 @@ def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     except (PreconditionFailedError, ConflictError) as error:
         return food_page(page, key, refused=error.message, reason=reason, status=error.status)
     return page.redirect(
-        food_address(view.value.key), f"Version {view.food.version} equals version {body.version}. {STAY}"
+        food_address(view.value.key),
+        f"Version {view.food.version} equals version {body.version}. {STAY}",
     )
 
 
@@ -119,11 +142,17 @@ def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         body = read_form(MeasuredDensityIn, *density_values(entered))
         density, _ = measured_density(body)
         view = edit_food.add_density(
-            page.state.database, key, density, Editor.of(page.caller, body.reason), expected=_base(entered)
+            page.state.database,
+            key,
+            density,
+            Editor.of(page.caller, body.reason),
+            expected=_base(entered),
         )
     except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
         return _density_page(page, key, entered, wrong_fields(error), status=error.status)
-    return page.redirect(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
+    return page.redirect(
+        food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}"
+    )
 
 
 @router.get(NEW_FOOD)
@@ -140,7 +169,9 @@ def post_new_food(page: CurrentPage, fields: Fields) -> Response:
         return _new_page(page, entered, more=EMPTY_INGREDIENTS)
     changed = frozenset(name for name, text in entered.items() if text) - {"key", "reason", "do"}
     headlines = {numbers[0] for numbers in HEADLINE_NUMBERS}
-    offered = frozenset(name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name)
+    offered = frozenset(
+        name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name
+    )
     values, wrong = body_of(entered, offered, {})
     values |= {"key": entered.get("key", ""), "reason": entered.get("reason", "")}
     try:
@@ -176,22 +207,40 @@ def _edit_page(
         preview=preview,
         since=since,
         stay=STAY,
-        **_choices(page, texts, wrong, more, [part for part in COMPONENTS if part.number not in with_figures]),
+        **_choices(
+            page,
+            texts,
+            wrong,
+            more,
+            [part for part in COMPONENTS if part.number not in with_figures],
+        ),
     )
 
 
 def _new_page(
-    page: Page, texts: Mapping[str, str], *, wrong: Mapping[str, str] | None = None, more: int = 0, status: int = 200
+    page: Page,
+    texts: Mapping[str, str],
+    *,
+    wrong: Mapping[str, str] | None = None,
+    more: int = 0,
+    status: int = 200,
 ) -> Response:
     headlines = [COMPONENT_BY_NUMBER[numbers[0]] for numbers in HEADLINE_NUMBERS]
     others = [component for component in COMPONENTS if component not in headlines]
     return page.render(
-        "food_new.html", status=status, headlines=headlines, **_choices(page, texts, wrong, more, others)
+        "food_new.html",
+        status=status,
+        headlines=headlines,
+        **_choices(page, texts, wrong, more, others),
     )
 
 
 def _choices(
-    page: Page, texts: Mapping[str, str], wrong: Mapping[str, str] | None, more: int, addable: Sequence[Component]
+    page: Page,
+    texts: Mapping[str, str],
+    wrong: Mapping[str, str] | None,
+    more: int,
+    addable: Sequence[Component],
 ) -> dict[str, object]:
     return {
         "texts": texts,
@@ -218,7 +267,13 @@ def _density_page(
 ) -> Response:
     view = read_food(page.state.database, key)
     return page.render(
-        "food_density.html", status=status, view=view, values=values, wrong=wrong, food_url=food_address, stay=STAY
+        "food_density.html",
+        status=status,
+        view=view,
+        values=values,
+        wrong=wrong,
+        food_url=food_address,
+        stay=STAY,
     )
 
 
@@ -226,7 +281,9 @@ def _since(page: Page, base: FoodVersion) -> list[DatedDifferences]:
     """Return what others changed since that version."""
     changes = edit_food.list_changes(page.state.database, base.value.key)
     later = [change for change in changes if change.food.id > base.food.id]
-    return [(change, describe_differences(change.differences)) for change in render_changes(later).items]
+    return [
+        (change, describe_differences(change.differences)) for change in render_changes(later).items
+    ]
 
 
 def _read_food(model: type[Body], values: Mapping[str, object], wrong: dict[str, str]) -> Body:

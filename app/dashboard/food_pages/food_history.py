@@ -26,17 +26,25 @@ def describe_differences(
     differences: Mapping[str, Sequence[object]], rows: Iterable[NutrientRow] = ()
 ) -> list[Difference]:
     """Describe field -> (old, new), nutrient figures last. rows: name components that components.csv lacks."""
-    components: dict[str, Component | ComponentRow] = {row.component.number: row.component for row in rows}
+    components: dict[str, Component | ComponentRow] = {
+        row.component.number: row.component for row in rows
+    }
     components |= COMPONENT_BY_NUMBER
     changed, figures = [], []
     for name, (old, new) in differences.items():
         number = name.removeprefix("nutrients.")
         if number != name:
             component = components.get(number)
-            label, unit = (component.name, str(component.unit)) if component is not None else (number, "")
+            label, unit = (
+                (component.name, str(component.unit)) if component is not None else (number, "")
+            )
             figures.append(Difference(label, _figure(old), _figure(new), unit))
         else:
-            changed.append(Difference(name.replace("_", " ").capitalize(), _describe(name, old), _describe(name, new)))
+            changed.append(
+                Difference(
+                    name.replace("_", " ").capitalize(), _describe(name, old), _describe(name, new)
+                )
+            )
     return changed + figures
 
 
@@ -71,5 +79,7 @@ def _part(field: str, part: Any) -> str:
         return f"{part['amount']} {part['measure']} = {part['mass_g']} g"
     if field == "ingredients":
         retained = ", ".join(f"{number} {share}" for number, share in part["retention"].items())
-        return f"{part['mass_g']} g {part['food_key']}" + (f" (keeps {retained})" if retained else "")
+        return f"{part['mass_g']} g {part['food_key']}" + (
+            f" (keeps {retained})" if retained else ""
+        )
     return str(part)

@@ -7,7 +7,15 @@ others have corrected meanwhile.
 import re
 from collections.abc import Callable, Iterator, Mapping
 
-from app.dashboard.meal_pages.line_fields import WrongFieldError, entries, lines, number, read_fields, shown, text_of
+from app.dashboard.meal_pages.line_fields import (
+    WrongFieldError,
+    entries,
+    lines,
+    number,
+    read_fields,
+    shown,
+    text_of,
+)
 from app.foods.edits.edit_food import FoodVersion
 from app.nutrition.components import COMPONENT_BY_NUMBER
 
@@ -30,9 +38,15 @@ def texts_of(version: FoodVersion) -> Texts:
         "is_mixed_dish": "true" if food.is_mixed_dish else "false",
         "probes": " ".join(food.probes),
         "source_ids": text_of(food.source_ids.items()),
-        "refuse": text_of((part.part, part.percent, "yes" if part.is_served else "no") for part in food.refuse),
-        "portions": text_of((portion.amount, portion.measure, portion.mass_g) for portion in food.portions),
-        "densities": text_of([getattr(density, part) for part in DENSITY_PARTS] for density in food.densities),
+        "refuse": text_of(
+            (part.part, part.percent, "yes" if part.is_served else "no") for part in food.refuse
+        ),
+        "portions": text_of(
+            (portion.amount, portion.measure, portion.mass_g) for portion in food.portions
+        ),
+        "densities": text_of(
+            [getattr(density, part) for part in DENSITY_PARTS] for density in food.densities
+        ),
         "yield_factor": shown(recipe.recipe_yield) if recipe is not None else "",
     }
     for place, part in enumerate(recipe.ingredients if recipe is not None else ()):
@@ -40,16 +54,22 @@ def texts_of(version: FoodVersion) -> Texts:
             f"food-{place}": part.food_key,
             f"mass-{place}": shown(part.mass_g),
             f"state-{place}": version.states.get(part.food_id) or "",
-            f"retention-{place}": ", ".join(f"{name} {shown(share)}" for name, share in part.retention.items()),
+            f"retention-{place}": ", ".join(
+                f"{name} {shown(share)}" for name, share in part.retention.items()
+            ),
             f"source-{place}": part.retention_source or "",
         }
-    return texts | {f"{NUTRIENT}{number_}": shown(content) for number_, content in food.per_100_g.items()}
+    return texts | {
+        f"{NUTRIENT}{number_}": shown(content) for number_, content in food.per_100_g.items()
+    }
 
 
 def changed_fields(entered: Mapping[str, str], base: Texts) -> frozenset[str]:
     """Return the fields whose text differs from the base version's; a field that was not sent is unchanged."""
     sent = [name for name in entered if name in base or is_of_recipe(name)]
-    return frozenset(name for name in sent if _normalised(entered[name]) != _normalised(base.get(name, "")))
+    return frozenset(
+        name for name in sent if _normalised(entered[name]) != _normalised(base.get(name, ""))
+    )
 
 
 def body_of(
@@ -62,12 +82,19 @@ def body_of(
     texts = {name: entered.get(name, "") for name in changed}
     body, wrong = read_fields(texts, _READERS)
     figures = [  # field, component, figure, unit
-        (name, component, texts[name], units.get(component) or COMPONENT_BY_NUMBER[component].unit.value)
+        (
+            name,
+            component,
+            texts[name],
+            units.get(component) or COMPONENT_BY_NUMBER[component].unit.value,
+        )
         for name in changed
         if (component := name.removeprefix(NUTRIENT)) != name
     ]
     for place in range(ADDED_ROWS):
-        component, figure, unit = (entered.get(f"{part}-{place}", "") for part in ("add", "figure", "unit"))
+        component, figure, unit = (
+            entered.get(f"{part}-{place}", "") for part in ("add", "figure", "unit")
+        )
         if component and figure:
             figures.append((f"figure-{place}", component, figure, unit))
         elif component or figure:
@@ -112,7 +139,11 @@ def _densities(text: str) -> list[dict[str, object]]:
 
 def _refuse(text: str) -> list[dict[str, object]]:
     return [
-        {"part": row["part"], "percent": number(row["percent"]), "is_served": _is_yes(row.get("is_served", "yes"))}
+        {
+            "part": row["part"],
+            "percent": number(row["percent"]),
+            "is_served": _is_yes(row.get("is_served", "yes")),
+        }
         for row in entries(text, ("part", "percent", "is_served"), needed=2)
     ]
 
@@ -133,7 +164,11 @@ def _portion(line: str) -> dict[str, object]:
     measure, last, mass = rest.rpartition(";")
     if not first or not last:
         raise WrongFieldError(f"“{line[:40]}” needs: amount; measure; mass_g.")
-    return {"amount": number(amount.strip()), "measure": measure.strip(), "mass_g": number(mass.strip())}
+    return {
+        "amount": number(amount.strip()),
+        "measure": measure.strip(),
+        "mass_g": number(mass.strip()),
+    }
 
 
 def _source_ids(text: str) -> dict[str, str]:
@@ -155,7 +190,11 @@ def _ingredients(entered: Mapping[str, str]) -> Iterator[dict[str, object]]:
             if any(row[part] for part in ("mass", "retention", "source")):
                 raise WrongFieldError(f"Ingredient {place + 1} names no food.")
             continue
-        ingredient: dict[str, object] = {"food": row["food"], "mass_g": number(row["mass"]), "state": row["state"]}
+        ingredient: dict[str, object] = {
+            "food": row["food"],
+            "mass_g": number(row["mass"]),
+            "state": row["state"],
+        }
         if row["retention"]:
             ingredient["retention"] = dict(_share(text) for text in row["retention"].split(","))
         if row["source"]:
@@ -166,7 +205,9 @@ def _ingredients(entered: Mapping[str, str]) -> Iterator[dict[str, object]]:
 def _share(text: str) -> tuple[str, float]:
     name, _, share = text.strip().rpartition(" ")
     if not name:
-        raise WrongFieldError(f"“{text[:40]}”: write a component and the share of it that is kept, such as VITC 0.75.")
+        raise WrongFieldError(
+            f"“{text[:40]}”: write a component and the share of it that is kept, such as VITC 0.75."
+        )
     return name.strip(), number(share)
 
 

@@ -70,7 +70,9 @@ def get_foods(
     rows = list_foods(database, words or None, group=group or None, limit=limit)
     if output == "csv":
         return csv_file(FoodRow, [_row(row) for row in rows], "foods")
-    longer = next((length for length in LENGTHS if length > limit), None) if len(rows) == limit else None
+    longer = (
+        next((length for length in LENGTHS if length > limit), None) if len(rows) == limit else None
+    )
     answer = page.render(
         "foods_found.html" if page.is_fragment else "foods.html",
         rows=rows,
@@ -94,7 +96,9 @@ def get_food(page: CurrentPage, key: FoodKey, output: Output = "") -> Response:
     return food_page(page, key)
 
 
-def food_page(page: Page, key: str, *, refused: str | None = None, reason: str = "", status: int = 200) -> Response:
+def food_page(
+    page: Page, key: str, *, refused: str | None = None, reason: str = "", status: int = 200
+) -> Response:
     """Render the page of a food. refused: why restoring a version failed; reason: as entered there."""
     database = page.state.database
     view = read_food(database, key)
@@ -109,7 +113,9 @@ def food_page(page: Page, key: str, *, refused: str | None = None, reason: str =
         corrected=_corrected(changes),
         origin=changes[-1].previous_release if changes else view.release,
         component_names={component.number: component.name for component in COMPONENTS},
-        changes=[(change, describe_differences(change.differences, view.nutrients)) for change in changes],
+        changes=[
+            (change, describe_differences(change.differences, view.nutrients)) for change in changes
+        ],
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
@@ -122,8 +128,14 @@ def food_page(page: Page, key: str, *, refused: str | None = None, reason: str =
 def component_table(rows: Sequence[NutrientRow]) -> Mapping[str, ComponentGroup]:
     """Return group -> components with a figure, in reading order, and the names of the others."""
     with_figures = {row.component.number for row in rows}
-    listed: list[tuple[str, str, NutrientRow | str]] = [(row.component.number, row.component.name, row) for row in rows]
-    listed += [(part.number, part.name, part.name) for part in COMPONENTS if part.number not in with_figures]
+    listed: list[tuple[str, str, NutrientRow | str]] = [
+        (row.component.number, row.component.name, row) for row in rows
+    ]
+    listed += [
+        (part.number, part.name, part.name)
+        for part in COMPONENTS
+        if part.number not in with_figures
+    ]
     return {
         group: ComponentGroup(
             known=[member for member in members if not isinstance(member, str)],
@@ -155,8 +167,12 @@ def _corrected(changes: Sequence[ChangeOut]) -> dict[str, int]:
 
 def _restorable(view: FoodView, changes: Sequence[ChangeOut]) -> frozenset[int]:
     """Return the versions that can be restored."""
-    versions = {change.version for change in changes} | {change.previous_version for change in changes}
-    return frozenset(version for version in versions if version is not None and version != view.food.version)
+    versions = {change.version for change in changes} | {
+        change.previous_version for change in changes
+    }
+    return frozenset(
+        version for version in versions if version is not None and version != view.food.version
+    )
 
 
 def _row(row: ListedFood) -> FoodRow:

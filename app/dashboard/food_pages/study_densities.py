@@ -31,12 +31,19 @@ FoodIn = Annotated[str, Query(max_length=100)]
 
 @router.get(PATH)
 def get_densities(
-    page: CurrentPage, study: str, food: FoodIn = "", output: Annotated[str, Query(alias="format", max_length=8)] = ""
+    page: CurrentPage,
+    study: str,
+    food: FoodIn = "",
+    output: Annotated[str, Query(alias="format", max_length=8)] = "",
 ) -> Response:
     """The measurements, including withdrawn ones, the newest entry first."""
     if output == "csv":
-        rows = study_densities.list_study_densities(page.state.database, study, food.strip() or None)
-        return csv_file(StudyDensityOut, [render_study_density(row) for row in rows], f"densities-of-{study}")
+        rows = study_densities.list_study_densities(
+            page.state.database, study, food.strip() or None
+        )
+        return csv_file(
+            StudyDensityOut, [render_study_density(row) for row in rows], f"densities-of-{study}"
+        )
     return _densities(page, study, food.strip(), {"food": food.strip()}, {})
 
 
@@ -75,15 +82,24 @@ def post_withdrawal(page: CurrentPage, study: str, density: uuid.UUID, fields: F
     try:
         body = read_form(WithdrawalIn, {"reason": form_values(fields).get("reason", "")})
     except WrongFormError as error:
-        raise InvalidInputError(f"Enter why it is withdrawn: {error.wrong.get('reason', '')}") from None
+        raise InvalidInputError(
+            f"Enter why it is withdrawn: {error.wrong.get('reason', '')}"
+        ) from None
     row = study_densities.withdraw_study_density(
         page.state.database, study, density, Editor.of(page.caller, body.reason)
     )
-    return page.redirect(study_address(study, "densities"), f"The density of {row.food_key} was withdrawn.")
+    return page.redirect(
+        study_address(study, "densities"), f"The density of {row.food_key} was withdrawn."
+    )
 
 
 def _densities(
-    page: Page, study: str, food: str, values: Mapping[str, str], wrong: Mapping[str, str], status: int = 200
+    page: Page,
+    study: str,
+    food: str,
+    values: Mapping[str, str],
+    wrong: Mapping[str, str],
+    status: int = 200,
 ) -> Response:
     rows = study_densities.list_study_densities(page.state.database, study, food or None)
     return page.render(

@@ -54,12 +54,17 @@ def post_vessel(page: CurrentPage, study: str, fields: Fields) -> Response:
     try:
         body = read_form(VesselIn, values | {"name": entered.get("name", "")}, wrong)
         view = study_vessels.add_vessel(
-            page.state.database, study, measured_vessel(body.model_dump()), vessel_author(page.caller)
+            page.state.database,
+            study,
+            measured_vessel(body.model_dump()),
+            vessel_author(page.caller),
         )
     except (InvalidInputError, ConflictError) as error:
         field = "name" if error.code == "vessel_exists" else ""
         return _vessels(page, study, entered, wrong_fields(error, field), status=error.status)
-    return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” is in the library.")
+    return page.redirect(
+        study_address(study, "vessels"), f"“{view.vessel.name}” is in the library."
+    )
 
 
 @router.get(f"{PATH}/{{vessel}}")
@@ -95,7 +100,9 @@ def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fiel
 @router.post(f"{PATH}/{{vessel}}/retirement")
 def post_retirement(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
     """Retire a vessel; it remains visible."""
-    view = study_vessels.retire_vessel(page.state.database, study, vessel, vessel_author(page.caller))
+    view = study_vessels.retire_vessel(
+        page.state.database, study, vessel, vessel_author(page.caller)
+    )
     return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” is retired.")
 
 
@@ -108,7 +115,9 @@ def _vessels(
     cursor: str | None = None,
     status: int = 200,
 ) -> Response:
-    listed = study_vessels.list_vessels(page.state.database, study, is_in_use=None, cursor=cursor, limit=ROWS_A_PAGE)
+    listed = study_vessels.list_vessels(
+        page.state.database, study, is_in_use=None, cursor=cursor, limit=ROWS_A_PAGE
+    )
     return page.render(
         "study_vessels.html",
         status=status,
@@ -121,7 +130,11 @@ def _vessels(
 
 
 def _vessel(
-    page: Page, view: VesselView, values: Mapping[str, str], wrong: Mapping[str, str], status: int = 200
+    page: Page,
+    view: VesselView,
+    values: Mapping[str, str],
+    wrong: Mapping[str, str],
+    status: int = 200,
 ) -> Response:
     return page.render(
         "study_vessel.html",
@@ -146,15 +159,21 @@ def _profile(text: str) -> list[list[float]]:
 def _point(line: str) -> list[float]:
     parts = _BETWEEN.split(line)
     if len(parts) != 2:
-        raise WrongFieldError(f"“{line[:40]}”: write the radius and the height in mm, with a comma between: 41, 95.")
+        raise WrongFieldError(
+            f"“{line[:40]}”: write the radius and the height in mm, with a comma between: 41, 95."
+        )
     return [number(part) for part in parts]
 
 
 def _entered(view: VesselView) -> dict[str, str]:
     """Return a vessel's measures as the texts of the form's fields."""
     version = view.version
-    entered = {name: shown(value) for name in NUMBERS if (value := getattr(version, name)) is not None}
-    profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in version.inside_profile_mm)
+    entered = {
+        name: shown(value) for name in NUMBERS if (value := getattr(version, name)) is not None
+    }
+    profile = "\n".join(
+        f"{shown(radius)}, {shown(height)}" for radius, height in version.inside_profile_mm
+    )
     return entered | {"kind": version.kind, "inside_profile_mm": profile}
 
 

@@ -51,4 +51,8 @@ def _frustum(model: VesselModel) -> tuple[tuple[float, float], ...] | None:
         level_mm=model.height_mm,
         volume_ml=model.capacity_ml,
     )
-    return ((floor_mm, 0.0), (model.rim_diameter_mm / 2, model.height_mm)) if floor_mm is not None else None
+    return (
+        ((floor_mm, 0.0), (model.rim_diameter_mm / 2, model.height_mm))
+        if floor_mm is not None
+        else None
+    )

@@ -108,7 +108,10 @@ def read_polygon(text: str) -> object:
     try:
         if stripped.startswith("["):
             return json.loads(stripped)
-        return [(float(x), float(y)) for x, y in (_PAIR.split(line.strip()) for line in stripped.splitlines() if line)]
+        return [
+            (float(x), float(y))
+            for x, y in (_PAIR.split(line.strip()) for line in stripped.splitlines() if line)
+        ]
     except (ValueError, TypeError, RecursionError):
         raise InvalidInputError(
             "Outline: write one corner per line, x and y in pixels of the left photograph, such as `812, 560`."

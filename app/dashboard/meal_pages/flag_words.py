@@ -72,7 +72,9 @@ FLAGS: Mapping[str, str] = {
 
 def reasons_of(food: object, consumed_g: float | None, flags: Collection[str]) -> list[str]:
     """Return the causes of doubt about an item, in words; none: only its interval is."""
-    reasons = ["Nobody has stated the food, and the server is not sure enough."] if food is None else []
+    reasons = (
+        ["Nobody has stated the food, and the server is not sure enough."] if food is None else []
+    )
     if consumed_g is None:
         reasons.append("The eaten amount is unknown.")
     reasons += [FLAGS.get(flag, flag.replace("_", " ") + ".") for flag in flags]
@@ -85,7 +87,11 @@ def doubts_of(items: Sequence[ItemOut], numbers: Mapping[uuid.UUID, int]) -> dic
     for item in items:
         if item.reviewed or item.status == "rejected":
             continue
-        name = f"{numbers[item.id]}: {item.food.name}" if item.food is not None else str(numbers[item.id])
+        name = (
+            f"{numbers[item.id]}: {item.food.name}"
+            if item.food is not None
+            else str(numbers[item.id])
+        )
         for reason in reasons_of(item.food, item.consumed_g, item.flags):
             doubts.setdefault(reason, []).append(name)
     return doubts

@@ -27,17 +27,25 @@ FOODS_OFFERED = 12
 
 
 @router.post(MEAL + "/events")
-def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]) -> Response:
+def post_event(
+    page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]
+) -> Response:
     """Append one event to the meal if it is unchanged since it was shown: confirm, correct, reject, ask, undo."""
     event = event_of(form)
     try:
         view, is_new = page.state.part(MealEvents).append(
-            page.study_caller, meal_id, event, expected=frozenset({form.version}), participant_code=participant
+            page.study_caller,
+            meal_id,
+            event,
+            expected=frozenset({form.version}),
+            participant_code=participant,
         )
     except (PreconditionFailedError, InvalidInputError) as error:
         if wants_json(page) or error.code not in (PreconditionFailedError.code, IMPLAUSIBLE_AMOUNT):
             raise
-        return render_meal_page(page, participant, meal_id, is_section=page.is_fragment, refused=Refused(form, error))
+        return render_meal_page(
+            page, participant, meal_id, is_section=page.is_fragment, refused=Refused(form, error)
+        )
     if wants_json(page):
         return tagged_meal(view, 201 if is_new else 200)
     saved = f"{TITLES[event.kind]}: saved."

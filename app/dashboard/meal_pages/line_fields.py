@@ -51,7 +51,9 @@ def entries(text: str, names: Sequence[str], *, needed: int | None = None) -> li
     for place, line in enumerate(lines(text), start=1):
         parts = [part.strip() for part in line.split(";", len(names) - 1)]
         if len(parts) < (needed or len(names)):
-            raise WrongFieldError(f"Line {place} needs: {'; '.join(names[: needed or len(names)])}.")
+            raise WrongFieldError(
+                f"Line {place} needs: {'; '.join(names[: needed or len(names)])}."
+            )
         rows.append(dict(zip(names, parts, strict=False)))
     return rows
 

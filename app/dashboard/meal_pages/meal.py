@@ -14,7 +14,13 @@ from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.event_form import HAND_LABELS, EventForm
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
 from app.dashboard.meal_pages.flag_words import doubts_of, flag_meaning
-from app.dashboard.meal_pages.meal_figures import FIGURES, as_runs, headline, label_place, outline_path
+from app.dashboard.meal_pages.meal_figures import (
+    FIGURES,
+    as_runs,
+    headline,
+    label_place,
+    outline_path,
+)
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
 from app.meals.item_state import REPLACED, UNDONE
@@ -42,7 +48,9 @@ def get_meal(
 ) -> Response:
     """The page, or the JSON of `GET /v1/meals/{id}`."""
     if format == "json":
-        answer = meal_response(read_meal(page.state.database, page.study_caller, meal_id, participant), 200)
+        answer = meal_response(
+            read_meal(page.state.database, page.study_caller, meal_id, participant), 200
+        )
         answer.headers["Content-Disposition"] = f'attachment; filename="meal-{meal_id}.json"'
         return answer
     return render_meal_page(page, participant, meal_id, is_section=False)
@@ -54,9 +62,16 @@ def get_state(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Respon
     view = read_meal(page.state.database, page.study_caller, meal_id, participant)
     if not will_change(view):
         answer = render_meal_page(page, participant, meal_id, is_section=True)
-        answer.headers.update({"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"})  # a morph keeps entered text
+        answer.headers.update(
+            {"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"}
+        )  # a morph keeps entered text
         return answer
-    return page.render("meal_state.html", row=view.meal, is_moving=True, here=meal_address(page, participant, meal_id))
+    return page.render(
+        "meal_state.html",
+        row=view.meal,
+        is_moving=True,
+        here=meal_address(page, participant, meal_id),
+    )
 
 
 @router.get(MEAL + "/images/{slot}")
@@ -73,7 +88,15 @@ def get_image(
 ) -> Response:
     """A photograph as a picture, or the voice note; the audit log records it, as over the API."""
     return photographs.get_photograph(
-        meal_id, slot, page.request, page.state, page.study_caller, width, colour, participant, if_none_match
+        meal_id,
+        slot,
+        page.request,
+        page.state,
+        page.study_caller,
+        width,
+        colour,
+        participant,
+        if_none_match,
     )
 
 
@@ -101,21 +124,29 @@ def post_cancel(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Resp
     """Cancel an estimate that is not finished."""
     meal_jobs.post_cancel(meal_id, page.state, page.study_caller, participant)
     return page.redirect(
-        meal_address(page, participant, meal_id), "The estimate was cancelled. The photographs are kept."
+        meal_address(page, participant, meal_id),
+        "The estimate was cancelled. The photographs are kept.",
     )
 
 
 @router.post(MEAL + "/erasure")
 def post_erasure(
-    page: CurrentPage, participant: str, meal_id: uuid.UUID, typed: Annotated[str, Form(max_length=200)] = ""
+    page: CurrentPage,
+    participant: str,
+    meal_id: uuid.UUID,
+    typed: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
     """Erase the meal for good if the participant's code was entered. Raises InvalidInputError."""
     caller = page.study_caller
     view = read_meal(page.state.database, caller, meal_id, participant)
     if typed.strip() != view.participant_code:
-        raise InvalidInputError(f"Nothing was erased. To erase the meal, type the participant's code: {participant}.")
+        raise InvalidInputError(
+            f"Nothing was erased. To erase the meal, type the participant's code: {participant}."
+        )
     receipt = page.state.part(Eraser).erase_meal(caller, meal_id, participant)
-    return page.redirect(study_address(page.study_code, "meals"), f"The meal was erased. Receipt {receipt.id}.")
+    return page.redirect(
+        study_address(page.study_code, "meals"), f"The meal was erased. Receipt {receipt.id}."
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +190,12 @@ def render_meal_page(
         gone=[item for item in meal.items if GONE & set(item.flags)],
         numbers=numbers,
         doubts=doubts_of(meal.items, numbers),
-        images=dict(sorted(((image.slot, image) for image in view.images), key=lambda pair: SLOTS.index(pair[0]))),
+        images=dict(
+            sorted(
+                ((image.slot, image) for image in view.images),
+                key=lambda pair: SLOTS.index(pair[0]),
+            )
+        ),
         colour=run.colour if run is not None else None,
         steps={artefact.name: artefact for artefact in view.artefacts},
         run_id=run.id if run is not None else None,
@@ -179,7 +215,9 @@ def render_meal_page(
         scene_names=scene_names,
         hand_forms=_hand_forms(story),
         hand_labels=HAND_LABELS,
-        scene_id=hashlib.sha256("\n".join([str(run and run.id), *scene_names]).encode()).hexdigest()[:12],
+        scene_id=hashlib.sha256(
+            "\n".join([str(run and run.id), *scene_names]).encode()
+        ).hexdigest()[:12],
         files_of_steps=_files(story, here),
         conflict=_conflict(story, refused) if refused is not None else None,
         saved=saved,
@@ -204,12 +242,18 @@ class Conflict:
 def _conflict(story: MealStory, refused: Refused) -> Conflict:
     form, is_doubtful = refused.form, isinstance(refused.error, InvalidInputError)
     names, fields = food_names(story), form.filled_fields()
-    shown = {name: names.get(value, value) for name, value in fields.items() if name in FIELD_LABELS}
+    shown = {
+        name: names.get(value, value) for name, value in fields.items() if name in FIELD_LABELS
+    }
     return Conflict(
         changes=[event_entry(row, names) for row in story.events if row.event.sequence > form.seen],
         is_doubtful=is_doubtful,
         title=TITLES.get(form.kind, form.kind),
-        values=[(FIELD_LABELS[name].lower(), value) for name, value in shown.items() if name != "polygon"],
+        values=[
+            (FIELD_LABELS[name].lower(), value)
+            for name, value in shown.items()
+            if name != "polygon"
+        ],
         fields=fields | ({"accepts": "yes"} if is_doubtful or form.accepts else {}),
     )
 
@@ -227,7 +271,9 @@ def _scene_items(story: MealStory) -> dict[int, SceneItem]:
     return {
         view.item.position: {"id": str(view.item.id), "number": number}
         for number, view in enumerate(story.view.items, start=1)
-        if run is not None and view.item.run_id == view.record.run_id == run.id and view.record.status != "rejected"
+        if run is not None
+        and view.item.run_id == view.record.run_id == run.id
+        and view.record.status != "rejected"
     }
 
 
@@ -236,16 +282,27 @@ def _hand_forms(story: MealStory) -> dict[str, dict[str, object]]:
     run, forms = story.view.run, {}
     for row in story.events:
         event = row.event
-        if event.kind == "reshape" and not row.is_undone and run is not None and event.new["run"] == str(run.id):
+        if (
+            event.kind == "reshape"
+            and not row.is_undone
+            and run is not None
+            and event.new["run"] == str(run.id)
+        ):
             form = event.new["form"]
-            forms[str(event.item_id)] = form | dict(zip(("x_mm", "y_mm"), form["centre_mm"], strict=True))
+            forms[str(event.item_id)] = form | dict(
+                zip(("x_mm", "y_mm"), form["centre_mm"], strict=True)
+            )
     return forms
 
 
 def _scene_names(story: MealStory) -> list[str]:
     """Return the names of the run's foods in the scene's order; "" for an unknown food."""
     run = story.view.run
-    of_run = {view.item.position: view.food for view in story.view.items if run and view.item.run_id == run.id}
+    of_run = {
+        view.item.position: view.food
+        for view in story.view.items
+        if run and view.item.run_id == run.id
+    }
     foods = [of_run.get(position) for position in range(1 + max(of_run, default=-1))]
     return [food.name if food is not None else "" for food in foods]
 

@@ -11,7 +11,10 @@ Rings = Sequence[Sequence[tuple[float, float]]]
 
 # picture of a step -> (title, what it shows)
 FIGURES: Mapping[str, tuple[str, str]] = {
-    "overlay.jpg": ("Outlines", "The left photograph with the outline and the volume of each food."),
+    "overlay.jpg": (
+        "Outlines",
+        "The left photograph with the outline and the volume of each food.",
+    ),
     "matches.jpg": (
         "Matches",
         "Both photographs side by side; lines join matching points, bold lines those of the fundamental matrix.",
@@ -42,7 +45,11 @@ FIGURES: Mapping[str, tuple[str, str]] = {
 
 def outline_path(rings: Rings) -> str:
     """Return rings as an SVG path; holes by the even-odd rule."""
-    return " ".join("M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + " Z" for ring in rings if len(ring) > 0)
+    return " ".join(
+        "M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + " Z"
+        for ring in rings
+        if len(ring) > 0
+    )
 
 
 def label_place(rings: Rings) -> tuple[float, float] | None:
@@ -56,7 +63,10 @@ def label_place(rings: Rings) -> tuple[float, float] | None:
 def headline(nutrients: Iterable[Nutrient]) -> list[Nutrient]:
     """Return the headline components, energy first."""
     by_number = {nutrient.number: nutrient for nutrient in nutrients}
-    headlines = (next((by_number[n] for n in numbers if n in by_number), None) for numbers in HEADLINE_NUMBERS)
+    headlines = (
+        next((by_number[n] for n in numbers if n in by_number), None)
+        for numbers in HEADLINE_NUMBERS
+    )
     return [nutrient for nutrient in headlines if nutrient is not None]
 
 

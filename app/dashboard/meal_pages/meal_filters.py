@@ -26,7 +26,14 @@ def _without_blanks(values: object) -> object:
 
 Value = TypeVar("Value")
 Blanks = BeforeValidator(_without_blanks)
-MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses")  # below the form's first row
+MORE = (
+    "statuses",
+    "flags",
+    "origin",
+    "needs",
+    "failure_codes",
+    "after_statuses",
+)  # below the form's first row
 
 
 @dataclass(frozen=True, slots=True)

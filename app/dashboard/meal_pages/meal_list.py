@@ -42,11 +42,23 @@ FILES: dict[Rows, tuple[Output, ...]] = {
     "items": ("csv", "ndjson", "parquet", "geojson"),
     "photographs": ("csv", "ndjson", "parquet"),
 }
-NAMES: dict[Output, str] = {"csv": "CSV", "ndjson": "NDJSON", "parquet": "Parquet", "geojson": "GeoJSON"}
-FILE_PARAMETERS = {"order": None, "view": None, "cursor": None}  # removed from the address of a file
+NAMES: dict[Output, str] = {
+    "csv": "CSV",
+    "ndjson": "NDJSON",
+    "parquet": "Parquet",
+    "geojson": "GeoJSON",
+}
+FILE_PARAMETERS = {
+    "order": None,
+    "view": None,
+    "cursor": None,
+}  # removed from the address of a file
 
 # PARTICIPANT:ID:VERSION as it is shown
-Watched = Annotated[str, StringConstraints(max_length=120, pattern=r"^[0-9A-Za-z_-]+:[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
+Watched = Annotated[
+    str,
+    StringConstraints(max_length=120, pattern=r"^[0-9A-Za-z_-]+:[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$"),
+]
 
 
 @router.get(MEALS)
@@ -61,8 +73,12 @@ def get_meals(
     caller = page.study_caller
     if output is not None:
         if not chosen.reaches(rows):
-            raise InvalidInputError(f"A file of {rows} does not have all of these filters.", code="export_not_offered")
-        return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters))
+            raise InvalidInputError(
+                f"A file of {rows} does not have all of these filters.", code="export_not_offered"
+            )
+        return answer_file(
+            page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters)
+        )
     database = page.state.database
     if chosen.wrong_days is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
@@ -70,7 +86,9 @@ def get_meals(
     if chosen.order == "doubt":
         doubtful = list_doubtful_meals(database, caller, chosen.filters, limit)
         return _render(page, chosen, [listed_meal(row) for row in doubtful], next_cursor=None)
-    meals = list_meals(database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=limit)
+    meals = list_meals(
+        database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=limit
+    )
     return _render(page, chosen, [listed_meal(row) for row in meals.rows], next_cursor=meals.cursor)
 
 
@@ -87,7 +105,9 @@ def get_changed(
     """
     database, study_id = page.state.database, page.require_study().id
     versions = dict(map(_parse_watched, meal or ()))
-    rows = changed_meals(database, study_id, [(client_id, version) for (_, client_id), version in versions.items()])
+    rows = changed_meals(
+        database, study_id, [(client_id, version) for (_, client_id), version in versions.items()]
+    )
     changed = {meal.key: meal for meal in map(listed_meal, rows) if meal.key in versions}
     gone = missing_meals(database, study_id, [key for key in versions if key not in changed])
     if not changed and not gone:
@@ -118,7 +138,12 @@ def watch_address(study: str, view: View, watched: list[str]) -> str | None:
 
 
 def _render(
-    page: Page, chosen: MealFilters, meals: list[ListedMeal], *, next_cursor: str | None, status: int = 200
+    page: Page,
+    chosen: MealFilters,
+    meals: list[ListedMeal],
+    *,
+    next_cursor: str | None,
+    status: int = 200,
 ) -> Response:
     database, filters = page.state.database, chosen.filters
     counts, needs_look = count_meals(database, page.require_study().id)
@@ -131,7 +156,9 @@ def _render(
         next=next_cursor,
         counts=[count for count in counts if count.status != "needs_review"],
         needs_look=needs_look,
-        watch=watch_address(chosen.study, chosen.view, [meal.watched for meal in meals if meal.is_moving]),
+        watch=watch_address(
+            chosen.study, chosen.view, [meal.watched for meal in meals if meal.is_moving]
+        ),
         view=chosen.view,
         food_names=food_names(database, filters.food_keys),
         statuses=get_args(MealStatus),
@@ -139,7 +166,13 @@ def _render(
         all_flags=FLAGS,
         all_failures=FAILURES,
         files=[
-            (rows, [(NAMES[output], page.address(**FILE_PARAMETERS, rows=rows, format=output)) for output in outputs])
+            (
+                rows,
+                [
+                    (NAMES[output], page.address(**FILE_PARAMETERS, rows=rows, format=output))
+                    for output in outputs
+                ],
+            )
             for rows, outputs in FILES.items()
             if chosen.reaches(rows) and chosen.wrong_days is None
         ],

@@ -116,7 +116,11 @@ class Entry:
 def timeline(story: MealStory) -> list[Entry]:
     """Return all entries, the newest first."""
     names = food_names(story)
-    entries = [*_photographs(story), *_work(story), *(event_entry(row, names) for row in story.events)]
+    entries = [
+        *_photographs(story),
+        *_work(story),
+        *(event_entry(row, names) for row in story.events),
+    ]
     return sorted(entries, key=lambda entry: (entry.at, entry.sequence or 0), reverse=True)
 
 
@@ -124,7 +128,9 @@ def food_names(story: MealStory) -> dict[str, str]:
     """Return key -> name of the foods and candidates of the meal's items; events hold keys."""
     names: dict[str, str] = {}
     for item in story.view.items:
-        names |= {candidate.food.key: candidate.food.name for candidate in item.candidates.candidates}
+        names |= {
+            candidate.food.key: candidate.food.name for candidate in item.candidates.candidates
+        }
         if item.food is not None:
             names[item.food.key] = item.food.name
     return names
@@ -175,14 +181,20 @@ def _shown(key: str, value: Any, names: Mapping[str, str]) -> Markup | None:
     if key == "food":
         return Markup("{}").format(names.get(str(value), value))
     if key == "foods":
-        return Markup("{}").format(", ".join(names.get(str(food), str(food)) for food in value if food is not None))
+        return Markup("{}").format(
+            ", ".join(names.get(str(food), str(food)) for food in value if food is not None)
+        )
     if key in ("polygon", "parts"):
-        return Markup("{} {}").format(_count(key, value), "corners" if key == "polygon" else "parts")
+        return Markup("{} {}").format(
+            _count(key, value), "corners" if key == "polygon" else "parts"
+        )
     if key == "form":
         sides = " × ".join(f"{value[name]:.0f}" for name in ("length_mm", "width_mm", "height_mm"))
         return Markup("{}, {} mm").format(value["section"], sides)
     if key == "region":
-        return Markup("{}").format(", ".join(str(name) for name, place in value.items() if place is not None))
+        return Markup("{}").format(
+            ", ".join(str(name) for name, place in value.items() if place is not None)
+        )
     if key in ("status", "of", "class", "answer", "lies_as"):
         return words(str(value))
     return Markup("{}").format(value)
@@ -196,7 +208,10 @@ def _count(key: str, value: Any) -> int:
 def _photographs(story: MealStory) -> Iterator[Entry]:
     for image in story.view.images:
         yield Entry(
-            image.received_at, story.view.participant_code, "participant", f"{PHOTOGRAPHS[image.slot]} received"
+            image.received_at,
+            story.view.participant_code,
+            "participant",
+            f"{PHOTOGRAPHS[image.slot]} received",
         )
         if image.erased_at is not None:
             yield Entry(image.erased_at, SERVER, "automatic", f"{PHOTOGRAPHS[image.slot]} erased")
@@ -234,5 +249,15 @@ def _run(run: Run) -> Entry:
 def _job(job: Job) -> Entry:
     """Return an entry for a job without a run: it waits, is running, or failed."""
     at = job.finished_at or job.started_at or job.enqueued_at
-    note = {"queued": "waits for a worker", "processing": "running", "failed": "ended without a result"}
-    return Entry(at, SERVER, "automatic", PURPOSES.get(job.purpose, job.purpose), note=note.get(job.state, job.state))
+    note = {
+        "queued": "waits for a worker",
+        "processing": "running",
+        "failed": "ended without a result",
+    }
+    return Entry(
+        at,
+        SERVER,
+        "automatic",
+        PURPOSES.get(job.purpose, job.purpose),
+        note=note.get(job.state, job.state),
+    )

@@ -37,7 +37,10 @@ ITEMS_A_PAGE = 12  # one is shown, the others are loaded in advance
 ONLY_ITS_INTERVAL = "No reviewer has looked at it; its only doubt is the interval of its amount."
 COUNTED = 500  # beyond it: "more than"
 
-DOUBTS = (("", "any"), *((str(least), f"{100 * least:.0f} % and more") for least in (0.1, 0.25, 0.5, 0.75, 0.9)))
+DOUBTS = (
+    ("", "any"),
+    *((str(least), f"{100 * least:.0f} % and more") for least in (0.1, 0.25, 0.5, 0.75, 0.9)),
+)
 KEYS = (
     (("Enter", "y"), "Confirm the marked food, if one is marked, and go to the next item"),
     (("1", "…", "9"), "Choose this candidate"),
@@ -102,7 +105,10 @@ def get_review(
         is_more=waiting > COUNTED,
         waiting_meals=count_meals_to_look_at(database, chosen.study_id),
         chosen=chosen,
-        is_filtered=any(value is not None for value in (status, food, min_doubt, provisional, participant, origin)),
+        is_filtered=any(
+            value is not None
+            for value in (status, food, min_doubt, provisional, participant, origin)
+        ),
         statuses=[("", "any"), *((code, code.replace("_", " ")) for code in QUEUED_STATUSES)],
         doubts=DOUBTS,
         key_table=KEYS,
@@ -118,7 +124,9 @@ def get_item(
     seen: Annotated[int, Query(ge=0)] = 0,
 ) -> HTMLResponse:
     """One item's current card, after somebody else has changed its meal, with their events."""
-    current = read_review_item(page.state.database, page.study_caller, meal_id, participant, item, seen=seen)
+    current = read_review_item(
+        page.state.database, page.study_caller, meal_id, participant, item, seen=seen
+    )
     events = describe_events(current.item, current.said, page.caller.staff_id)
     is_rejected = current.item.row.record.status == "rejected"
     return page.render(
@@ -133,5 +141,7 @@ def card_of(item: ReviewItem) -> Card:
     """Return an item's card."""
     choices = choices_of(item)
     unmarked, ids = why_unmarked(item, choices), (uuid.uuid4(), uuid.uuid4())
-    reasons = reasons_of(item.row.food, item.row.record.consumed_g, item.row.record.flags) or [ONLY_ITS_INTERVAL]
+    reasons = reasons_of(item.row.food, item.row.record.consumed_g, item.row.record.flags) or [
+        ONLY_ITS_INTERVAL
+    ]
     return Card(item, outline_of(item), choices, unmarked, reasons, ids)

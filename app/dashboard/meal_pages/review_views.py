@@ -16,7 +16,11 @@ SHARP_PX = 900  # width of a crop on a good screen
 WIDTHS_PX = (1600, 2400, 3200, 4096)  # few, so that pictures are cached
 NUMBERED = 9  # candidates that have a key
 
-SETTLING = ITEM_DECISIONS | {"split", "merge", "confirm_meal"}  # reviewers' events that take an item out of the queue
+SETTLING = ITEM_DECISIONS | {
+    "split",
+    "merge",
+    "confirm_meal",
+}  # reviewers' events that take an item out of the queue
 ACTIONS = {
     "confirm": "confirmed it",
     "reject": "rejected it",
@@ -85,7 +89,12 @@ class RecentEvent:
     def settles(self) -> bool:
         """Whether a reviewer decided the item with it."""
         event = self.row.event
-        return self.is_of_item and event.layer == "reviewer" and event.kind in SETTLING and not self.row.is_undone
+        return (
+            self.is_of_item
+            and event.layer == "reviewer"
+            and event.kind in SETTLING
+            and not self.row.is_undone
+        )
 
 
 def outline_of(item: ReviewItem) -> Outline | None:
@@ -103,11 +112,15 @@ def outline_of(item: ReviewItem) -> Outline | None:
         path=" ".join(_path(ring) for ring in rings),
         crop=crop,
         corners=tuple(most_corners),
-        served_px=next((served for served in WIDTHS_PX if served >= min(sharp_width, width)), WIDTHS_PX[-1]),
+        served_px=next(
+            (served for served in WIDTHS_PX if served >= min(sharp_width, width)), WIDTHS_PX[-1]
+        ),
     )
 
 
-def crop_of(points: Sequence[tuple[float, float]], width: int, height: int) -> tuple[float, float, float, float]:
+def crop_of(
+    points: Sequence[tuple[float, float]], width: int, height: int
+) -> tuple[float, float, float, float]:
     """Return x, y, width, height of a square around the points with a margin, moved into the photograph.
 
     Points outside the photograph are moved to its edge; no side is longer than the photograph's. Without points it is
@@ -135,8 +148,14 @@ def choices_of(item: ReviewItem) -> list[Choice]:
     for candidate in candidates:
         key, probability = candidate.food.key, candidate.probability
         first = foods.get(key)
-        if first is None or (first[1] is None and probability is not None):  # the hint's, then the index's
-            foods[key] = (candidate.food, probability, candidate.source if first is None else first[2])
+        if first is None or (
+            first[1] is None and probability is not None
+        ):  # the hint's, then the index's
+            foods[key] = (
+                candidate.food,
+                probability,
+                candidate.source if first is None else first[2],
+            )
     marked = _marked(item, foods)
     return [
         Choice(
@@ -157,10 +176,16 @@ def why_unmarked(item: ReviewItem, choices: Sequence[Choice]) -> str:
         return ""
     if item.row.food is not None:
         return "The phone and the server disagree"
-    return "Probably none of these" if choices[0].probability is not None else "None of these was stated"
+    return (
+        "Probably none of these"
+        if choices[0].probability is not None
+        else "None of these was stated"
+    )
 
 
-def describe_events(item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID) -> list[RecentEvent]:
+def describe_events(
+    item: ReviewItem, rows: Sequence[HistoryRow], reader: uuid.UUID
+) -> list[RecentEvent]:
     """Describe the meal's events. reader: the staff member who reads them."""
     return [
         RecentEvent(

@@ -5,7 +5,13 @@ import uuid
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from app.core.errors import ConflictError, InvalidInputError, NotFoundError, RateLimitedError, UnauthenticatedError
+from app.core.errors import (
+    ConflictError,
+    InvalidInputError,
+    NotFoundError,
+    RateLimitedError,
+    UnauthenticatedError,
+)
 from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.rate_limit import caller_address
@@ -59,7 +65,12 @@ def post_token(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = read_form(TokenIn, values)
         token, view = access_tokens.create_token(
-            page.state.database, page.caller, name=body.name, scope=body.scope, study_code=body.study, days=body.days
+            page.state.database,
+            page.caller,
+            name=body.name,
+            scope=body.scope,
+            study_code=body.study,
+            days=body.days,
         )
     except (WrongFormError, ConflictError, NotFoundError) as error:
         return _account(page, values=values, wrong=wrong_fields(error, "name"), status=error.status)

@@ -51,7 +51,13 @@ def get_audit(
 
 
 def _audit(
-    page: Page, study: str | None, action: str, first: date | None, last: date | None, cursor: str | None, output: str
+    page: Page,
+    study: str | None,
+    action: str,
+    first: date | None,
+    last: date | None,
+    cursor: str | None,
+    output: str,
 ) -> Response:
     """first, last: UTC days, as the log's times are shown; both included."""
     chosen = AuditFilter(
@@ -62,11 +68,21 @@ def _audit(
     if output == "csv":
         return audit_file(page.state, page.caller, study, chosen)
     database = page.state.database
-    events = read_audit(database, page.caller, study, chosen, cursor=cursor, limit=EVENTS_A_PAGE, is_newest_first=True)
+    events = read_audit(
+        database,
+        page.caller,
+        study,
+        chosen,
+        cursor=cursor,
+        limit=EVENTS_A_PAGE,
+        is_newest_first=True,
+    )
     return page.render(
         "audit.html",
         rows=events.rows,
-        names=names_of_aliases(database, [text for row in events.rows for text in (row.actor, row.subject)]),
+        names=names_of_aliases(
+            database, [text for row in events.rows for text in (row.actor, row.subject)]
+        ),
         next=events.cursor,
         action=action,
         first=first,

@@ -52,19 +52,27 @@ def get_devices(
     cursor: Cursor = None,
 ) -> Response:
     """The phones, the most recently enrolled first."""
-    phones = devices.list_devices(page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE)
-    return page.render("devices.html", rows=phones.rows, next=phones.cursor, participant=participant or "")
+    phones = devices.list_devices(
+        page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE
+    )
+    return page.render(
+        "devices.html", rows=phones.rows, next=phones.cursor, participant=participant or ""
+    )
 
 
 @router.post(f"{PATH}/{{device_id}}/revocation")
 def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Response:
     """Revoke a phone's token, for example of a lost phone."""
     devices.revoke_device(page.state.database, page.caller, study, device_id)
-    return page.redirect(study_address(study, "devices"), "The phone's token was revoked. Its uploads are kept.")
+    return page.redirect(
+        study_address(study, "devices"), "The phone's token was revoked. Its uploads are kept."
+    )
 
 
 @router.get(ENROL)
-def get_enrol(page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = "") -> Response:
+def get_enrol(
+    page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = ""
+) -> Response:
     """The form that asks for participants' codes."""
     return page.render("enrol.html", cards=[], refused=[], codes=participant, has_app=False)
 
@@ -82,17 +90,23 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
         raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
     wrong_codes = [(code, wrong) for code in codes if (wrong := _why_no_card(page, study, code))]
     if wrong_codes:
-        return page.render("enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered, has_app=has_app)
+        return page.render(
+            "enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered, has_app=has_app
+        )
     server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
     cards = []
     for code in codes:
-        issued = issue_enrolment_code(page.state.database, study_code=study, participant_code=code, caller=page.caller)
+        issued = issue_enrolment_code(
+            page.state.database, study_code=study, participant_code=code, caller=page.caller
+        )
         link = capture_link(server, issued.code)
         app_svg = _drawn(enrolment_text(server, issued.code)) if has_app else None
         cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, _drawn(link)))
     locale = page.require_study().locale
     words = {code: sentences[locale] for code, sentences in catalogue("cards").items()}
-    return page.render("enrol.html", cards=cards, refused=[], codes=entered, locale=locale, words=words)
+    return page.render(
+        "enrol.html", cards=cards, refused=[], codes=entered, locale=locale, words=words
+    )
 
 
 def _drawn(text: str) -> Markup:

@@ -42,13 +42,27 @@ def post_removal(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Remove a staff member from the study."""
     name = form_values(fields).get("name", "")
     study_members.remove_member(page.state.database, page.caller, study, name)
-    return page.redirect(study_address(study, "members"), f"{name} was removed from the study's staff.")
+    return page.redirect(
+        study_address(study, "members"), f"{name} was removed from the study's staff."
+    )
 
 
 def _members(
-    page: Page, study: str, cursor: str | None, values: dict[str, str], wrong: dict[str, str], status: int = 200
+    page: Page,
+    study: str,
+    cursor: str | None,
+    values: dict[str, str],
+    wrong: dict[str, str],
+    status: int = 200,
 ) -> Response:
-    members = study_members.list_members(page.state.database, study, cursor=cursor, limit=MEMBERS_A_PAGE)
+    members = study_members.list_members(
+        page.state.database, study, cursor=cursor, limit=MEMBERS_A_PAGE
+    )
     return page.render(
-        "members.html", status=status, rows=members.rows, next=members.cursor, values=values, wrong=wrong
+        "members.html",
+        status=status,
+        rows=members.rows,
+        next=members.cursor,
+        values=values,
+        wrong=wrong,
     )

@@ -38,7 +38,9 @@ SWITCHES = ("is_pregnant", "is_lactating")
 
 
 @router.get(PATH)
-def get_participant(page: CurrentPage, study: str, participant: str, last: LastDay = None) -> Response:
+def get_participant(
+    page: CurrentPage, study: str, participant: str, last: LastDay = None
+) -> Response:
     """Two weeks of the diary, up to `last`; by default up to the last day with a meal or a text entry."""
     return _participant(page, study, participant, last)
 
@@ -50,16 +52,26 @@ def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields
     profile = {key: with_point(values[key]) for key in PROFILE_KEYS if values.get(key)}
     emptied = {key: None for key in PROFILE_KEYS if key not in profile}
     try:
-        body = read_form(ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")})
+        body = read_form(
+            ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")}
+        )
         change = change_of(body, also=emptied, moves_start=True)
-        participants.change_participant(page.state.database, page.caller, study, participant, change)
+        participants.change_participant(
+            page.state.database, page.caller, study, participant, change
+        )
     except (InvalidInputError, ConflictError) as error:
-        return _participant(page, study, participant, None, wrong={"": error.message}, status=error.status)
-    return page.redirect(study_address(study, "participants", participant), "The profile was changed.")
+        return _participant(
+            page, study, participant, None, wrong={"": error.message}, status=error.status
+        )
+    return page.redirect(
+        study_address(study, "participants", participant), "The profile was changed."
+    )
 
 
 @router.post(f"{PATH}/days/{{day}}")
-def post_day(page: CurrentPage, study: str, participant: str, day: date, fields: Fields) -> Response:
+def post_day(
+    page: CurrentPage, study: str, participant: str, day: date, fields: Fields
+) -> Response:
     """Set a day's status as a reviewer, if the day is unchanged since the page was opened."""
     values = form_values(fields)
     expected, last_shown = take_version(values), values.pop("to", "")
@@ -82,7 +94,9 @@ def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fie
     """Withdraw the participant; the staff member types the code to confirm."""
     typed = form_values(fields).get("code", "")
     if typed != participant:
-        wrong = {"withdrawal": f"“{typed[:64]}” is not the code {participant}: nobody was withdrawn."}
+        wrong = {
+            "withdrawal": f"“{typed[:64]}” is not the code {participant}: nobody was withdrawn."
+        }
         return _participant(page, study, participant, None, wrong=wrong, status=422)
     receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
     notice = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
@@ -104,8 +118,12 @@ def _participant(
     first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
     caller = page.study_caller
     window = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
-    days = day_summaries.list_day_summaries(page.state.database, caller, window, cursor=None, limit=WINDOW_DAYS).rows
-    meals = list_meals(page.state.database, caller, window, order="oldest", cursor=None, limit=MOST_MEALS)
+    days = day_summaries.list_day_summaries(
+        page.state.database, caller, window, cursor=None, limit=WINDOW_DAYS
+    ).rows
+    meals = list_meals(
+        page.state.database, caller, window, order="oldest", cursor=None, limit=MOST_MEALS
+    )
     meals_by_day = defaultdict(list)
     for row in meals.rows:
         meals_by_day[row.meal.local_date].append((row, sums_of(row)))
@@ -121,8 +139,12 @@ def _participant(
         first=first,
         last=end,
         window=WINDOW_DAYS,
-        earlier=first - timedelta(days=1) if first > date.min + timedelta(days=WINDOW_DAYS) else None,
-        later=end + timedelta(days=WINDOW_DAYS) if end < date.max - timedelta(days=WINDOW_DAYS) else None,
+        earlier=first - timedelta(days=1)
+        if first > date.min + timedelta(days=WINDOW_DAYS)
+        else None,
+        later=end + timedelta(days=WINDOW_DAYS)
+        if end < date.max - timedelta(days=WINDOW_DAYS)
+        else None,
         feedback=feedback,
         headlines=HEADLINES,
         phones=phones.rows,
@@ -133,6 +155,8 @@ def _participant(
 def _feedback(page: Page, study: str, code: str, day: date | None) -> Feedback | None:
     """Return the feedback that the participant sees, or would see; None if there is no day yet."""
     try:
-        return read_feedback(page.state.database, page.caller, day, diary.ParticipantRef(study, code))
+        return read_feedback(
+            page.state.database, page.caller, day, diary.ParticipantRef(study, code)
+        )
     except InvalidInputError:
         return None

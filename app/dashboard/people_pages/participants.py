@@ -32,8 +32,12 @@ MOST_AT_ONCE = 500
 USUAL_COMPONENT = "vitamin_c_mg"
 LONGEST_CODE = 64
 SHOWN = 80  # characters of an invalid code in its message
-_BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")  # no blanks: "Anna Müller" would become two participants
-_RANGE = re.compile(r"(?P<stem>[A-Za-z]\w*?)(?P<first>\d{1,9}) ?[-–] ?(?P=stem)(?P<last>\d{1,9})", re.ASCII)
+_BETWEEN_CODES = re.compile(
+    r"[\r\n\t,;]+"
+)  # no blanks: "Anna Müller" would become two participants
+_RANGE = re.compile(
+    r"(?P<stem>[A-Za-z]\w*?)(?P<first>\d{1,9}) ?[-–] ?(?P=stem)(?P<last>\d{1,9})", re.ASCII
+)
 
 ComponentIn = Annotated[str, Query(max_length=64)]
 
@@ -48,7 +52,11 @@ def get_participants(page: CurrentPage, study: str, cursor: Cursor = None) -> Re
 def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Add participants by their codes and ranges. An invalid code adds nobody; codes that are taken are listed."""
     entered = form_values(fields).get("codes", "")
-    codes = list(dict.fromkeys(code for text in _BETWEEN_CODES.split(entered) for code in _codes_of(text.strip())))
+    codes = list(
+        dict.fromkeys(
+            code for text in _BETWEEN_CODES.split(entered) for code in _codes_of(text.strip())
+        )
+    )
     if not codes or len(codes) > MOST_AT_ONCE:
         wrong = [f"Name one to {MOST_AT_ONCE} participants; these are {len(codes)}."]
     else:
@@ -59,18 +67,28 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     for code in codes:
         try:
             participants.create_participant(
-                page.state.database, page.state.part(SecretBox), study_code=study, code=code, caller=page.caller
+                page.state.database,
+                page.state.part(SecretBox),
+                study_code=study,
+                code=code,
+                caller=page.caller,
             )
         except ConflictError as error:
             refused[error.code].append(code)
     taken = {code for codes_of_error in refused.values() for code in codes_of_error}
     added = [code for code in codes if code not in taken]
-    return _participants(page, study, None, refused=refused, added=added, status=409 if taken else 201)
+    return _participants(
+        page, study, None, refused=refused, added=added, status=409 if taken else 201
+    )
 
 
 @router.get(f"{STUDY_PAGES}/intakes")
 def get_intakes(
-    page: CurrentPage, study: str, first: FirstDay = None, last: LastDay = None, cursor: Cursor = None
+    page: CurrentPage,
+    study: str,
+    first: FirstDay = None,
+    last: LastDay = None,
+    cursor: Cursor = None,
 ) -> Response:
     """Each participant's mean daily intake over closed days, with the number of days."""
     intakes = day_summaries.list_intakes(
@@ -83,7 +101,12 @@ def get_intakes(
         limit=PARTICIPANTS_A_PAGE,
     )
     return page.render(
-        "intakes.html", rows=intakes.rows, next=intakes.cursor, first=first, last=last, headlines=HEADLINES
+        "intakes.html",
+        rows=intakes.rows,
+        next=intakes.cursor,
+        first=first,
+        last=last,
+        headlines=HEADLINES,
     )
 
 
@@ -108,13 +131,17 @@ def get_adequacy_figures(
 ) -> Response:
     """Each group's share with a usual intake below the EAR: a fragment for htmx, otherwise the whole page."""
     require_order(first, last)
-    judged = judge_study(page.state.database, page.caller, study, component, first_day=first, last_day=last)
+    judged = judge_study(
+        page.state.database, page.caller, study, component, first_day=first, last_day=last
+    )
     if page.is_fragment:
         return page.render("adequacy_figures.html", judged=judged)
     return _adequacy(page, judged, component, first, last)
 
 
-def _adequacy(page: Page, judged: Adequacy | None, component: str, first: date | None, last: date | None) -> Response:
+def _adequacy(
+    page: Page, judged: Adequacy | None, component: str, first: date | None, last: date | None
+) -> Response:
     require_order(first, last)
     return page.render(
         "adequacy.html",
@@ -134,7 +161,10 @@ def _codes_of(text: str) -> list[str]:
         return [text] if text else []
     first, last = sorted((int(ends["first"]), int(ends["last"])))
     width = min(len(ends["first"]), len(ends["last"]))
-    return [f"{ends['stem']}{number:0{width}}" for number in range(first, min(last, first + MOST_AT_ONCE) + 1)]
+    return [
+        f"{ends['stem']}{number:0{width}}"
+        for number in range(first, min(last, first + MOST_AT_ONCE) + 1)
+    ]
 
 
 def _is_code(code: str) -> bool:
@@ -148,7 +178,9 @@ def _is_code(code: str) -> bool:
 def _wrong_code(code: str) -> str:
     """Return what is wrong with a code, for the person who entered it."""
     if len(code) > LONGEST_CODE:
-        return f"{code[:SHOWN]}{'…' if len(code) > SHOWN else ''}: {LONGEST_CODE} characters at most"
+        return (
+            f"{code[:SHOWN]}{'…' if len(code) > SHOWN else ''}: {LONGEST_CODE} characters at most"
+        )
     blank = "; no blanks: one code per line, or commas between" if re.search(r"\s", code) else ""
     return f"{code}: letters A-Z, digits, - and _ only, beginning with a letter or digit{blank}"
 
@@ -165,7 +197,9 @@ def _participants(
     status: int = 200,
 ) -> Response:
     """entered: stays in the field; wrong: why nobody was added; refused: error code -> participants."""
-    listed = participants.list_participants(page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE)
+    listed = participants.list_participants(
+        page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE
+    )
     return page.render(
         "participants.html",
         status=status,

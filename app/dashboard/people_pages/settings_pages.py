@@ -8,7 +8,14 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, take_version, wrong_fields
+from app.dashboard.forms import (
+    Fields,
+    WrongFormError,
+    form_values,
+    read_form,
+    take_version,
+    wrong_fields,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.exports.lists.list_meals import count_photographed
 from app.exports.lists.meal_row_queries import PhotographedMeals
@@ -70,7 +77,9 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
                 changes[name] = None
         of_marker = _meals_of_marker(page, changes)
         if of_marker is not None and agreed_marker != values["marker"]:
-            return _settings(page, values, {"marker": MARKER_ASKED}, of_marker=of_marker, status=409)
+            return _settings(
+                page, values, {"marker": MARKER_ASKED}, of_marker=of_marker, status=409
+            )
         studies.change_study(
             page.state.database,
             page.caller,
@@ -108,9 +117,12 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
             is_sandbox=body.sandbox,
         )
     except (InvalidInputError, ConflictError) as error:
-        return page.render("new_study.html", status=error.status, values=values, wrong=wrong_fields(error))
+        return page.render(
+            "new_study.html", status=error.status, values=values, wrong=wrong_fields(error)
+        )
     return page.redirect(
-        study_address(body.code, "settings"), f"The study {body.code} was created. This is its protocol."
+        study_address(body.code, "settings"),
+        f"The study {body.code} was created. This is its protocol.",
     )
 
 
@@ -148,13 +160,19 @@ def _meals_of_marker(page: Page, changes: studies.ProtocolChange) -> Photographe
 def _check_rounding(body: StudyPatch) -> None:
     """Raise WrongFormError unless decimals are given exactly for rounding; the service checks this too."""
     if body.location_policy == "round" and body.location_decimals is None:
-        raise WrongFormError({"location_decimals": "Places are rounded: enter the number of decimals, 0 to 4."})
+        raise WrongFormError(
+            {"location_decimals": "Places are rounded: enter the number of decimals, 0 to 4."}
+        )
     if body.location_policy != "round" and body.location_decimals is not None:
         raise WrongFormError({"location_decimals": "Leave this empty: places are not rounded."})
 
 
 def _protocol(values: dict[str, str]) -> dict[str, str | bool | list[str]]:
     """Return the values as the API's body has them: browsers do not send a switch that is off."""
-    body: dict[str, str | bool | list[str]] = {name: text for name, text in values.items() if name not in SWITCHES}
-    body |= {name: values[name].split() for name in ("web_origins", "reminder_times") if name in values}
+    body: dict[str, str | bool | list[str]] = {
+        name: text for name, text in values.items() if name not in SWITCHES
+    }
+    body |= {
+        name: values[name].split() for name in ("web_origins", "reminder_times") if name in values
+    }
     return body | {name: name in values for name in SWITCHES}

@@ -67,7 +67,9 @@ def post_sign_out(request: Request, state: State, caller: CurrentStaff) -> Respo
     sign_in.sign_out(state.database, caller)
     answer = RedirectResponse(f"{PREFIX}/sign-in", status_code=303)
     is_secure = is_https(request, state.settings)
-    answer.delete_cookie(session_cookie(request, state.settings), path="/" if is_secure else PREFIX, secure=is_secure)
+    answer.delete_cookie(
+        session_cookie(request, state.settings), path="/" if is_secure else PREFIX, secure=is_secure
+    )
     answer.headers["Clear-Site-Data"] = '"cache"'
     return answer
 
@@ -79,4 +81,8 @@ def safe_path(path: str) -> str:
     except ValueError:  # "//[" is no valid host
         return PREFIX
     is_ours = not parts.scheme and not parts.netloc and path.isprintable() and "\\" not in path
-    return path if is_ours and (path == PREFIX or path.startswith((f"{PREFIX}/", f"{PREFIX}?"))) else PREFIX
+    return (
+        path
+        if is_ours and (path == PREFIX or path.startswith((f"{PREFIX}/", f"{PREFIX}?")))
+        else PREFIX
+    )

@@ -40,7 +40,9 @@ def post_staff(page: CurrentPage, fields: Fields) -> Response:
         )
     except (ConflictError, InvalidInputError, UnavailableError) as error:
         return _staff(page, None, values, wrong_fields(error, "name"), status=error.status)
-    return page.redirect(PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members.")
+    return page.redirect(
+        PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members."
+    )
 
 
 @router.post(f"{PATH}/change")
@@ -51,7 +53,9 @@ def post_change(page: CurrentPage, fields: Fields) -> Response:
     body = read_form(StaffPatch, values)
     password = body.password.get_secret_value() if body.password is not None else None
     change = staff.StaffChange(body.is_admin, body.is_disabled, password)
-    changed = staff.change_staff(page.state.database, page.state.part(Passwords), name, change, page.caller)
+    changed = staff.change_staff(
+        page.state.database, page.state.part(Passwords), name, change, page.caller
+    )
     return page.redirect(PATH, f"{name} was changed.{changed.ended.sentence}")
 
 
@@ -60,4 +64,11 @@ def _staff(
 ) -> Response:
     members = staff.list_staff(page.state.database, cursor=cursor, limit=STAFF_A_PAGE)
     kept = {name: value for name, value in values.items() if name != "password"}
-    return page.render("staff.html", status=status, rows=members.rows, next=members.cursor, values=kept, wrong=wrong)
+    return page.render(
+        "staff.html",
+        status=status,
+        rows=members.rows,
+        next=members.cursor,
+        values=kept,
+        wrong=wrong,
+    )

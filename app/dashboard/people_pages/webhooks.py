@@ -39,19 +39,29 @@ def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
         body = read_form(WebhookIn, {"url": url, "events": fields.getlist("events")})
         issued = _use_case(page, study).create(body.url, body.events)
     except (InvalidInputError, ConflictError) as error:
-        return _webhooks(page, study, url=url, wrong=wrong_fields(error, "url"), status=error.status)
+        return _webhooks(
+            page, study, url=url, wrong=wrong_fields(error, "url"), status=error.status
+        )
     return _webhooks(page, study, issued=issued)
 
 
 @router.get(f"{PATH}/{{webhook}}")
 def get_webhook(
-    page: CurrentPage, study: str, webhook: uuid.UUID, state: DeliveryState = "", cursor: Cursor = None
+    page: CurrentPage,
+    study: str,
+    webhook: uuid.UUID,
+    state: DeliveryState = "",
+    cursor: Cursor = None,
 ) -> Response:
     """A webhook and the log of its deliveries, the newest first."""
     hooks = _use_case(page, study)
     hook = hooks.read(webhook)
-    deliveries = hooks.list_deliveries(webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE)
-    return page.render("webhook.html", hook=hook, rows=deliveries.rows, next=deliveries.cursor, state=state)
+    deliveries = hooks.list_deliveries(
+        webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE
+    )
+    return page.render(
+        "webhook.html", hook=hook, rows=deliveries.rows, next=deliveries.cursor, state=state
+    )
 
 
 @router.post(f"{PATH}/{{webhook}}/state")
@@ -60,9 +70,13 @@ def post_state(page: CurrentPage, study: str, webhook: uuid.UUID, fields: Fields
     values = form_values(fields)
     if values.get("is_enabled") != "true":
         _use_case(page, study).disable(webhook)
-        return page.redirect(study_address(study, "webhooks", webhook), "Nothing more is sent to it.")
+        return page.redirect(
+            study_address(study, "webhooks", webhook), "Nothing more is sent to it."
+        )
     _use_case(page, study).change(webhook, expected=take_version(values), is_enabled=True)
-    return page.redirect(study_address(study, "webhooks", webhook), "Events are sent to it again from now on.")
+    return page.redirect(
+        study_address(study, "webhooks", webhook), "Events are sent to it again from now on."
+    )
 
 
 @router.post(f"{PATH}/{{webhook}}/secret")
@@ -75,14 +89,19 @@ def post_secret(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
 def post_test(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
     """Send a ping."""
     _use_case(page, study).test(webhook)
-    return page.redirect(study_address(study, "webhooks", webhook), "A ping is being sent; the log shows its delivery.")
+    return page.redirect(
+        study_address(study, "webhooks", webhook),
+        "A ping is being sent; the log shows its delivery.",
+    )
 
 
 @router.post(f"{PATH}/{{webhook}}/deliveries/{{delivery}}/replay")
 def post_replay(page: CurrentPage, study: str, webhook: uuid.UUID, delivery: uuid.UUID) -> Response:
     """Send the same payload again."""
     _use_case(page, study).replay(webhook, delivery)
-    return page.redirect(study_address(study, "webhooks", webhook), "It is sent again, as a new delivery.")
+    return page.redirect(
+        study_address(study, "webhooks", webhook), "It is sent again, as a new delivery."
+    )
 
 
 def _use_case(page: Page, study: str) -> Webhooks:

@@ -43,7 +43,9 @@ async def require_json(request: Request) -> None:
         ranges = [part.strip() for part in request.headers.get("accept", "*/*").split(",")]
         is_accepted = any(_is_accepted(part) for part in ranges if part) or not any(ranges)
     else:
-        is_accepted = _is_accepted(format_parameter.replace(" ", "+"))  # a plus sign that was not written as %2B
+        is_accepted = _is_accepted(
+            format_parameter.replace(" ", "+")
+        )  # a plus sign that was not written as %2B
     if not is_accepted:
         raise NotAcceptableError(f"Resources are available as {FHIR_JSON} of FHIR 5.0 only.")
 
@@ -99,8 +101,12 @@ async def _send_outcome(scope: Scope, start: Message, problem: Problem, send: Se
     status = 400 if problem.status == 422 else problem.status
     default = "exception" if status >= 500 else "processing"
     system = names_of(Request(scope)).system("errors")
-    issue = outcome_issue("error", ISSUE_TYPES.get(status, default), problem.code, system, problem.detail)
-    rendered = json.dumps({"resourceType": "OperationOutcome", "issue": [issue]}, ensure_ascii=False).encode()
+    issue = outcome_issue(
+        "error", ISSUE_TYPES.get(status, default), problem.code, system, problem.detail
+    )
+    rendered = json.dumps(
+        {"resourceType": "OperationOutcome", "issue": [issue]}, ensure_ascii=False
+    ).encode()
     headers = MutableHeaders(raw=list(start["headers"]))
     headers["content-type"], headers["content-length"] = FHIR_JSON, str(len(rendered))
     await send({**start, "status": status, "headers": headers.raw})
@@ -113,5 +119,7 @@ def _is_problem(message: Message) -> bool:
 
 def _is_accepted(media_range: str) -> bool:
     name, *parameters = (part.strip().lower() for part in media_range.split(";"))
-    version = next((part.partition("=")[2] for part in parameters if part.startswith("fhirversion=")), "5.0")
+    version = next(
+        (part.partition("=")[2] for part in parameters if part.startswith("fhirversion=")), "5.0"
+    )
     return name in ACCEPTED and version == "5.0" and "q=0" not in parameters

@@ -9,7 +9,12 @@ from fastapi.responses import Response
 from app.core.errors import NotFoundError
 from app.exports.fhir.answers import FHIR_JSON, PREFIX, FhirJson, require_json, wants_strict
 from app.exports.fhir.bundles import search_bundle
-from app.exports.fhir.capability import EXTENSIONS, SEARCH_PARAMETERS, capability_statement, structure_definition
+from app.exports.fhir.capability import (
+    EXTENSIONS,
+    SEARCH_PARAMETERS,
+    capability_statement,
+    structure_definition,
+)
 from app.exports.fhir.fhir_intakes import read_intake, read_person, search_intakes
 from app.exports.fhir.names import names_of, patient_id, person_of_id
 from app.exports.fhir.resources import Intakes, patient
@@ -26,7 +31,10 @@ def _content(description: str) -> dict[str, object]:
 
 
 def _responses(description: str, *error_statuses: int) -> dict[int | str, dict[str, object]]:
-    return {200: _content(description), **{status: _content("OperationOutcome") for status in error_statuses}}
+    return {
+        200: _content(description),
+        **{status: _content("OperationOutcome") for status in error_statuses},
+    }
 
 
 def _parameter(name: str, description: str, *, is_list: bool = False) -> dict[str, object]:
@@ -43,7 +51,9 @@ def _parameter(name: str, description: str, *, is_list: bool = False) -> dict[st
 SEARCH_IN_OPENAPI = {
     "parameters": [
         *(_parameter(name, text, is_list=name == "date") for name, _, text in SEARCH_PARAMETERS),
-        _parameter("_count", f"Resources on a page: {DEFAULT_COUNT} by default, {MOST_COUNT} at most."),
+        _parameter(
+            "_count", f"Resources on a page: {DEFAULT_COUNT} by default, {MOST_COUNT} at most."
+        ),
         _parameter(CURSOR, "From the page before: follow `next`."),
     ]
 }
@@ -52,12 +62,15 @@ SEARCH_IN_OPENAPI = {
 @router.get("/metadata", responses=_responses("CapabilityStatement", 406))
 def get_capability_statement(request: Request) -> Response:
     """The server's CapabilityStatement."""
-    return FhirJson(capability_statement(names_of(request)), headers={"Cache-Control": "public, max-age=3600"})
+    return FhirJson(
+        capability_statement(names_of(request)), headers={"Cache-Control": "public, max-age=3600"}
+    )
 
 
 @router.get("/StructureDefinition/{name}", responses=_responses("StructureDefinition", 404, 406))
 def get_structure_definition(
-    request: Request, name: Annotated[str, Path(max_length=200, description="The extension's name.")]
+    request: Request,
+    name: Annotated[str, Path(max_length=200, description="The extension's name.")],
 ) -> Response:
     """The definition of one of this server's extensions."""
     for extension in EXTENSIONS:
@@ -76,12 +89,18 @@ def search_nutrition_intakes(request: Request, state: State, caller: CurrentCall
     """Records that count, one per food of a meal, in the order of capture: a searchset, page by page."""
     names = names_of(request)
     query = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
-    page = search_intakes(state.database, caller, query.search, cursor=query.cursor, limit=query.count)
+    page = search_intakes(
+        state.database, caller, query.search, cursor=query.cursor, limit=query.count
+    )
     return FhirJson(search_bundle(names, query, page))
 
 
-@router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
-def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, caller: CurrentCaller) -> Response:
+@router.get(
+    "/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503)
+)
+def get_nutrition_intake(
+    request: Request, intake_id: LogicalId, state: State, caller: CurrentCaller
+) -> Response:
     """One record."""
     try:
         item_id = uuid.UUID(intake_id)
@@ -89,7 +108,8 @@ def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, c
         raise NotFoundError("There is no such NutritionIntake.") from None
     intake = read_intake(state.database, caller, item_id)
     return FhirJson(
-        Intakes(names_of(request)).resource(intake), headers={"ETag": f'W/"{intake.row.record.change_seq}"'}
+        Intakes(names_of(request)).resource(intake),
+        headers={"ETag": f'W/"{intake.row.record.change_seq}"'},
     )
 
 
@@ -97,14 +117,23 @@ def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, c
 def get_patient(
     request: Request,
     logical_id: Annotated[
-        str, Path(alias="patient_id", max_length=200, description="The Patient's logical id, as resources refer to it.")
+        str,
+        Path(
+            alias="patient_id",
+            max_length=200,
+            description="The Patient's logical id, as resources refer to it.",
+        ),
     ],
     state: State,
     caller: CurrentCaller,
 ) -> Response:
     """A participant: a code in a study."""
     name = person_of_id(logical_id)
-    if name is None or name.study_code is None or patient_id(name.study_code, name.code) != logical_id:
+    if (
+        name is None
+        or name.study_code is None
+        or patient_id(name.study_code, name.code) != logical_id
+    ):
         raise NotFoundError("There is no such Patient.")
     participant, study_code = read_person(state.database, caller, name)
     return FhirJson(patient(names_of(request), participant, study_code))

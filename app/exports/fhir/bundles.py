@@ -38,7 +38,13 @@ def _ignored(names: Names, parameters: tuple[str, ...]) -> Resource:
     return {
         "resourceType": "OperationOutcome",
         "issue": [
-            outcome_issue("warning", "not-supported", "search_parameter_unsupported", system, text.format(name))
+            outcome_issue(
+                "warning",
+                "not-supported",
+                "search_parameter_unsupported",
+                system,
+                text.format(name),
+            )
             for name in parameters
         ],
     }

@@ -16,7 +16,11 @@ PERSON = (
 SEARCH_PARAMETERS = (
     ("_id", "token", "Ids of NutritionIntakes, separated by commas."),
     ("identifier", "token", "The same as _id, with or without the system."),
-    ("subject", "reference", f"{PERSON} With :identifier, by the system and code of subject.identifier."),
+    (
+        "subject",
+        "reference",
+        f"{PERSON} With :identifier, by the system and code of subject.identifier.",
+    ),
     ("patient", "reference", "The same as subject."),
     (
         "date",
@@ -26,7 +30,11 @@ SEARCH_PARAMETERS = (
             "day is of the participant's own calendar (with the study's start of the day); a time must have an offset."
         ),
     ),
-    ("status", "token", "completed, or in-progress: an after-meal pair may still show what was left."),
+    (
+        "status",
+        "token",
+        "completed, or in-progress: an after-meal pair may still show what was left.",
+    ),
 )
 
 
@@ -80,7 +88,10 @@ def capability_statement(names: Names) -> Resource:
         "date": DEFINED,
         "kind": "instance",
         "software": {"name": "tada-server", "version": __version__},
-        "implementation": {"description": "Records of image-based dietary assessment, read only", "url": names.base},
+        "implementation": {
+            "description": "Records of image-based dietary assessment, read only",
+            "url": names.base,
+        },
         "fhirVersion": FHIR_VERSION,
         "format": ["json"],
         "rest": [

@@ -51,7 +51,12 @@ def search_intakes(
             studies = None if in_search is None else frozenset(in_search)
         chosen = replace(search.chosen, study_ids=studies, participant_ids=participants)
         rows = fhir_intakes.page_of_intakes(session, chosen, after=after, limit=limit + 1)
-    return page_of(listed, rows, limit, lambda intake: (intake.row.record.captured_at, intake.row.record.item_id))
+    return page_of(
+        listed,
+        rows,
+        limit,
+        lambda intake: (intake.row.record.captured_at, intake.row.record.item_id),
+    )
 
 
 def read_intake(database: Database, caller: Caller, item_id: uuid.UUID) -> IntakeRow:
@@ -85,13 +90,18 @@ def _participants(
     session: Session, caller: Caller, search: IntakeSearch, studies: frozenset[uuid.UUID] | None
 ) -> frozenset[uuid.UUID] | None:
     """Return the participants in all groups of the search, for a phone only its own; None: no restriction."""
-    groups = [{id_ for name in group for id_ in _participant_ids(session, name, studies)} for group in search.people]
+    groups = [
+        {id_ for name in group for id_ in _participant_ids(session, name, studies)}
+        for group in search.people
+    ]
     if isinstance(caller, DeviceCaller):
         groups.append({caller.participant_id})
     return frozenset(set.intersection(*groups)) if groups else None
 
 
-def _participant_ids(session: Session, name: PersonName, studies: frozenset[uuid.UUID] | None) -> set[uuid.UUID]:
+def _participant_ids(
+    session: Session, name: PersonName, studies: frozenset[uuid.UUID] | None
+) -> set[uuid.UUID]:
     """Return the id of the participant of this name in the visible studies, or an empty set."""
     if name.study_code is not None:
         study = people.find_study(session, name.study_code)

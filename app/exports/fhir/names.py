@@ -16,14 +16,18 @@ from app.exports.fhir.fhir_intakes import PersonName
 
 PATIENT_ID = re.compile(r"[A-Za-z0-9\-.]{1,64}")  # the datatype `id`
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
-OF_STUDY = re.compile(r"(?:(?P<study>[A-Za-z0-9][A-Za-z0-9_-]{0,63})\.)?(?P<code>[A-Za-z0-9][A-Za-z0-9_-]{0,63})")
+OF_STUDY = re.compile(
+    r"(?:(?P<study>[A-Za-z0-9][A-Za-z0-9_-]{0,63})\.)?(?P<code>[A-Za-z0-9][A-Za-z0-9_-]{0,63})"
+)
 
 UCUM = "http://unitsofmeasure.org"
 ABSENT = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
 ABSENT_CODES = "http://terminology.hl7.org/CodeSystem/data-absent-reason"
 EVENT_STATUS = "http://hl7.org/fhir/event-status"
 TIME_ZONE = "http://hl7.org/fhir/StructureDefinition/timezone"
-FOOD_DATA_CENTRAL = "https://fdc.nal.usda.gov/"  # as in the standard's own examples of NutritionProduct
+FOOD_DATA_CENTRAL = (
+    "https://fdc.nal.usda.gov/"  # as in the standard's own examples of NutritionProduct
+)
 
 Resource = dict[str, JsonValue]
 
@@ -75,7 +79,13 @@ def person_of_token(names: Names, token: str) -> PersonName | None:
     if CODE.fullmatch(code) is None:
         return None
     if not system:
-        return None if bar else PersonName(None, code)  # "|code" is an identifier without a system: there is none
+        return (
+            None if bar else PersonName(None, code)
+        )  # "|code" is an identifier without a system: there is none
     head, _, tail = names.participants("|").partition("|")
-    study = system[len(head) : -len(tail)] if system.startswith(head) and system.endswith(tail) else system
+    study = (
+        system[len(head) : -len(tail)]
+        if system.startswith(head) and system.endswith(tail)
+        else system
+    )
     return PersonName(study, code) if CODE.fullmatch(study) else None

@@ -16,7 +16,14 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
-from app.records.page_queries import MOST_BRANCHES, Key, RecordSearch, all_studies, participants_of, within_days
+from app.records.page_queries import (
+    MOST_BRANCHES,
+    Key,
+    RecordSearch,
+    all_studies,
+    participants_of,
+    within_days,
+)
 from app.records.queries import RecordRow, rows_of_page, rows_of_records
 
 COUNTED = tuple(status for status in RECORD_STATUSES if status != "rejected")
@@ -68,7 +75,9 @@ class IntakeRow(NamedTuple):
     food: IntakeFood | None
 
 
-def page_of_intakes(session: Session, chosen: IntakeFilter, *, after: Key | None, limit: int) -> list[IntakeRow]:
+def page_of_intakes(
+    session: Session, chosen: IntakeFilter, *, after: Key | None, limit: int
+) -> list[IntakeRow]:
     """Return at most `limit` records after `after`, in the order of (captured_at, item id)."""
     page = _keys(session, chosen, after, limit)
     if page is None:
@@ -82,7 +91,9 @@ def find_intake(session: Session, item_id: uuid.UUID) -> IntakeRow | None:
     return next(iter(_with_foods(session, rows)), None)
 
 
-def participants_by_code(session: Session, code: str, studies: Collection[uuid.UUID] | None) -> list[uuid.UUID]:
+def participants_by_code(
+    session: Session, code: str, studies: Collection[uuid.UUID] | None
+) -> list[uuid.UUID]:
     """Return the ids of the participants of this code in these studies (None: in all)."""
     return participants_of(session, code, None, None if studies is None else sorted(studies)) or []
 
@@ -106,14 +117,21 @@ def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int)
     if not all(values for _, values in id_filters):
         return None
     if id_filters and id_filters[0][0] is not record.study_id:
-        (key, values), *others = id_filters  # the most selective; the others are compared row by row
-        rest += [record.status.in_(COUNTED), *(column.in_(sorted(allowed)) for column, allowed in others)]
-        return RecordSearch((key,), [(value,) for value in sorted(values)], tuple(rest), is_on_sqlite).page(
-            after, limit
+        (key, values), *others = (
+            id_filters  # the most selective; the others are compared row by row
         )
+        rest += [
+            record.status.in_(COUNTED),
+            *(column.in_(sorted(allowed)) for column, allowed in others),
+        ]
+        return RecordSearch(
+            (key,), [(value,) for value in sorted(values)], tuple(rest), is_on_sqlite
+        ).page(after, limit)
     if chosen.provisional:
         return _few_keys(session, chosen, rest, after, limit)
-    rest.append(record.status.in_(COUNTED))  # nearly all are: skipping the others costs less than branches
+    rest.append(
+        record.status.in_(COUNTED)
+    )  # nearly all are: skipping the others costs less than branches
     if chosen.study_ids is None:
         return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
     studies = sorted(chosen.study_ids)
@@ -148,7 +166,9 @@ def _few_keys(
         .where(record.status.in_(COUNTED), *conditions)
     )
     if after is not None:
-        behind = sa.tuple_(sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type))
+        behind = sa.tuple_(
+            sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type)
+        )
         query = query.where(sa.tuple_(record.captured_at, record.item_id) > behind)
     return query.order_by(record.captured_at, record.item_id).limit(limit).cte("page")
 
@@ -170,19 +190,33 @@ def _with_foods(session: Session, rows: Sequence[RecordRow]) -> list[IntakeRow]:
     query = query.join(FoodRelease, FoodRelease.id == Food.release_id).where(Food.id.in_(ids))
     foods = {
         food.id: IntakeFood(
-            food.key, food.name, food.version, food.source_ids, release, tuple(contents.get(food.id, ()))
+            food.key,
+            food.name,
+            food.version,
+            food.source_ids,
+            release,
+            tuple(contents.get(food.id, ())),
         )
         for food, release in session.execute(query)
     }
-    return [IntakeRow(row, foods[row.record.food_id] if row.record.food_id is not None else None) for row in rows]
+    return [
+        IntakeRow(row, foods[row.record.food_id] if row.record.food_id is not None else None)
+        for row in rows
+    ]
 
 
-def _contents(session: Session, food_ids: Collection[int]) -> dict[int, list[tuple[FoodComponent, float]]]:
+def _contents(
+    session: Session, food_ids: Collection[int]
+) -> dict[int, list[tuple[FoodComponent, float]]]:
     """Return food -> components with the content of 100 g. Plain values, since a page's foods have thousands."""
     if not food_ids:
         return {}
-    rows = session.execute(sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname))
-    components = {row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in rows}
+    rows = session.execute(
+        sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname)
+    )
+    components = {
+        row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in rows
+    }
     query = (
         sa.select(FoodNutrient.food_id, FoodNutrient.component_id, FoodNutrient.per_100_g)
         .where(FoodNutrient.food_id.in_(food_ids))

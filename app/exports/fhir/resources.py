@@ -34,7 +34,8 @@ INTERVAL, RECORD_STATUS, REVIEWED = (
     f"StructureDefinition/{name}" for name in ("interval-90", "record-status", "reviewed")
 )
 NOT_NEGATIVE_FOOD = (
-    "More was left than was served, within the error of both; it is not set to 0, which would bias means."
+    "More was left than was served, within the error of both; "
+    "it is not set to 0, which would bias means."
 )
 
 
@@ -91,7 +92,9 @@ class Intakes:
     def _reported(self, row: RecordRow) -> Resource:
         """Return the source: the participant for declared items; whether a person added it for the others."""
         if row.record.origin == "declared":
-            return {"reportedReference": subject_of(self._names, row.study_code, row.participant_code)}
+            return {
+                "reportedReference": subject_of(self._names, row.study_code, row.participant_code)
+            }
         return {"reportedBoolean": row.record.origin == "added"}
 
     def _food(self, food: IntakeFood | None) -> Resource:
@@ -101,7 +104,12 @@ class Intakes:
         name, release = _text(food.name), _text(food.release)
         version = release if food.version == 1 else f"{release}, version {food.version}"
         codings: list[JsonValue] = [
-            {"system": self._names.system("foods"), "version": version, "code": _text(food.key), "display": name}
+            {
+                "system": self._names.system("foods"),
+                "version": version,
+                "code": _text(food.key),
+                "display": name,
+            }
         ]
         if food.source_ids.get("fdc_id"):
             codings.append({"system": FOOD_DATA_CENTRAL, "code": _text(food.source_ids["fdc_id"])})
@@ -118,7 +126,9 @@ class Intakes:
         amount = quantity(record.consumed_g, "g")
         if record.consumed_low_g is not None and record.consumed_high_g is not None:
             low, high = quantity(record.consumed_low_g, "g"), quantity(record.consumed_high_g, "g")
-            amount["extension"] = [{"url": self._names.url(INTERVAL), "valueRange": {"low": low, "high": high}}]
+            amount["extension"] = [
+                {"url": self._names.url(INTERVAL), "valueRange": {"low": low, "high": high}}
+            ]
         return amount
 
     def _labels(self, record: EffectiveRecord, food: IntakeFood | None) -> Iterator[Resource]:
@@ -133,9 +143,15 @@ class Intakes:
             value = getattr(record, column)
             if value is not None:
                 number = next((number for number in numbers if number in amounts), numbers[0])
-                amounts[number] = (amounts[number][0] if number in amounts else COMPONENT_BY_NUMBER[number], value)
+                amounts[number] = (
+                    amounts[number][0] if number in amounts else COMPONENT_BY_NUMBER[number],
+                    value,
+                )
         for component, amount in amounts.values():
-            yield {"nutrient": self._nutrient(component), "amount": quantity(amount, component.unit)}
+            yield {
+                "nutrient": self._nutrient(component),
+                "amount": quantity(amount, component.unit),
+            }
 
     def _nutrient(self, component: FoodComponent | Component) -> Resource:
         number, tagname, name = component.number, component.tagname, component.name
@@ -143,7 +159,9 @@ class Intakes:
             codings: list[JsonValue] = []
             if tagname is not None:
                 codings.append({"system": self._names.system("infoods-tagnames"), "code": tagname})
-            if number.isdecimal():  # USDA's; a component without such a number is identified by its tagname
+            if (
+                number.isdecimal()
+            ):  # USDA's; a component without such a number is identified by its tagname
                 codings.append({"system": self._names.system("usda-nutrients"), "code": number})
             concept: Resource = {"coding": codings} if codings else {}
             self._nutrients[number] = {"concept": concept | {"text": name}}
@@ -164,7 +182,10 @@ def subject_of(names: Names, study_code: str, participant_code: str) -> Resource
     """Return a reference to a participant."""
     logical_id = patient_id(study_code, participant_code)
     reference: Resource = {"reference": f"Patient/{logical_id}"} if logical_id is not None else {}
-    return reference | {"type": "Patient", "identifier": _identifier(names, study_code, participant_code)}
+    return reference | {
+        "type": "Patient",
+        "identifier": _identifier(names, study_code, participant_code),
+    }
 
 
 def status_of(record: EffectiveRecord) -> str:

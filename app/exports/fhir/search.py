@@ -46,7 +46,9 @@ class _Reading:
     cursor: str | None = None
 
 
-def read_search(parameters: Iterable[tuple[str, str]], names: Names, *, is_strict: bool) -> SearchQuery:
+def read_search(
+    parameters: Iterable[tuple[str, str]], names: Names, *, is_strict: bool
+) -> SearchQuery:
     """Read the query.
 
     Raises MalformedRequestError: `search_parameter_invalid`, and if is_strict `search_parameter_unsupported`.
@@ -69,7 +71,9 @@ def read_search(parameters: Iterable[tuple[str, str]], names: Names, *, is_stric
             code="search_parameter_unsupported",
             parameters=list(dict.fromkeys(ignored)),
         )
-    return SearchQuery(_search(reading), reading.count, reading.cursor, tuple(used), tuple(dict.fromkeys(ignored)))
+    return SearchQuery(
+        _search(reading), reading.count, reading.cursor, tuple(used), tuple(dict.fromkeys(ignored))
+    )
 
 
 def _is_supported(name: str, value: str) -> bool:
@@ -105,7 +109,9 @@ def _read_person(reading: _Reading, name: str, value: str) -> None:
 
 
 def _read_person_token(reading: _Reading, name: str, value: str) -> None:
-    reading.people.append(tuple(person_of_token(reading.names, text) or NOBODY for text in _values(name, value)))
+    reading.people.append(
+        tuple(person_of_token(reading.names, text) or NOBODY for text in _values(name, value))
+    )
 
 
 def _read_date(reading: _Reading, name: str, value: str) -> None:
@@ -123,7 +129,9 @@ def _read_status(reading: _Reading, name: str, value: str) -> None:
 
 
 def _read_ids(reading: _Reading, name: str, value: str) -> None:
-    item_ids = frozenset(item_id for text in _values(name, value) if (item_id := _id(text)) is not None)
+    item_ids = frozenset(
+        item_id for text in _values(name, value) if (item_id := _id(text)) is not None
+    )
     if reading.chosen.item_ids is not None:
         item_ids &= reading.chosen.item_ids
     reading.chosen = replace(reading.chosen, item_ids=item_ids)
@@ -160,7 +168,9 @@ def _id(text: str) -> uuid.UUID | None:
 def _values(name: str, value: str) -> Sequence[str]:
     values = value.split(",")
     if len(values) > MOST_VALUES or not all(values):
-        raise _invalid(name, f"takes up to {MOST_VALUES} values, separated by commas, none of them empty")
+        raise _invalid(
+            name, f"takes up to {MOST_VALUES} values, separated by commas, none of them empty"
+        )
     return values
 
 

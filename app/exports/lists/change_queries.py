@@ -41,7 +41,9 @@ class Change:
     row: RecordRow | ChangedDay | Tombstone
 
 
-def page_of_changes(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
+def page_of_changes(
+    session: Session, study_id: uuid.UUID, after: Place, limit: int
+) -> list[Change]:
     """Return at most `limit` changes after a place. A row that changes again moves to its new place."""
     changes = [
         *_records(session, study_id, after, limit),
@@ -59,7 +61,9 @@ def _records(session: Session, study_id: uuid.UUID, after: Place, limit: int) ->
     where = _after(after, "record", record.change_seq, record.item_id, key)
     order = (record.change_seq, record.item_id)
     rows = rows_of_records(session, (record.study_id == study_id, where), order, limit)
-    return [Change(Place(row.record.change_seq, "record", row.record.item_id.hex), row) for row in rows]
+    return [
+        Change(Place(row.record.change_seq, "record", row.record.item_id.hex), row) for row in rows
+    ]
 
 
 def _days(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
@@ -67,12 +71,16 @@ def _days(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> li
     query = (
         sa.select(DiaryDay, Participant.code)
         .join(Participant, Participant.id == DiaryDay.participant_id)
-        .where(DiaryDay.study_id == study_id, _after(after, "day", DiaryDay.change_seq, DiaryDay.id, key))
+        .where(
+            DiaryDay.study_id == study_id,
+            _after(after, "day", DiaryDay.change_seq, DiaryDay.id, key),
+        )
         .order_by(DiaryDay.change_seq, DiaryDay.id)
         .limit(limit)
     )
     return [
-        Change(Place(day.change_seq, "day", day.id.hex), ChangedDay(day, code)) for day, code in session.execute(query)
+        Change(Place(day.change_seq, "day", day.id.hex), ChangedDay(day, code))
+        for day, code in session.execute(query)
     ]
 
 
@@ -88,7 +96,10 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
         .order_by(Tombstone.change_seq, Tombstone.digest)
         .limit(limit)
     )
-    return [Change(Place(row.change_seq or 0, "erased", row.digest), row) for row in session.scalars(query)]
+    return [
+        Change(Place(row.change_seq or 0, "erased", row.digest), row)
+        for row in session.scalars(query)
+    ]
 
 
 def _after(
@@ -100,4 +111,6 @@ def _after(
     if key is None:
         return sa.and_(change_seq > after.change_seq)
     change = sa.bindparam(None, after.change_seq, type_=sa.BigInteger())
-    return sa.tuple_(change_seq, column) > sa.tuple_(change, sa.bindparam(None, key, type_=column.type))
+    return sa.tuple_(change_seq, column) > sa.tuple_(
+        change, sa.bindparam(None, key, type_=column.type)
+    )

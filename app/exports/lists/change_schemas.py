@@ -17,7 +17,9 @@ class ChangedDayOut(BaseModel):
     id: uuid.UUID = Field(description="The day's id; a row that changes again has the same id.")
     participant: str = Field(description=PARTICIPANT)
     local_date: date = Field(description="The participant's local day.")
-    status: DayStatus = Field(description="closed: everything eaten on the day is recorded. open: not yet.")
+    status: DayStatus = Field(
+        description="closed: everything eaten on the day is recorded. open: not yet."
+    )
     ate_nothing: bool = Field(
         description="As stated: nothing was eaten. A meal on that day overrides it (GET /v1/days)."
     )
@@ -27,7 +29,9 @@ class ChangedDayOut(BaseModel):
 class ErasedOut(BaseModel):
     """A record or a day that was erased for good: delete your copy with this digest."""
 
-    kind: Literal["record", "day"] = Field(description="What was erased: a record of an item, or a participant's day.")
+    kind: Literal["record", "day"] = Field(
+        description="What was erased: a record of an item, or a participant's day."
+    )
     id_sha256: str = Field(description="SHA-256, hex, of its id as text (lower case, with dashes).")
     change_seq: int = Field(description=CHANGE_SEQ)
 
@@ -35,8 +39,14 @@ class ErasedOut(BaseModel):
 class ChangePage(BaseModel):
     """Changes in their order. Store rows by `id`: a row that changes again is sent again. Continue with `next`."""
 
-    records: list[RecordOfItem] = Field(description="New and changed records, in their current state.")
+    records: list[RecordOfItem] = Field(
+        description="New and changed records, in their current state."
+    )
     days: list[ChangedDayOut] = Field(description="New and changed days, in their current state.")
-    erased: list[ErasedOut] = Field(description="Records and days that were erased: delete your copies.")
-    next: str = Field(description="Path and query of the changes after these; empty pages until something changes.")
+    erased: list[ErasedOut] = Field(
+        description="Records and days that were erased: delete your copies."
+    )
+    next: str = Field(
+        description="Path and query of the changes after these; empty pages until something changes."
+    )
     has_more: bool = Field(description="Whether there are more changes now.")

@@ -18,7 +18,9 @@ from app.records.schemas import RecordOfItem
 router = APIRouter(prefix="/v1/studies", tags=["records"])
 
 
-@router.get("/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422))
+@router.get(
+    "/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422)
+)
 def get_study_changes(
     study: StudyCode,
     request: Request,
@@ -56,4 +58,6 @@ def _changed_day(row: ChangedDay) -> ChangedDayOut:
 
 
 def _erased(row: Tombstone) -> ErasedOut:
-    return ErasedOut.model_validate({"kind": row.kind, "id_sha256": row.digest, "change_seq": row.change_seq})
+    return ErasedOut.model_validate(
+        {"kind": row.kind, "id_sha256": row.digest, "change_seq": row.change_seq}
+    )

@@ -16,7 +16,15 @@ from app.diary.schemas import (
     IntakeOut,
     IntakePage,
 )
-from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
+from app.exports.export_files import (
+    FILES,
+    ComponentsIn,
+    DayFilterIn,
+    Format,
+    LayoutIn,
+    answer_file,
+    file_spec,
+)
 from app.exports.known_filters import require_known
 from app.exports.lists.day_values import day_values
 from app.http.conditions import IfMatch, expected_versions
@@ -35,7 +43,9 @@ Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
 
 
 @router.get("/me/days", responses=problem_responses(401, 403, 422))
-def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None) -> DayList:
+def get_my_days(
+    state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None
+) -> DayList:
     """The participant's days that have a meal or a diary entry; without a range, the last month; a year at most."""
     days = diary.list_days(state.database, device, first_day=first_day, last_day=last_day)
     return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
@@ -43,14 +53,24 @@ def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None,
 
 @router.put("/me/days/{day}", responses=problem_responses(401, 403, 409, 410, 412, 422, 428))
 def put_my_day(
-    day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
+    day: Day,
+    body: DayIn,
+    state: State,
+    device: CurrentDevice,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> DayOut:
     """Close a day, enter that nothing was eaten, or reopen it. `If-Match` names its version, "0" the first time."""
-    row = diary.set_day(state.database, device, day, day_event_kind(body), expected=expected_versions(if_match))
+    row = diary.set_day(
+        state.database, device, day, day_event_kind(body), expected=expected_versions(if_match)
+    )
     return _tagged(row, response)
 
 
-@router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(401, 403, 404, 422))
+@router.get(
+    "/studies/{study}/participants/{participant}/days",
+    responses=problem_responses(401, 403, 404, 422),
+)
 def get_days_of_participant(
     study: StudyCode,
     participant: ParticipantCode,
@@ -62,7 +82,11 @@ def get_days_of_participant(
     """A participant's days, as their phone lists them."""
     participant_ref = ParticipantRef(study, participant)
     days = diary.list_days(
-        state.database, staff, first_day=first_day, last_day=last_day, participant_ref=participant_ref
+        state.database,
+        staff,
+        first_day=first_day,
+        last_day=last_day,
+        participant_ref=participant_ref,
     )
     return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
@@ -117,9 +141,12 @@ def get_days(
     spec = file_spec(request, "days", chosen, output, layout, components)
     if spec is not None:
         return answer_file(state, caller, spec)
-    page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
+    page = day_summaries.list_day_summaries(
+        state.database, caller, chosen, cursor=cursor, limit=limit
+    )
     body = DaySummaryPage(
-        items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
+        items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows],
+        next=next_page(request, page.cursor),
     )
     return ModelResponse(body)
 
@@ -138,7 +165,13 @@ def get_intakes(
     """Each participant's mean daily intake over closed days; open days are left out and counted."""
     require_order(first_day, last_day)
     page = day_summaries.list_intakes(
-        state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
+        state.database,
+        staff,
+        study,
+        first_day=first_day,
+        last_day=last_day,
+        cursor=cursor,
+        limit=limit,
     )
     return IntakePage(
         items=[IntakeOut.model_validate(row, from_attributes=True) for row in page.rows],

@@ -26,7 +26,9 @@ class ChangePage:
     has_more: bool
 
 
-def list_changes(database: Database, study_code: str, *, cursor: str | None, limit: int) -> ChangePage:
+def list_changes(
+    database: Database, study_code: str, *, cursor: str | None, limit: int
+) -> ChangePage:
     """Return the changes after the cursor, or all. Raises NotFoundError, InvalidInputError for a broken cursor."""
     listed = f"changes of {study_code}"
     after = _place(decode_cursor(listed, cursor, WHOLE_NUMBER, TEXT, TEXT))
@@ -37,7 +39,9 @@ def list_changes(database: Database, study_code: str, *, cursor: str | None, lim
         rows = changes.page_of_changes(session, study.id, after, limit + 1)
     page = rows[:limit]
     last = page[-1].place if page else after
-    return ChangePage(page, encode_cursor(listed, last.change_seq, last.kind, last.key), len(rows) > limit)
+    return ChangePage(
+        page, encode_cursor(listed, last.change_seq, last.kind, last.key), len(rows) > limit
+    )
 
 
 def _place(key: tuple[int, str, str] | None) -> Place:

@@ -55,14 +55,22 @@ class StatusCount:
 
 
 def list_meals(
-    database: Database, caller: Caller, chosen: RowFilter, *, order: Order, cursor: str | None, limit: int
+    database: Database,
+    caller: Caller,
+    chosen: RowFilter,
+    *,
+    order: Order,
+    cursor: str | None,
+    limit: int,
 ) -> Page[MealRow]:
     """Return a page. Raises InvalidInputError for a cursor that is broken or of other filters."""
     chosen = visible_rows(caller, chosen)
     listed = list_name(f"meals {order}", chosen)
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
-        rows = meal_rows.page_of_meals(session, chosen, after=after, limit=limit + 1, is_newest_first=order == "newest")
+        rows = meal_rows.page_of_meals(
+            session, chosen, after=after, limit=limit + 1, is_newest_first=order == "newest"
+        )
     return page_of(listed, rows, limit, lambda row: (row.meal.captured_at, row.meal.id))
 
 
@@ -88,7 +96,9 @@ def sums_of(row: MealRow) -> MealSums:
     )
 
 
-def list_doubtful_meals(database: Database, caller: Caller, chosen: RowFilter, limit: int) -> list[MealRow]:
+def list_doubtful_meals(
+    database: Database, caller: Caller, chosen: RowFilter, limit: int
+) -> list[MealRow]:
     """Return the most doubtful of the newest 1,000 meals of these filters, the most doubtful first."""
     with database.read() as session:
         return meal_rows.most_doubtful(session, visible_rows(caller, chosen), MOST_SORTED, limit)
@@ -103,7 +113,8 @@ def count_meals(database: Database, study_id: uuid.UUID) -> tuple[list[StatusCou
         counts = meal_rows.count_by_status(session, study_id, MOST_COUNTED + 1)
         to_look_at = count_meals_to_look_at(session, study_id)
     by_status = [
-        StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED) for status, count in counts.items()
+        StatusCount(status, min(count, MOST_COUNTED), count > MOST_COUNTED)
+        for status, count in counts.items()
     ]
     return by_status, to_look_at
 
@@ -114,7 +125,9 @@ def count_photographed(database: Database, study_id: uuid.UUID) -> PhotographedM
         return meal_rows.count_photographed(session, study_id)
 
 
-def changed_meals(database: Database, study_id: uuid.UUID, versions: Sequence[tuple[uuid.UUID, int]]) -> list[MealRow]:
+def changed_meals(
+    database: Database, study_id: uuid.UUID, versions: Sequence[tuple[uuid.UUID, int]]
+) -> list[MealRow]:
     """Return the meals whose version differs from these (client id, version), without erased ones."""
     with database.read() as session:
         return meal_rows.rows_of(session, meal_rows.changed_meals(session, study_id, versions))

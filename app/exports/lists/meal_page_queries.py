@@ -34,7 +34,9 @@ from app.records.streams import MealSearch, Stream
 
 MOST_BY_ARRAYS = 2000  # branches of a statement on PostgreSQL, which plans them as one
 MOST_LISTS = 2000  # different lists of flags in a study
-MOST_STUDIES_FLAGGED = 64  # studies whose lists of flags are read; for more, meals are read in their order
+MOST_STUDIES_FLAGGED = (
+    64  # studies whose lists of flags are read; for more, meals are read in their order
+)
 SAMPLED = 1000  # meals of each filter that are sampled to find the rarest filter
 
 Span = tuple[datetime | None, datetime | None]  # both included; None: no bound
@@ -76,9 +78,13 @@ def search_of(
     read_filter, span = _all_of(searched, is_on_sqlite=is_on_sqlite), ALWAYS
     if people is not None:
         # a participant has some thousand meals: the other filters are checked for each
-        read_filter = _Filter(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
+        read_filter = _Filter(
+            Stream(Meal, (Meal.participant_id,), [(person,) for person in people])
+        )
     elif any(each.stream is not None for each in filters):
-        planner = _Planner(session, chosen, after, is_newest_first=is_newest_first, is_on_sqlite=is_on_sqlite)
+        planner = _Planner(
+            session, chosen, after, is_newest_first=is_newest_first, is_on_sqlite=is_on_sqlite
+        )
         common = planner.common_span(filters)
         if common is None:
             return None
@@ -88,10 +94,17 @@ def search_of(
         stream, of_others = Stream(Meal, (), [()], is_small=True), of_studies
     else:
         of_others = of_studies if read_filter.is_of_questions else ()
-    rest = (*of_others, *_conditions(stream.model, [each for each in filters if each is not read_filter]))
+    rest = (
+        *of_others,
+        *_conditions(stream.model, [each for each in filters if each is not read_filter]),
+    )
     return MealSearch(
         stream,
-        (*within_days(chosen.first_day, chosen.last_day, stream.model), *_within(stream.model, span), *rest),
+        (
+            *within_days(chosen.first_day, chosen.last_day, stream.model),
+            *_within(stream.model, span),
+            *rest,
+        ),
         is_on_sqlite,
     )
 
@@ -111,7 +124,9 @@ def pages_of_keys(
         after = keys[-1]
 
 
-def keys_of(session: Session, search: MealSearch, after: Key | None, limit: int, *, is_newest_first: bool) -> list[Key]:
+def keys_of(
+    session: Session, search: MealSearch, after: Key | None, limit: int, *, is_newest_first: bool
+) -> list[Key]:
     """Return the keys of a page, in its order."""
     page = search.page(after, limit, is_newest_first=is_newest_first)
     rows = session.execute(sa.select(page.c.captured_at, page.c.id))
@@ -135,13 +150,17 @@ def _filters(
         *values: Sequence[object],
         part: Conditions = (),
     ) -> Stream | None:
-        return _stream(model, keys, list(itertools.product(*values)), part, is_on_sqlite=is_on_sqlite)
+        return _stream(
+            model, keys, list(itertools.product(*values)), part, is_on_sqlite=is_on_sqlite
+        )
 
     if chosen.statuses or chosen.origin is not None:
         statuses = sorted(set(chosen.statuses)) or MEAL_STATUSES
         origins = (chosen.origin,) if chosen.origin is not None else MEAL_ORIGINS
         keys = (Meal.study_id, Meal.status, Meal.origin)
-        conditions = [conditions_of.one_of_words(Meal.origin, origins)] if chosen.origin is not None else []
+        conditions = (
+            [conditions_of.one_of_words(Meal.origin, origins)] if chosen.origin is not None else []
+        )
         conditions += [conditions_of.one_of_words(Meal.status, statuses)] if chosen.statuses else []
         yield _Filter(stream(Meal, keys, studies, statuses, origins), of_meal=tuple(conditions))
     for column, values in (
@@ -149,26 +168,51 @@ def _filters(
         (Meal.after_status, sorted(set(chosen.after_statuses))),
     ):
         if values:
-            by_code = stream(Meal, (Meal.study_id, column), studies, values, part=(column.is_not(None),))
+            by_code = stream(
+                Meal, (Meal.study_id, column), studies, values, part=(column.is_not(None),)
+            )
             yield _Filter(by_code, of_meal=(conditions_of.one_of_words(column, values),))
     if foods is not None:
-        by_food = stream(record, (record.food_id, record.study_id), foods, studies, part=(conditions_of.holds(record),))
-        yield _Filter(by_food, of_record=lambda entity: conditions_of.one_of_numbers(entity.food_id, foods))
+        by_food = stream(
+            record,
+            (record.food_id, record.study_id),
+            foods,
+            studies,
+            part=(conditions_of.holds(record),),
+        )
+        yield _Filter(
+            by_food, of_record=lambda entity: conditions_of.one_of_numbers(entity.food_id, foods)
+        )
     if chosen.flags:
         yield _flagged(session, chosen, studies, is_on_sqlite=is_on_sqlite)
     if chosen.needs == "review":
-        to_review = stream(record, (record.study_id,), studies, part=conditions_of.needs_look(record))
-        yield _Filter(to_review, of_record=lambda entity: sa.and_(*conditions_of.needs_look(entity)))
+        to_review = stream(
+            record, (record.study_id,), studies, part=conditions_of.needs_look(record)
+        )
+        yield _Filter(
+            to_review, of_record=lambda entity: sa.and_(*conditions_of.needs_look(entity))
+        )
     if chosen.needs == "answer":
-        questions = Stream(Meal, (), [()], (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)), True)
+        questions = Stream(
+            Meal,
+            (),
+            [()],
+            (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)),
+            True,
+        )
         yield _Filter(questions, is_of_questions=True)
 
 
-def _flagged(session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Filter:
+def _flagged(
+    session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool
+) -> _Filter:
     """Return the filter of flags; its index is by whole lists of flags, of which those with one of the flags count."""
     record, flags = EffectiveRecord, sorted(set(chosen.flags))
     without_index = _Filter(
-        None, of_record=lambda entity: conditions_of.has_flag(entity.flags, flags, is_on_sqlite=is_on_sqlite)
+        None,
+        of_record=lambda entity: conditions_of.has_flag(
+            entity.flags, flags, is_on_sqlite=is_on_sqlite
+        ),
     )
     if len(studies) > MOST_STUDIES_FLAGGED:
         return without_index
@@ -177,9 +221,15 @@ def _flagged(session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], 
         lists = conditions_of.lists_of_flags(session, study, MOST_LISTS + 1)
         if len(lists) > MOST_LISTS:
             return without_index
-        branches += [(study, listed) for listed in lists if not conditions_of.flags_in(listed).isdisjoint(flags)]
+        branches += [
+            (study, listed)
+            for listed in lists
+            if not conditions_of.flags_in(listed).isdisjoint(flags)
+        ]
     part = (conditions_of.holds(record), conditions_of.has_flags(record))
-    stream = _stream(record, (record.study_id, record.flags), branches, part, is_on_sqlite=is_on_sqlite)
+    stream = _stream(
+        record, (record.study_id, record.flags), branches, part, is_on_sqlite=is_on_sqlite
+    )
     return replace(without_index, stream=stream)
 
 
@@ -197,7 +247,11 @@ def _stream(
 
 def _all_of(studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Filter:
     """Return the filter that only restricts the studies."""
-    return _Filter(_stream(Meal, (Meal.study_id,), [(study,) for study in studies], (), is_on_sqlite=is_on_sqlite))
+    return _Filter(
+        _stream(
+            Meal, (Meal.study_id,), [(study,) for study in studies], (), is_on_sqlite=is_on_sqlite
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +311,9 @@ def _within(model: type[Meal | EffectiveRecord], span: Span) -> Iterator[Conditi
         yield model.captured_at <= last
 
 
-def _conditions(model: type[Meal | EffectiveRecord], filters: Sequence[_Filter]) -> Iterator[Condition]:
+def _conditions(
+    model: type[Meal | EffectiveRecord], filters: Sequence[_Filter]
+) -> Iterator[Condition]:
     """Yield the conditions of filters on an entry of another filter's index."""
     meal_id = Meal.id if model is Meal else EffectiveRecord.meal_id
     of_meal = [condition for each in filters for condition in each.of_meal]

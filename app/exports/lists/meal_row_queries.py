@@ -61,7 +61,12 @@ class MealRow:
 
 
 def page_of_meals(
-    session: Session, chosen: RowFilter, *, after: Key | None, limit: int, is_newest_first: bool = True
+    session: Session,
+    chosen: RowFilter,
+    *,
+    after: Key | None,
+    limit: int,
+    is_newest_first: bool = True,
 ) -> list[MealRow]:
     """Return at most `limit` meals after `after`, by (captured_at, id)."""
     search = search_of(session, chosen, after=after, is_newest_first=is_newest_first)
@@ -97,7 +102,9 @@ def rows_of(session: Session, meal_ids: Sequence[uuid.UUID]) -> list[MealRow]:
         .where(Meal.id.in_(meal_ids))
         .options(defer(Meal.details, raiseload=True), defer(Meal.after_details, raiseload=True))
     )
-    meals = {meal.id: (meal, study, participant) for meal, study, participant in session.execute(query)}
+    meals = {
+        meal.id: (meal, study, participant) for meal, study, participant in session.execute(query)
+    }
     held = _held_records(session, meal_ids)
     left = _with_left_photograph(session, meal_ids)
     return [
@@ -111,8 +118,15 @@ def count_by_status(session: Session, study_id: uuid.UUID, most: int) -> dict[st
     """Return status -> number of the study's meals, counted up to `most`."""
     counts: dict[str, int] = {}
     for status in MEAL_STATUSES:
-        of_status = sa.select(Meal.id).where(Meal.study_id == study_id, Meal.status == status).limit(most).subquery()
-        counts[status] = session.execute(sa.select(sa.func.count()).select_from(of_status)).scalar_one()
+        of_status = (
+            sa.select(Meal.id)
+            .where(Meal.study_id == study_id, Meal.status == status)
+            .limit(most)
+            .subquery()
+        )
+        counts[status] = session.execute(
+            sa.select(sa.func.count()).select_from(of_status)
+        ).scalar_one()
     return counts
 
 
@@ -143,7 +157,9 @@ def changed_meals(
     )
     unchanged = set(versions)
     return sorted(
-        meal_id for meal_id, client_id, version in session.execute(query) if (client_id, version) not in unchanged
+        meal_id
+        for meal_id, client_id, version in session.execute(query)
+        if (client_id, version) not in unchanged
     )
 
 
@@ -159,7 +175,9 @@ def existing_meals(
     return {(code, client_id) for code, client_id in session.execute(query)}
 
 
-def _held_records(session: Session, meal_ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[HeldRecord]]:
+def _held_records(
+    session: Session, meal_ids: Sequence[uuid.UUID]
+) -> dict[uuid.UUID, list[HeldRecord]]:
     record = EffectiveRecord
     query = (
         sa.select(
@@ -181,5 +199,7 @@ def _held_records(session: Session, meal_ids: Sequence[uuid.UUID]) -> dict[uuid.
 
 def _with_left_photograph(session: Session, meal_ids: Sequence[uuid.UUID]) -> set[uuid.UUID]:
     image = MealImage
-    query = sa.select(image.meal_id).where(image.meal_id.in_(meal_ids), image.slot == "left", image.erased_at.is_(None))
+    query = sa.select(image.meal_id).where(
+        image.meal_id.in_(meal_ids), image.slot == "left", image.erased_at.is_(None)
+    )
     return set(session.scalars(query))

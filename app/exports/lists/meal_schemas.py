@@ -23,7 +23,9 @@ class MealLinks(BaseModel):
     """Paths, to be used unchanged."""
 
     meal: str = Field(description="Path of the meal.")
-    photograph_left: str | None = Field(description="Path of the left photograph; null: not arrived, or erased.")
+    photograph_left: str | None = Field(
+        description="Path of the left photograph; null: not arrived, or erased."
+    )
 
 
 class MealListItem(BaseModel):
@@ -35,7 +37,9 @@ class MealListItem(BaseModel):
     status: MealStatus = Field(
         description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
     )
-    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between attempts.")
+    stage: str | None = Field(
+        description="The pipeline's step while processing; `waits_for_room` between attempts."
+    )
     failure_code: str | None = Field(
         description="Why it could not be measured (docs/errors.md); null: it has not failed."
     )
@@ -43,18 +47,32 @@ class MealListItem(BaseModel):
     time_zone: str = Field(description=TIME_ZONE)
     local_date: date = Field(description=LOCAL_DATE)
     received_at: datetime = Field(description=RECEIVED_AT)
-    upload_delay_seconds: float = Field(description="From eating to the arrival of the meal's first part.")
+    upload_delay_seconds: float = Field(
+        description="From eating to the arrival of the meal's first part."
+    )
     origin: MealOrigin = Field(description="photographed or declared")
-    after_status: AfterStatus | None = Field(description="Status of its after-meal pair; null: nothing has arrived.")
+    after_status: AfterStatus | None = Field(
+        description="Status of its after-meal pair; null: nothing has arrived."
+    )
     provisional: bool = Field(description="An after-meal pair may still come.")
     version: int = Field(description=MEAL_VERSION)
     item_count: int = Field(description="Items that count (not rejected).")
     foods: list[FoodRef] = Field(description="Known foods in the order of the items, each once.")
-    consumed_g: float | None = Field(description="Of the items whose grams are known, signed; null: of none.")
-    energy_kcal: float | None = Field(description="Of the items whose energy is known; null: of none.")
-    unmeasured_items: int = Field(description="Items whose grams are not known; above 0, the sums are incomplete.")
-    items_without_energy: int = Field(description="Items whose energy is not known, those without grams included.")
-    doubt: float | None = Field(description="The greatest of its items, 0 to 1, as the review queue orders them.")
+    consumed_g: float | None = Field(
+        description="Of the items whose grams are known, signed; null: of none."
+    )
+    energy_kcal: float | None = Field(
+        description="Of the items whose energy is known; null: of none."
+    )
+    unmeasured_items: int = Field(
+        description="Items whose grams are not known; above 0, the sums are incomplete."
+    )
+    items_without_energy: int = Field(
+        description="Items whose energy is not known, those without grams included."
+    )
+    doubt: float | None = Field(
+        description="The greatest of its items, 0 to 1, as the review queue orders them."
+    )
     flags: list[str] = Field(description="Flags of its items.")
     links: MealLinks = Field(description="Paths of the meal and its photograph.")
 

@@ -20,7 +20,13 @@ from app.exports.export_files import (
     meal_filter,
 )
 from app.exports.known_filters import require_known
-from app.exports.lists.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
+from app.exports.lists.list_meals import (
+    MOST_WATCHED,
+    changed_meals,
+    count_meals,
+    list_meals,
+    sums_of,
+)
 from app.exports.lists.meal_row_queries import MealRow
 from app.exports.lists.meal_schemas import (
     ChangedMeals,
@@ -42,7 +48,9 @@ from app.records.render import food_ref
 
 router = APIRouter(prefix="/v1", tags=["meals"])
 
-MealVersion = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
+MealVersion = Annotated[
+    str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")
+]
 
 
 @router.get(
@@ -58,7 +66,9 @@ def get_meals(
     state: State,
     caller: CurrentCaller,
     chosen: Annotated[RowFilter, Depends(meal_filter)],
-    order: Annotated[Literal["newest", "oldest"], Query(description="Which come first.")] = "newest",
+    order: Annotated[
+        Literal["newest", "oldest"], Query(description="Which come first.")
+    ] = "newest",
     limit: Limit = 100,
     cursor: Cursor = None,
     output: Format = None,
@@ -75,7 +85,10 @@ def get_meals(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
-    body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
+    body = MealPage(
+        items=[render_meal_row(row, caller) for row in page.rows],
+        next=next_page(request, page.cursor),
+    )
     return ModelResponse(body)
 
 
@@ -107,7 +120,11 @@ def render_meal_row(row: MealRow, caller: Caller) -> MealListItem:
     """Render a meal of a list. Links for staff name the participant, since a phone's id alone is not unique."""
     meal, sums = row.meal, sums_of(row)
     path = f"/v1/meals/{meal.client_id}"
-    query = "" if isinstance(caller, DeviceCaller) else f"?participant={quote(row.participant_code, safe='')}"
+    query = (
+        ""
+        if isinstance(caller, DeviceCaller)
+        else f"?participant={quote(row.participant_code, safe='')}"
+    )
     return MealListItem(
         id=meal.client_id,
         study=row.study_code,
@@ -132,7 +149,10 @@ def render_meal_row(row: MealRow, caller: Caller) -> MealListItem:
         items_without_energy=sums.without_energy,
         doubt=sums.doubt,
         flags=list(sums.flags),
-        links=MealLinks(meal=f"{path}{query}", photograph_left=f"{path}/images/left{query}" if row.has_left else None),
+        links=MealLinks(
+            meal=f"{path}{query}",
+            photograph_left=f"{path}/images/left{query}" if row.has_left else None,
+        ),
     )
 
 

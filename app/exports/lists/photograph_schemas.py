@@ -5,7 +5,15 @@ from datetime import date, datetime
 
 from pydantic import BaseModel, Field
 
-from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT, PHOTOGRAPH, STUDY
+from app.http.field_descriptions import (
+    CAPTURED_AT,
+    LOCAL_DATE,
+    MEAL_ID,
+    PAGE,
+    PARTICIPANT,
+    PHOTOGRAPH,
+    STUDY,
+)
 from app.photos.slots import ImageSlot
 
 
@@ -23,7 +31,9 @@ class PhotographOut(BaseModel):
     height_px: int = Field(description=PHOTOGRAPH["height_px"])
     bytes: int = Field(description="Length as stored.")
     received_sha256: str = Field(description="SHA-256 of the bytes that the phone sent.")
-    stored_sha256: str = Field(description="SHA-256 of the stored bytes, which differ if the location was removed.")
+    stored_sha256: str = Field(
+        description="SHA-256 of the stored bytes, which differ if the location was removed."
+    )
     received_at: datetime = Field(description=PHOTOGRAPH["received_at"])
     erased: bool = Field(description=PHOTOGRAPH["erased"])
     erased_at: datetime | None = Field(description=PHOTOGRAPH["erased_at"])

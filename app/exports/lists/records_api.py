@@ -54,5 +54,7 @@ def get_records(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
-    body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
+    body = RecordPage(
+        items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
     return ModelResponse(body)

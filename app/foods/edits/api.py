@@ -39,23 +39,38 @@ router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
 def post_food(body: FoodIn, state: State, admin: CurrentStaff, response: Response) -> FoodOut:
     """Make a food; with a recipe its figures follow from the ingredients, their retention and the yield."""
-    view = edit_food.create_food(state.database, body.key, new_food_edit(body), Editor.of(admin, body.reason))
+    view = edit_food.create_food(
+        state.database, body.key, new_food_edit(body), Editor.of(admin, body.reason)
+    )
     response.headers["Location"] = f"/v1/foods/{body.key}"
     return _tagged(view, response)
 
 
 @router.patch("/{key}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def patch_food(
-    key: FoodKey, body: FoodPatch, state: State, admin: CurrentStaff, response: Response, if_match: IfMatch = None
+    key: FoodKey,
+    body: FoodPatch,
+    state: State,
+    admin: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> FoodOut:
     """Correct a food: only the fields that are named. `If-Match` names the version that the correction is of."""
     view = edit_food.edit_food(
-        state.database, key, food_edit(body), Editor.of(admin, body.reason), expected=expected_versions(if_match)
+        state.database,
+        key,
+        food_edit(body),
+        Editor.of(admin, body.reason),
+        expected=expected_versions(if_match),
     )
     return _tagged(view, response)
 
 
-@router.post("/{key}/densities", status_code=201, responses=problem_responses(401, 403, 404, 409, 412, 413, 422))
+@router.post(
+    "/{key}/densities",
+    status_code=201,
+    responses=problem_responses(401, 403, 404, 409, 412, 413, 422),
+)
 def post_density(
     key: FoodKey,
     body: MeasuredDensityIn,
@@ -67,14 +82,21 @@ def post_density(
     """Add a measured density to a food, before its others. For one study's own use `/v1/studies/{study}/densities`."""
     density, _ = measured_density(body)
     expected = None if if_match is None else expected_versions(if_match)
-    view = edit_food.add_density(state.database, key, density, Editor.of(admin, body.reason), expected=expected)
+    view = edit_food.add_density(
+        state.database, key, density, Editor.of(admin, body.reason), expected=expected
+    )
     response.headers["Location"] = f"/v1/foods/{view.value.key}"
     return _tagged(view, response)
 
 
 @router.post("/{key}/restore", responses=problem_responses(401, 403, 404, 409, 412, 422, 428))
 def post_restore(
-    key: FoodKey, body: RestoreIn, state: State, admin: CurrentStaff, response: Response, if_match: IfMatch = None
+    key: FoodKey,
+    body: RestoreIn,
+    state: State,
+    admin: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> FoodOut:
     """Put a food back to an earlier version, by a new one that equals it."""
     view = edit_food.restore_food(
@@ -104,7 +126,9 @@ def render_changes(changes: Sequence[Change]) -> ChangeList:
                 author=change.change.author,
                 reason=change.change.reason,
                 changed_at=change.change.changed_at,
-                differences={name: (old, new) for name, (old, new) in change.change.differences.items()},
+                differences={
+                    name: (old, new) for name, (old, new) in change.change.differences.items()
+                },
             )
             for change in changes
         ]
@@ -114,7 +138,9 @@ def render_changes(changes: Sequence[Change]) -> ChangeList:
 def new_food_edit(body: FoodIn) -> FoodEdit:
     """Return the edit that creates a food. With a recipe it defaults to a mixed dish, as eaten."""
     edit = food_edit(body)
-    defaults: FoodFields = {} if body.recipe is None else {"is_mixed_dish": True, "state": "as_eaten"}
+    defaults: FoodFields = (
+        {} if body.recipe is None else {"is_mixed_dish": True, "state": "as_eaten"}
+    )
     return FoodEdit({**defaults, **edit.fields}, edit.nutrients, edit.recipe)
 
 
@@ -133,7 +159,9 @@ def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:
 
 def measured_density(body: MeasuredDensityIn) -> tuple[Density, list[Specimen]]:
     """Return a measured density's body as a value, and the specimens that it was computed from."""
-    specimens = [Specimen("", specimen.volume_ml, specimen.mass_g) for specimen in body.specimens or ()]
+    specimens = [
+        Specimen("", specimen.volume_ml, specimen.mass_g) for specimen in body.specimens or ()
+    ]
     source = body.method
     if specimens:
         g_per_ml, sd_g_per_ml = density_of_specimens(specimens, body.volume_step_ml)
@@ -141,7 +169,9 @@ def measured_density(body: MeasuredDensityIn) -> tuple[Density, list[Specimen]]:
     else:
         # the schema has checked that both are given
         g_per_ml, sd_g_per_ml = body.g_per_ml or 0.0, body.sd_g_per_ml or 0.0
-    return Density(g_per_ml, sd_g_per_ml, body.state, body.kind, "measured", source, body.weighs), specimens
+    return Density(
+        g_per_ml, sd_g_per_ml, body.state, body.kind, "measured", source, body.weighs
+    ), specimens
 
 
 def _tagged(view: FoodView, response: Response) -> FoodOut:
@@ -160,7 +190,9 @@ def _fields(body: FoodFieldsIn) -> FoodFields:
         "slice_form": body.slice_form,
         "state": body.state,
         "is_mixed_dish": body.is_mixed_dish,
-        "refuse": tuple(RefusePart(part.part, part.percent, part.is_served) for part in body.refuse),
+        "refuse": tuple(
+            RefusePart(part.part, part.percent, part.is_served) for part in body.refuse
+        ),
         "densities": tuple(Density(**density.model_dump()) for density in body.densities),
         "portions": tuple(
             Portion(str(number), portion.amount, portion.measure, portion.mass_g)

@@ -33,7 +33,9 @@ from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
 
 T = TypeVar("T")
-Differences = dict[str, list[object]]  # field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
+Differences = dict[
+    str, list[object]
+]  # field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
 
 LOCAL_CHECKSUM = "local"  # the one release of corrections is read from no file
 LOCAL_VERSION = "1"
@@ -112,7 +114,9 @@ def author_of(caller: StaffCaller) -> str:
 
 def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) -> FoodView:
     """Create a food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
-    exists_error = ConflictError(f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key)
+    exists_error = ConflictError(
+        f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key
+    )
     blank = _checked(lambda: FoodValue(key=key, **edit.fields))
 
     def make(session: Session, release: FoodRelease) -> FoodView:
@@ -125,7 +129,12 @@ def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) ->
 
 
 def edit_food(
-    database: Database, key: str, edit: FoodEdit, editor: Editor, *, expected: Collection[int] | None = None
+    database: Database,
+    key: str,
+    edit: FoodEdit,
+    editor: Editor,
+    *,
+    expected: Collection[int] | None = None,
 ) -> FoodView:
     """Create a new version of a food with these changes; return the current one if nothing would change.
 
@@ -133,7 +142,9 @@ def edit_food(
     Raises NotFoundError; PreconditionFailedError if another version is in force; InvalidInputError if a component is
     unknown, or a unit, figure or recipe is invalid.
     """
-    return _new_version(database, key, lambda session, _, draft: _apply_edit(session, draft, edit), editor, expected)
+    return _new_version(
+        database, key, lambda session, _, draft: _apply_edit(session, draft, edit), editor, expected
+    )
 
 
 def preview_edit(
@@ -154,9 +165,13 @@ def read_version(database: Database, key: str, food_id: int | None = None) -> Fo
         current = require_food(session, key)
         food = current if food_id is None else session.get(Food, food_id)
         if food is None or food.key != current.key:
-            raise NotFoundError(f"{current.key!r} has no such version.", code="food_version_not_found")
+            raise NotFoundError(
+                f"{current.key!r} has no such version.", code="food_version_not_found"
+            )
         recipe = pinned_recipe(session, food)
-        parts = foods.foods_by_id(session, [part.food_id for part in recipe.ingredients] if recipe else [])
+        parts = foods.foods_by_id(
+            session, [part.food_id for part in recipe.ingredients] if recipe else []
+        )
         return FoodVersion(
             food=food,
             value=own_value(session, food),
@@ -167,18 +182,30 @@ def read_version(database: Database, key: str, food_id: int | None = None) -> Fo
 
 
 def add_density(
-    database: Database, key: str, density: Density, editor: Editor, *, expected: Collection[int] | None = None
+    database: Database,
+    key: str,
+    density: Density,
+    editor: Editor,
+    *,
+    expected: Collection[int] | None = None,
 ) -> FoodView:
     """Create a version of a food with this density before others of the same basis. Raises what edit_food raises."""
 
     def put_first(_: Session, __: Food, draft: _Draft) -> _Draft:
-        return replace(draft, value=replace(draft.value, densities=(density, *draft.value.densities)))
+        return replace(
+            draft, value=replace(draft.value, densities=(density, *draft.value.densities))
+        )
 
     return _new_version(database, key, put_first, editor, expected)
 
 
 def restore_food(
-    database: Database, key: str, version: int, editor: Editor, *, expected: Collection[int] | None = None
+    database: Database,
+    key: str,
+    version: int,
+    editor: Editor,
+    *,
+    expected: Collection[int] | None = None,
 ) -> FoodView:
     """Create a version of a food that equals an earlier one, including the version before any correction.
 
@@ -187,11 +214,19 @@ def restore_food(
 
     def restored(session: Session, current: Food, _: _Draft) -> _Draft:
         changes = food_changes.changes_of(session, current.key)
-        versions = {change.previous.version: change.previous for change in changes if change.previous is not None}
+        versions = {
+            change.previous.version: change.previous
+            for change in changes
+            if change.previous is not None
+        }
         versions |= {change.food.version: change.food for change in changes}
         if version not in versions:
-            raise NotFoundError(f"{current.key!r} has no version {version}.", code="food_version_not_found")
-        return _Draft(own_value(session, versions[version]), pinned_recipe(session, versions[version]))
+            raise NotFoundError(
+                f"{current.key!r} has no version {version}.", code="food_version_not_found"
+            )
+        return _Draft(
+            own_value(session, versions[version]), pinned_recipe(session, versions[version])
+        )
 
     return _new_version(database, key, restored, editor, expected)
 
@@ -218,7 +253,9 @@ def _new_version(
         after = change(session, current, before)
         differences = _differences(before, after)
         if differences:
-            current = _write(session, release, after, current.version + 1, current, differences, editor)
+            current = _write(
+                session, release, after, current.version + 1, current, differences, editor
+            )
         return view_of(session, current, None)
 
     busy = ConflictError(f"Others keep changing {key!r}: try again.", code="food_busy")
@@ -226,7 +263,10 @@ def _new_version(
 
 
 def _write_with_retries(
-    database: Database, editor: Editor, write: Callable[[Session, FoodRelease], FoodView], busy: ConflictError
+    database: Database,
+    editor: Editor,
+    write: Callable[[Session, FoodRelease], FoodView],
+    busy: ConflictError,
 ) -> FoodView:
     """Return the result of `write` in the release of corrections; retry after a concurrent version."""
     _require_local_release(database, editor.author)
@@ -262,11 +302,19 @@ def _apply_edit(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
         recipe, dish = _checked(lambda: cook(session, value.key, named_recipe))
         per_100_g = dict(dish.per_100_g)
     figures = component_numbers(session, edit.nutrients)
-    per_100_g |= contents_of(session, {number: figure for number, figure in figures.items() if figure is not None})
-    per_100_g = {number: content for number, content in per_100_g.items() if figures.get(number, content) is not None}
+    per_100_g |= contents_of(
+        session, {number: figure for number, figure in figures.items() if figure is not None}
+    )
+    per_100_g = {
+        number: content
+        for number, content in per_100_g.items()
+        if figures.get(number, content) is not None
+    }
     if per_100_g != draft.value.per_100_g:
         problem = why_impossible(per_100_g)
-        if problem is not None and why_impossible(draft.value.per_100_g) is None:  # otherwise it was impossible before
+        if (
+            problem is not None and why_impossible(draft.value.per_100_g) is None
+        ):  # otherwise it was impossible before
             raise InvalidInputError(problem, code="figures_impossible")
         value = _checked(lambda: replace(value, per_100_g=per_100_g))
     return _Draft(value, recipe)
@@ -297,14 +345,25 @@ def _write(
             changed_at=datetime.now(UTC),
         )
     )
-    note(session, editor.caller, "food.change", subject=row.key, version=version, fields=sorted(differences))
+    note(
+        session,
+        editor.caller,
+        "food.change",
+        subject=row.key,
+        version=version,
+        fields=sorted(differences),
+    )
     session.flush()
     return row
 
 
 def _differences(before: _Draft, after: _Draft) -> Differences:
     old, new = _as_json(before), _as_json(after)
-    return {name: [old.get(name), new.get(name)] for name in (old | new) if old.get(name) != new.get(name)}
+    return {
+        name: [old.get(name), new.get(name)]
+        for name in (old | new)
+        if old.get(name) != new.get(name)
+    }
 
 
 def _as_json(draft: _Draft) -> dict[str, object]:
@@ -337,7 +396,9 @@ def _refuse_densities_only(session: Session, food: Food) -> None:
 
 def _local_in_force(session: Session) -> FoodRelease:
     release = food_changes.local_release(session)
-    if release is None or release.id not in {active.id for active in foods.releases_in_force(session)}:
+    if release is None or release.id not in {
+        active.id for active in foods.releases_in_force(session)
+    }:
         raise ConflictError(
             "Corrections are not in force, so this one would change nothing: run `tada foods use local 1` first.",
             code="local_foods_off",
@@ -364,7 +425,11 @@ def _require_local_release(database: Database, author: str) -> None:
         with database.write() as session:
             session.add(release)
             session.flush()
-            session.add(FoodActivation(name=foods.LOCAL, release_id=release.id, author=author, activated_at=now))
+            session.add(
+                FoodActivation(
+                    name=foods.LOCAL, release_id=release.id, author=author, activated_at=now
+                )
+            )
     except IntegrityError:
         with database.read() as session:
             if food_changes.local_release(session) is None:

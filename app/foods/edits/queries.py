@@ -75,7 +75,9 @@ def parts_of(session: Session, food_ids: Collection[int]) -> dict[str, set[str]]
     return parts
 
 
-def all_study_densities(session: Session, study_id: uuid.UUID, food_key: str | None) -> list[StudyDensity]:
+def all_study_densities(
+    session: Session, study_id: uuid.UUID, food_key: str | None
+) -> list[StudyDensity]:
     """Return a study's own measurements, withdrawn ones too, the newest entry first."""
     query = sa.select(StudyDensity).where(StudyDensity.study_id == study_id)
     if food_key is not None:
@@ -84,12 +86,21 @@ def all_study_densities(session: Session, study_id: uuid.UUID, food_key: str | N
 
 
 def withdraw(
-    session: Session, study_id: uuid.UUID, density_id: uuid.UUID, author: str, reason: str, at: datetime
+    session: Session,
+    study_id: uuid.UUID,
+    density_id: uuid.UUID,
+    author: str,
+    reason: str,
+    at: datetime,
 ) -> bool:
     """Withdraw a study's measurement; return False if it does not exist or is withdrawn. One of two callers wins."""
     query = (
         sa.update(StudyDensity)
-        .where(StudyDensity.id == density_id, StudyDensity.study_id == study_id, StudyDensity.withdrawn_at.is_(None))
+        .where(
+            StudyDensity.id == density_id,
+            StudyDensity.study_id == study_id,
+            StudyDensity.withdrawn_at.is_(None),
+        )
         .values(withdrawn_by=author, withdrawn_at=at, withdrawal_reason=reason)
         .returning(StudyDensity.id)
     )

@@ -25,23 +25,38 @@ from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 
 NOT_BLANK = r"\S"
 
-Reason = Annotated[Text, Field(min_length=1, max_length=1000, pattern=NOT_BLANK, description="Why, for the history.")]
+Reason = Annotated[
+    Text,
+    Field(min_length=1, max_length=1000, pattern=NOT_BLANK, description="Why, for the history."),
+]
 Name = Annotated[Text, Field(min_length=1, max_length=300, pattern=NOT_BLANK)]
 NewKey = Annotated[
     str,
     Field(
-        min_length=1, max_length=100, pattern=r"^[a-z][a-z0-9_-]*$", description="A letter, then letters, digits, - _"
+        min_length=1,
+        max_length=100,
+        pattern=r"^[a-z][a-z0-9_-]*$",
+        description="A letter, then letters, digits, - _",
     ),
 ]
-AnyKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food's key, or its published number.")]
+AnyKey = Annotated[
+    Text, Field(min_length=1, max_length=100, description="A food's key, or its published number.")
+]
 ComponentName = Annotated[
-    Text, Field(min_length=1, max_length=64, description="The component's number or INFOODS tagname, such as VITC.")
+    Text,
+    Field(
+        min_length=1,
+        max_length=64,
+        description="The component's number or INFOODS tagname, such as VITC.",
+    ),
 ]
 Grams = Annotated[Number, Field(strict=True, ge=0.001, le=1e6)]
 Density = Annotated[Number, Field(strict=True, ge=MIN_G_PER_ML, le=MAX_G_PER_ML)]
 Spread = Annotated[Number, Field(strict=True, ge=0.0, le=MAX_G_PER_ML)]
 Share = Annotated[Number, Field(strict=True, ge=0.0, le=1.0)]
-State = Annotated[Text, Field(min_length=1, max_length=32, pattern=NOT_BLANK, description="Such as raw, sliced.")]
+State = Annotated[
+    Text, Field(min_length=1, max_length=32, pattern=NOT_BLANK, description="Such as raw, sliced.")
+]
 Basis = Literal["measured", "fao", "portion", "related", "composition", "group"]
 
 
@@ -69,7 +84,9 @@ class RefuseIn(_In):
     percent: Annotated[Number, Field(strict=True, ge=0.0, lt=100.0)] = Field(
         description="Its share of the whole food's mass, percent."
     )
-    is_served: StrictBool = Field(default=True, description="Whether it is usually still on the food in a photograph.")
+    is_served: StrictBool = Field(
+        default=True, description="Whether it is usually still on the food in a photograph."
+    )
 
 
 class DensityIn(_In):
@@ -116,7 +133,8 @@ class IngredientIn(_In):
         description="The state in which it goes into the dish: raw (dry goods too), cooked or as_eaten."
     )
     retention: Annotated[dict[ComponentName, Share], Field(max_length=300)] = Field(
-        default={}, description="Component -> share of it that cooking leaves, 0 to 1; 1 where not named."
+        default={},
+        description="Component -> share of it that cooking leaves, 0 to 1; 1 where not named.",
     )
     retention_source: Name | None = Field(
         default=None, description="Where the retention factors are from; needed with any."
@@ -155,16 +173,26 @@ class FoodFieldsIn(_In):
     )
     form: FoodForm = Field(default="whole", description=FOOD_FORM)
     slice_form: SliceForm | None = Field(
-        default=None, description="How the method `paper` fits slices of it; null: the method decides."
+        default=None,
+        description="How the method `paper` fits slices of it; null: the method decides.",
     )
     state: FoodState | None = Field(default=None, description=FOOD_STATE)
     is_mixed_dish: StrictBool = Field(default=False, description=IS_MIXED_DISH)
-    refuse: Annotated[list[RefuseIn], Field(max_length=50)] = Field(default=[], description="Parts that are not eaten.")
-    densities: Annotated[list[DensityIn], Field(max_length=100, description="All of them, the best first.")] = []
-    portions: Annotated[list[PortionIn], Field(max_length=200)] = Field(default=[], description="Household measures.")
+    refuse: Annotated[list[RefuseIn], Field(max_length=50)] = Field(
+        default=[], description="Parts that are not eaten."
+    )
+    densities: Annotated[
+        list[DensityIn], Field(max_length=100, description="All of them, the best first.")
+    ] = []
+    portions: Annotated[list[PortionIn], Field(max_length=200)] = Field(
+        default=[], description="Household measures."
+    )
     probes: Annotated[
         list[Annotated[str, Field(pattern=r"^[a-z][a-z_]{0,31}$")]],
-        Field(max_length=50, description="What no camera sees and a participant is asked, such as fat_added."),
+        Field(
+            max_length=50,
+            description="What no camera sees and a participant is asked, such as fat_added.",
+        ),
     ] = []
     source_ids: Annotated[
         dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")], Name],
@@ -200,10 +228,13 @@ class FoodIn(FoodFieldsIn):
 
     key: NewKey
     name: Name = Field(description="The food's name.")
-    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = Field(description=FOOD_GROUP)
+    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = Field(
+        description=FOOD_GROUP
+    )
     form: FoodForm = Field(description=FOOD_FORM)
     nutrients: Annotated[dict[ComponentName, FigureIn], Field(max_length=400)] = Field(
-        default={}, description="Component -> content; a component that is left out is not known, not 0."
+        default={},
+        description="Component -> content; a component that is left out is not known, not 0.",
     )
     reason: Reason
 
@@ -257,17 +288,24 @@ class MeasuredDensityIn(_In):
     )
 
     g_per_ml: Density | None = Field(default=None, description=DENSITY)
-    sd_g_per_ml: Spread | None = Field(default=None, description="What the next specimen may differ by.")
+    sd_g_per_ml: Spread | None = Field(
+        default=None, description="What the next specimen may differ by."
+    )
     specimens: Annotated[list[SpecimenIn], Field(min_length=2, max_length=1000)] | None = Field(
-        default=None, description="What was measured, one entry per specimen; instead of g_per_ml and sd_g_per_ml."
+        default=None,
+        description="What was measured, one entry per specimen; instead of g_per_ml and sd_g_per_ml.",
     )
     volume_step_ml: Annotated[Number, Field(strict=True, gt=0.0, le=1e4)] = Field(
-        default=1.0, description="To what the volumes were read: their rounding is part of the spread."
+        default=1.0,
+        description="To what the volumes were read: their rounding is part of the spread.",
     )
     state: State
     kind: DensityKind = Field(description=DENSITY_KIND)
     weighs: WeighedPart = Field(default="as_seen", description=DENSITY_WEIGHS)
-    method: Annotated[Text, Field(min_length=1, max_length=250, pattern=NOT_BLANK, description="How it was measured.")]
+    method: Annotated[
+        Text,
+        Field(min_length=1, max_length=250, pattern=NOT_BLANK, description="How it was measured."),
+    ]
     reason: Reason
 
     @model_validator(mode="after")
@@ -275,7 +313,11 @@ class MeasuredDensityIn(_In):
         computed = (self.g_per_ml is not None, self.sd_g_per_ml is not None)
         if self.specimens is None and computed != (True, True):
             raise ValueError("give g_per_ml and sd_g_per_ml, or specimens")
-        if self.g_per_ml is not None and self.sd_g_per_ml is not None and self.sd_g_per_ml > self.g_per_ml:
+        if (
+            self.g_per_ml is not None
+            and self.sd_g_per_ml is not None
+            and self.sd_g_per_ml > self.g_per_ml
+        ):
             raise ValueError("the spread is larger than the density")
         if self.specimens is not None and any(computed):
             raise ValueError("give either specimens or g_per_ml and sd_g_per_ml, not both")
@@ -308,20 +350,28 @@ class StudyDensityOut(BaseModel):
     kind: DensityKind = Field(description=DENSITY_KIND)
     weighs: WeighedPart = Field(description=DENSITY_WEIGHS)
     source: str = Field(description="Who measured it and how, as records quote it.")
-    specimens: list[SpecimenIn] | None = Field(description="What was measured; null: the density was given as such.")
+    specimens: list[SpecimenIn] | None = Field(
+        description="What was measured; null: the density was given as such."
+    )
     author: str = Field(description="Name of the staff member who entered it.")
     reason: str = Field(description="Why it was measured, as its author wrote.")
     measured_at: datetime = Field(description="When it was measured.")
     created_at: datetime = Field(description="When it was entered.")
-    withdrawn_by: str | None = Field(description="Name of the staff member who withdrew it; null: it is in use.")
-    withdrawn_at: datetime | None = Field(description="Since when it is not used any more; null: it is in use.")
+    withdrawn_by: str | None = Field(
+        description="Name of the staff member who withdrew it; null: it is in use."
+    )
+    withdrawn_at: datetime | None = Field(
+        description="Since when it is not used any more; null: it is in use."
+    )
     withdrawal_reason: str | None = Field(description="Why it was withdrawn; null: it is in use.")
 
 
 class StudyDensityList(BaseModel):
     """A study's own measurements, withdrawn ones too, the newest entry first."""
 
-    items: list[StudyDensityOut] = Field(description="The study's measurements, withdrawn ones too.")
+    items: list[StudyDensityOut] = Field(
+        description="The study's measurements, withdrawn ones too."
+    )
 
 
 class WithdrawalIn(_In):
@@ -333,7 +383,9 @@ class WithdrawalIn(_In):
 class RestoreIn(_In):
     """Which version a food is put back to; it becomes a new version."""
 
-    version: Annotated[StrictInt, Field(ge=1, le=1_000_000)] = Field(description="The version to go back to.")
+    version: Annotated[StrictInt, Field(ge=1, le=1_000_000)] = Field(
+        description="The version to go back to."
+    )
     reason: Reason
 
 
@@ -344,7 +396,9 @@ class ChangeOut(BaseModel):
     """
 
     version: int = Field(description="The version that the change made.")
-    previous_version: int | None = Field(description="The version that was changed; null: the food was new.")
+    previous_version: int | None = Field(
+        description="The version that was changed; null: the food was new."
+    )
     previous_release: str | None = Field(
         description="The food table of the version that was changed; null: the food was new."
     )

@@ -30,7 +30,16 @@ from app.foods.importers.imported import (
 )
 from app.foods.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.components import COMPONENTS
-from app.nutrition.foods import DENSITY_KINDS, FOOD_FORMS, FOOD_STATES, Density, Food, FoodForm, FoodTable, RefusePart
+from app.nutrition.foods import (
+    DENSITY_KINDS,
+    FOOD_FORMS,
+    FOOD_STATES,
+    Density,
+    Food,
+    FoodForm,
+    FoodTable,
+    RefusePart,
+)
 from app.nutrition.group_density import with_group_medians
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML, most_in_100_g
 from app.nutrition.portion_density import portion_densities, usual_relative_sd
@@ -44,7 +53,16 @@ RESERVED_NAMES = frozenset({"sr28", "fdc", "fao-infoods-density", "tada-starter"
 REQUIRED = ("key", "name", "food_group")
 DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "density_kind", "density_state", "density_source")
 ID_COLUMNS = ("foodex2", "fndds", "fdc_id", "sr28_ndb")
-COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DENSITY_COLUMNS, *ID_COLUMNS)
+COLUMNS = (
+    *REQUIRED,
+    "aliases",
+    "form",
+    "state",
+    "is_mixed_dish",
+    "refuse",
+    *DENSITY_COLUMNS,
+    *ID_COLUMNS,
+)
 
 TRACES = frozenset({"tr", "tr.", "trace", "traces"})
 MIN_FOODS_FOR_ENERGY = 10
@@ -54,7 +72,15 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,49}")
 _KEY = re.compile(r"[A-Za-z0-9._-]+")
 _COMPONENT = re.compile(r"(?P<name>\S+)\s*\((?P<unit>[^()]+)\)")
 _REFUSE = re.compile(r"(?P<part>\([^()]+\)|[^()\d]+?)\s+(?P<percent>\d+(?:\.\d+)?)\s*%?")
-_YES_OR_NO = {"": False, "no": False, "0": False, "false": False, "yes": True, "1": True, "true": True}
+_YES_OR_NO = {
+    "": False,
+    "no": False,
+    "0": False,
+    "false": False,
+    "yes": True,
+    "1": True,
+    "true": True,
+}
 
 Choice = TypeVar("Choice", bound=str)
 
@@ -105,13 +131,22 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     for row in rows:
         key = row.text("key", MAX_KEY - len(name) - 1)
         if not _KEY.fullmatch(key):
-            raise row.place.error(f"key {key!r} has more in it than letters, digits, '.', '_' and '-'")
+            raise row.place.error(
+                f"key {key!r} has more in it than letters, digits, '.', '_' and '-'"
+            )
         keys[row.place.new_key("food", key, keys)] = None
     if not rows:
         raise ImportFileError(foods_file, None, "it holds no food")
     portions, densities = _portions(files, keys), _densities(files, keys)
     foods = [
-        _food(row, name, components, portions.get(row.cell("key"), []), densities.get(row.cell("key"), []), skipped)
+        _food(
+            row,
+            name,
+            components,
+            portions.get(row.cell("key"), []),
+            densities.get(row.cell("key"), []),
+            skipped,
+        )
         for row in rows
     ]
     _require_likely_energy(foods_file, foods)
@@ -125,13 +160,17 @@ def _components(files: SourceFiles, file: str) -> dict[str, SourceComponent]:
     """Return column -> component, for each column that is not one of COLUMNS."""
     _, header = next(files.lines(file, "utf-8-sig"), (1, ""))
     if ";" in header and "," not in header:
-        raise ImportFileError(file, 1, "the columns are separated by semicolons; save the table with commas")
+        raise ImportFileError(
+            file, 1, "the columns are separated by semicolons; save the table with commas"
+        )
     components: dict[str, SourceComponent] = {}
     for column in files.csv_header(file, REQUIRED):
         if column not in COLUMNS:
             source = _component(file, column)
             if any(source.component == other.component for other in components.values()):
-                raise ImportFileError(file, 1, f"column {column!r}: {source.component.name} has a column already")
+                raise ImportFileError(
+                    file, 1, f"column {column!r}: {source.component.name} has a column already"
+                )
             components[column] = source
     return components
 
@@ -144,7 +183,9 @@ def _component(file: str, column: str) -> SourceComponent:
     name, unit = match["name"], unit_of(match["unit"])
     if unit is None:
         raise ImportFileError(file, 1, f"column {column!r}: unknown unit {match['unit']!r}")
-    candidates = [component for component in COMPONENTS if name in (component.number, component.tagname)]
+    candidates = [
+        component for component in COMPONENTS if name in (component.number, component.tagname)
+    ]
     if not candidates:
         tagnames = [component.tagname for component in COMPONENTS if component.tagname]
         near = [tagname for tagname in tagnames if tagname.startswith(name.upper())]
@@ -156,7 +197,9 @@ def _component(file: str, column: str) -> SourceComponent:
         except UnitMismatchError:
             continue
     units = " or ".join(component.unit for component in candidates)
-    raise ImportFileError(file, 1, f"column {column!r}: {unit} does not fit {name}, which is given in {units}")
+    raise ImportFileError(
+        file, 1, f"column {column!r}: {unit} does not fit {name}, which is given in {units}"
+    )
 
 
 def _food(
@@ -191,7 +234,11 @@ def _food(
     return Food(
         key=f"{name}:{key}",
         name=title,
-        aliases=tuple(dict.fromkeys(alias.strip() for alias in row.cell("aliases").split(";") if alias.strip())),
+        aliases=tuple(
+            dict.fromkeys(
+                alias.strip() for alias in row.cell("aliases").split(";") if alias.strip()
+            )
+        ),
         food_group=group,
         form=form,
         refuse=tuple(_refuse(row)),
@@ -204,7 +251,9 @@ def _food(
     )
 
 
-def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Skipped) -> Iterator[tuple[str, float]]:
+def _contents(
+    row: _Row, components: Mapping[str, SourceComponent], skipped: Skipped
+) -> Iterator[tuple[str, float]]:
     for column, source in components.items():
         text = row.cell(column)
         if not text:
@@ -215,7 +264,9 @@ def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Ski
             continue
         value = row.place.number(column, text) * source.factor
         if value > most_in_100_g(source.component):
-            raise row.place.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
+            raise row.place.error(
+                f"{column} is {text}: more than 100 g of any food can hold; is the unit right?"
+            )
         yield source.component.number, value
 
 
@@ -226,7 +277,11 @@ def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
     g_per_ml = row.number("g_per_ml")
     if not MIN_G_PER_ML <= g_per_ml <= MAX_G_PER_ML:
         raise row.place.error(f"g_per_ml is {g_per_ml:g}, which no food has")
-    spread = row.number("sd_g_per_ml") if row.cell("sd_g_per_ml") else usual_relative_sd(form, kind) * g_per_ml
+    spread = (
+        row.number("sd_g_per_ml")
+        if row.cell("sd_g_per_ml")
+        else usual_relative_sd(form, kind) * g_per_ml
+    )
     state = row.text("density_state", 32, usual_state)
     source = row.text("density_source", 300)
     return Density(g_per_ml, spread, state, kind, "measured", source)
@@ -237,10 +292,14 @@ def _refuse(row: _Row) -> Iterator[RefusePart]:
     for piece in filter(None, (piece.strip() for piece in row.cell("refuse").split(";"))):
         match = _REFUSE.fullmatch(piece)
         if match is None:
-            raise row.place.error(f"refuse {piece!r} is no part with its percent, such as 'peel 30; core 10'")
+            raise row.place.error(
+                f"refuse {piece!r} is no part with its percent, such as 'peel 30; core 10'"
+            )
         total += float(match["percent"])
         part = match["part"]
-        yield RefusePart(part.strip("()").strip(), float(match["percent"]), is_served=not part.startswith("("))
+        yield RefusePart(
+            part.strip("()").strip(), float(match["percent"]), is_served=not part.startswith("(")
+        )
     if total >= 100.0:
         raise row.place.error(f"a refuse of {total:g} % leaves nothing to eat")
 
@@ -268,15 +327,25 @@ def _densities(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[_
 
 
 def _beside(
-    files: SourceFiles, file: str, required: tuple[str, ...], optional: tuple[str, ...], keys: Mapping[str, None]
+    files: SourceFiles,
+    file: str,
+    required: tuple[str, ...],
+    optional: tuple[str, ...],
+    keys: Mapping[str, None],
 ) -> Iterator[_Row]:
     """Yield the rows of an optional file beside foods.csv; each must be of a food in foods.csv."""
     if not files.has(file):
         return
-    unknown = [column for column in files.csv_header(file, required) if column not in (*required, *optional)]
+    unknown = [
+        column
+        for column in files.csv_header(file, required)
+        if column not in (*required, *optional)
+    ]
     if unknown:
         raise ImportFileError(
-            file, 1, f"unknown column {', '.join(unknown)}; there are {', '.join(required + optional)}"
+            file,
+            1,
+            f"unknown column {', '.join(unknown)}; there are {', '.join(required + optional)}",
         )
     for place, cells in files.csv_rows(file, required):
         row = _Row(place, cells)
@@ -294,10 +363,20 @@ def _require_likely_energy(file: str, foods: Sequence[Food]) -> None:
     ratios = []
     for food in foods:
         contents = food.per_100_g
-        carbohydrate = next((contents[number] for number in _CARBOHYDRATES if number in contents), None)
-        if "208" in contents and "203" in contents and "204" in contents and carbohydrate is not None:
+        carbohydrate = next(
+            (contents[number] for number in _CARBOHYDRATES if number in contents), None
+        )
+        if (
+            "208" in contents
+            and "203" in contents
+            and "204" in contents
+            and carbohydrate is not None
+        ):
             atwater = (
-                4.0 * contents["203"] + 9.0 * contents["204"] + 4.0 * carbohydrate + 7.0 * contents.get("221", 0.0)
+                4.0 * contents["203"]
+                + 9.0 * contents["204"]
+                + 4.0 * carbohydrate
+                + 7.0 * contents.get("221", 0.0)
             )
             if atwater > MIN_ATWATER_KCAL:
                 ratios.append(contents["208"] / atwater)

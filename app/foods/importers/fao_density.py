@@ -25,7 +25,9 @@ FORMAT = "fao-density"
 SHEET = "Density DB"
 RELEASED_ON = date(2012, 1, 1)  # the workbook states only the year
 WATER_G_PER_ML = 0.998  # at 20 C, which turns the rows that give only a specific gravity into g/ml
-CRUMB_RELATIVE_SD = 0.2  # SR28 and FAO differ by half for crumb and leaves, which hold more or less air
+CRUMB_RELATIVE_SD = (
+    0.2  # SR28 and FAO differ by half for crumb and leaves, which hold more or less air
+)
 LEAVES_RELATIVE_SD = 0.4
 SILO_SOURCE = "ASI"
 
@@ -49,11 +51,14 @@ _LIQUID = re.compile(
     r"\bliquid\b|leaves \+ water",
     re.IGNORECASE,
 )
-_SPREAD = re.compile(r"^(butter|lard|mayonnaise|jam|jelly|nutella|yoghurt|cream, sour)", re.IGNORECASE)
+_SPREAD = re.compile(
+    r"^(butter|lard|mayonnaise|jam|jelly|nutella|yoghurt|cream, sour)", re.IGNORECASE
+)
 _ICE = re.compile(r"\bice,|, ice\b", re.IGNORECASE)
 _CRYSTAL = re.compile(r"sodium (chloride|bicarbonate)|glutamate", re.IGNORECASE)
 _UNCLEAR = re.compile(
-    r"^(biscuits|corn/maize, ear|porridge flour .*boiled|powders$|chili\b|spinach, frozen)", re.IGNORECASE
+    r"^(biscuits|corn/maize, ear|porridge flour .*boiled|powders$|chili\b|spinach, frozen)",
+    re.IGNORECASE,
 )
 _READY = re.compile(r"^(bread|cake|breakfast|porridge,|rice, puffed)", re.IGNORECASE)
 _COOKED = _words("boiled|cooked|fried|poached")
@@ -65,7 +70,12 @@ _BULK_SECTIONS = (
     "cereal", "tubers", "nuts", "vegetables", "legumes", "herbes", "fish", "snacks", "mixed dishes", "dairy",
 )  # fmt: skip
 _DRY_SECTION = "cereal"
-_COOKED_OR_RAW_SECTIONS = ("tubers", "vegetables", "legumes", "fish")  # without an indication they may be either
+_COOKED_OR_RAW_SECTIONS = (
+    "tubers",
+    "vegetables",
+    "legumes",
+    "fish",
+)  # without an indication they may be either
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +110,11 @@ def read_fao_density(path: Path) -> ImportedTable:
                 name=row.name,
                 food_group=row.section,
                 form=form,
-                densities=(fao_density(row, form, kind, state or "not told", relative_sd=_relative_sd(row, form)),),
+                densities=(
+                    fao_density(
+                        row, form, kind, state or "not told", relative_sd=_relative_sd(row, form)
+                    ),
+                ),
                 source_ids={"fao_density_row": str(row.row)},
                 state=state,
                 is_mixed_dish=row.section.lower().startswith("mixed dishes"),
@@ -135,7 +149,9 @@ def read_fao_rows(path: Path) -> Mapping[int, FaoRow]:
         raise ImportFileError(path.name, None, why) from None
     header = [str(cell or "").strip().lower() for cell in cells[0]] if cells else []
     if len(header) < len(_HEADER) or not all(map(str.startswith, header, _HEADER)):
-        raise ImportFileError(path.name, 1, f"the columns are {', '.join(header)}; expected: {', '.join(_HEADER)}")
+        raise ImportFileError(
+            path.name, 1, f"the columns are {', '.join(header)}; expected: {', '.join(_HEADER)}"
+        )
     rows: dict[int, FaoRow] = {}
     section = ""
     for number, (name, density, gravity, biblio_id) in enumerate(cells[1:], start=2):
@@ -166,12 +182,16 @@ def _cells(path: Path) -> Iterator[tuple[object, ...]]:
         workbook.close()
 
 
-def _middle_and_half(path: Path, number: int, cell: object, factor: float) -> tuple[float, float] | None:
+def _middle_and_half(
+    path: Path, number: int, cell: object, factor: float
+) -> tuple[float, float] | None:
     if cell is None:
         return None
     match = _NUMBER_OR_RANGE.match(str(cell))
     if match is None:
-        raise ImportFileError(path.name, number, f"{cell!r} is neither a density nor a range of densities")
+        raise ImportFileError(
+            path.name, number, f"{cell!r} is neither a density nor a range of densities"
+        )
     low, high = float(match[1]), float(match[2] or match[1])
     return (low + high) / 2.0 * factor, (high - low) / 2.0 * factor
 

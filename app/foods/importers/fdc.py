@@ -37,7 +37,11 @@ from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_
 FORMAT = "fdc"
 
 # In order of preference: analysed foods first. The value is the data set's part of a release's name.
-DATA_TYPES = {"foundation_food": "foundation", "sr_legacy_food": "sr-legacy", "survey_fndds_food": "survey"}
+DATA_TYPES = {
+    "foundation_food": "foundation",
+    "sr_legacy_food": "sr-legacy",
+    "survey_fndds_food": "survey",
+}
 SURVEY = "survey_fndds_food"
 NDB_FILES = {"foundation_food": "foundation_food.csv", "sr_legacy_food": "sr_legacy_food.csv"}
 ALWAYS = ("food.csv", "nutrient.csv", "food_nutrient.csv", "food_portion.csv", "measure_unit.csv")
@@ -104,7 +108,13 @@ class FdcRelease:
         """food.csv: FDC id -> food, for the data types that are taken."""
         file, foods = "food.csv", dict[str, FdcFood]()
         columns = ("fdc_id", "data_type", "description", "food_category_id", "publication_date")
-        for place, (fdc_id, data_type, description, category_id, published) in self._files.csv_fields(file, columns):
+        for place, (
+            fdc_id,
+            data_type,
+            description,
+            category_id,
+            published,
+        ) in self._files.csv_fields(file, columns):
             if data_type not in DATA_TYPES:
                 self.skipped.add(f"foods of the type {data_type}", f"{fdc_id} {description}")
                 continue
@@ -123,7 +133,9 @@ class FdcRelease:
         """nutrient.csv: id and number -> component; None for what no unit here measures (pH, specific gravity ...)."""
         by_id, by_number = dict[str, SourceComponent | None](), dict[str, SourceComponent | None]()
         columns = ("id", "name", "unit_name", "nutrient_nbr")
-        for place, (nutrient_id, name, unit, raw_number) in self._files.csv_fields("nutrient.csv", columns):
+        for place, (nutrient_id, name, unit, raw_number) in self._files.csv_fields(
+            "nutrient.csv", columns
+        ):
             place.new_key("nutrient", nutrient_id, by_id)
             number = raw_number.removesuffix(".0")
             if not number:
@@ -142,9 +154,13 @@ class FdcRelease:
         components, contents, used = self._components(), _Contents(), dict[str, Component]()
         contradicted: set[tuple[str, str]] = set()
         columns = ("fdc_id", "nutrient_id", "amount")
-        for place, (fdc_id, nutrient_id, amount) in self._files.csv_fields("food_nutrient.csv", columns, of=self.foods):
+        for place, (fdc_id, nutrient_id, amount) in self._files.csv_fields(
+            "food_nutrient.csv", columns, of=self.foods
+        ):
             if nutrient_id not in components:
-                raise place.error(f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv")
+                raise place.error(
+                    f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv"
+                )
             source = components[nutrient_id]
             if source is None:
                 self.skipped.add("values of nutrients that are left out", f"{fdc_id} {nutrient_id}")
@@ -169,10 +185,23 @@ class FdcRelease:
 
     def portions(self) -> dict[str, list[Portion]]:
         """food_portion.csv: FDC id -> its household measures, in the file's order."""
-        units = {unit_id: name for _, (unit_id, name) in self._files.csv_fields("measure_unit.csv", ("id", "name"))}
-        columns = ("fdc_id", "id", "amount", "measure_unit_id", "portion_description", "modifier", "gram_weight")
+        units = {
+            unit_id: name
+            for _, (unit_id, name) in self._files.csv_fields("measure_unit.csv", ("id", "name"))
+        }
+        columns = (
+            "fdc_id",
+            "id",
+            "amount",
+            "measure_unit_id",
+            "portion_description",
+            "modifier",
+            "gram_weight",
+        )
         portions: dict[str, list[Portion]] = {}
-        for place, (fdc_id, portion_id, *fields) in self._files.csv_fields("food_portion.csv", columns, of=self.foods):
+        for place, (fdc_id, portion_id, *fields) in self._files.csv_fields(
+            "food_portion.csv", columns, of=self.foods
+        ):
             portion = portion_of(place, portion_id, fdc_id, fields, units, self.skipped)
             if portion is not None:
                 portions.setdefault(fdc_id, []).append(portion)
@@ -184,7 +213,9 @@ class FdcRelease:
         for data_type, file in NDB_FILES.items():
             if not self.has(data_type):
                 continue
-            for place, (fdc_id, number) in self._files.csv_fields(file, ("fdc_id", "NDB_number"), of=self.foods):
+            for place, (fdc_id, number) in self._files.csv_fields(
+                file, ("fdc_id", "NDB_number"), of=self.foods
+            ):
                 if number and not number.isdecimal():
                     raise place.error(f"NDB_number is {number!r}, no number")
                 if number:
@@ -198,11 +229,15 @@ class FdcRelease:
             return codes
         category = self._one_of(file, ("wweia_category_code", "wweia_category_number"))
         columns = ("fdc_id", "food_code", category)
-        for place, (fdc_id, code, category_id) in self._files.csv_fields(file, columns, of=self.foods):
+        for place, (fdc_id, code, category_id) in self._files.csv_fields(
+            file, columns, of=self.foods
+        ):
             codes[place.new_key("food", fdc_id, codes)] = (code, category_id)
         for food in self.foods.values():
             if food.data_type == SURVEY and food.fdc_id not in codes:
-                raise ImportFileError("food.csv", food.line, f"survey food {food.fdc_id} is none of {file}")
+                raise ImportFileError(
+                    "food.csv", food.line, f"survey food {food.fdc_id} is none of {file}"
+                )
         return codes
 
     def _usda_categories(self) -> dict[str, _Category]:
@@ -210,7 +245,9 @@ class FdcRelease:
         if not self.has(*NDB_FILES):
             return {}
         categories: dict[str, _Category] = {}
-        for place, (category_id, description) in self._files.csv_fields("food_category.csv", ("id", "description")):
+        for place, (category_id, description) in self._files.csv_fields(
+            "food_category.csv", ("id", "description")
+        ):
             name = place.text("description", description, MAX_GROUP)
             categories[category_id] = _Category(name, name, is_mixed=False)
         return categories
@@ -221,28 +258,40 @@ class FdcRelease:
             return {}
         file, categories = "wweia_food_category.csv", dict[str, _Category]()
         column = self._one_of(file, ("wweia_food_category", "wweia_food_category_code"))
-        for place, (code, description) in self._files.csv_fields(file, (column, "wweia_food_category_description")):
+        for place, (code, description) in self._files.csv_fields(
+            file, (column, "wweia_food_category_description")
+        ):
             if not code.isdecimal():
                 raise place.error(f"{column} is {code!r}, no number")
             name = place.text("wweia_food_category_description", description, MAX_GROUP)
-            categories[code] = _Category(name, group_of_category(int(code)), is_mixed_category(int(code)))
+            categories[code] = _Category(
+                name, group_of_category(int(code)), is_mixed_category(int(code))
+            )
         return categories
 
     def aliases(self) -> dict[str, list[str]]:
         """food_attribute.csv, where there is one: FDC id -> common names and FNDDS's additional descriptions."""
         aliases: dict[str, list[str]] = {}
-        if not (self._files.has("food_attribute.csv") and self._files.has("food_attribute_type.csv")):
+        if not (
+            self._files.has("food_attribute.csv") and self._files.has("food_attribute_type.csv")
+        ):
             return aliases
         types = {
             type_id
-            for _, (type_id, name) in self._files.csv_fields("food_attribute_type.csv", ("id", "name"))
+            for _, (type_id, name) in self._files.csv_fields(
+                "food_attribute_type.csv", ("id", "name")
+            )
             if name.lower() in ALIAS_ATTRIBUTES
         }
         columns = ("fdc_id", "food_attribute_type_id", "value")
-        for _, (fdc_id, type_id, value) in self._files.csv_fields("food_attribute.csv", columns, of=self.foods):
+        for _, (fdc_id, type_id, value) in self._files.csv_fields(
+            "food_attribute.csv", columns, of=self.foods
+        ):
             if type_id in types:
                 names = (name.strip() for name in value.split(";"))
-                aliases.setdefault(fdc_id, []).extend(name for name in names if 0 < len(name) <= MAX_NAME)
+                aliases.setdefault(fdc_id, []).extend(
+                    name for name in names if 0 < len(name) <= MAX_NAME
+                )
         return aliases
 
     def _newest(self) -> dict[str, FdcFood]:
@@ -250,10 +299,16 @@ class FdcRelease:
         newest: dict[tuple[str, str], FdcFood] = {}
         for food in self.foods.values():
             is_survey = food.data_type == SURVEY
-            code = self.food_codes[food.fdc_id][0] if is_survey else self.ndb_numbers.get(food.fdc_id, food.fdc_id)
+            code = (
+                self.food_codes[food.fdc_id][0]
+                if is_survey
+                else self.ndb_numbers.get(food.fdc_id, food.fdc_id)
+            )
             other = newest.get((food.data_type, code))
             older, newer = (
-                (None, food) if other is None else sorted((other, food), key=lambda version: version.published_on)
+                (None, food)
+                if other is None
+                else sorted((other, food), key=lambda version: version.published_on)
             )
             newest[food.data_type, code] = newer
             if older is not None:
@@ -268,7 +323,9 @@ class FdcRelease:
         for food in self.foods.values():
             is_survey = food.data_type == SURVEY
             category_id = (self.food_codes[food.fdc_id][1] if is_survey else "") or food.category_id
-            category = (by_code if is_survey else by_id).get(category_id, None if category_id else none)
+            category = (by_code if is_survey else by_id).get(
+                category_id, None if category_id else none
+            )
             if category is None:
                 file = "wweia_food_category.csv" if is_survey else "food_category.csv"
                 why = f"food {food.fdc_id} is of category {category_id}, which {file} lacks"
@@ -282,7 +339,9 @@ class FdcRelease:
         for column in columns:
             if column in header:
                 return column
-        raise ImportFileError(file, 1, f"no column {' or '.join(columns)}; there are {', '.join(header)}")
+        raise ImportFileError(
+            file, 1, f"no column {' or '.join(columns)}; there are {', '.join(header)}"
+        )
 
 
 def read_fdc(path: Path) -> ImportedTable:
@@ -296,27 +355,40 @@ def read_fdc(path: Path) -> ImportedTable:
     portions, aliases = release.portions(), release.aliases()
     starter_foods = starter_foods_by_ndb()
     foods = []
-    for source in sorted(release.foods.values(), key=lambda food: [*DATA_TYPES].index(food.data_type)):
+    for source in sorted(
+        release.foods.values(), key=lambda food: [*DATA_TYPES].index(food.data_type)
+    ):
         fdc_id = source.fdc_id
         if not contents.get(fdc_id):
             release.skipped.add("foods without any nutrient value", f"{fdc_id} {source.name}")
             continue
-        food = _food(source, release, contents[fdc_id], portions.get(fdc_id, []), aliases.get(fdc_id, []))
+        food = _food(
+            source, release, contents[fdc_id], portions.get(fdc_id, []), aliases.get(fdc_id, [])
+        )
         starter_food = starter_foods.get(release.ndb_numbers.get(fdc_id, ""))
         # FoodData Central has no refuse
         foods.append(food if starter_food is None else replace(food, refuse=starter_food.refuse))
     version = release.date_in_name() or max(food.published_on for food in release.foods.values())
     present = [name for data_type, name in DATA_TYPES.items() if release.has(data_type)]
     name = "fdc" if len(present) == len(DATA_TYPES) else "-".join(("fdc", *present))
-    medians = with_group_medians(foods, "USDA FoodData Central and the starter table", starter_foods)
+    medians = with_group_medians(
+        foods, "USDA FoodData Central and the starter table", starter_foods
+    )
     table = FoodTable(name, version.isoformat(), version, release.checksum(), medians)
     return ImportedTable(FORMAT, table, sorted_components(used), release.skipped)
 
 
 def _food(
-    food: FdcFood, release: FdcRelease, per_100_g: Mapping[str, float], portions: list[Portion], aliases: list[str]
+    food: FdcFood,
+    release: FdcRelease,
+    per_100_g: Mapping[str, float],
+    portions: list[Portion],
+    aliases: list[str],
 ) -> Food:
-    category, ids = release.categories[food.fdc_id], {"fdc_id": food.fdc_id, "fdc_data_type": food.data_type}
+    category, ids = (
+        release.categories[food.fdc_id],
+        {"fdc_id": food.fdc_id, "fdc_data_type": food.data_type},
+    )
     if food.fdc_id in release.ndb_numbers:
         ids["sr28_ndb"] = release.ndb_numbers[food.fdc_id]
     if food.fdc_id in release.food_codes:
@@ -325,7 +397,11 @@ def _food(
     # FNDDS describes foods as eaten, including those with "raw" in their names.
     state: FoodState = "as_eaten" if food.data_type == SURVEY else usual_state(food.name)
     densities = portion_densities(
-        portions, form, state, f"USDA FDC {food.fdc_id}", cup_kind=cup_kind(food.name, category.form_group, form)
+        portions,
+        form,
+        state,
+        f"USDA FDC {food.fdc_id}",
+        cup_kind=cup_kind(food.name, category.form_group, form),
     )
     return Food(
         key=f"fdc:{food.fdc_id}",

@@ -14,16 +14,25 @@ from app.nutrition.portions import Portion
 
 NO_UNIT = "undetermined"
 # Weighed only by the laboratory: pairs of raw and cooked cuts, drippings.
-LABORATORY_UNITS = frozenset({"paired cooked w", "paired raw w", "dripping w", "orig ckd g", "orig rw g"})
+LABORATORY_UNITS = frozenset(
+    {"paired cooked w", "paired raw w", "dripping w", "orig ckd g", "orig rw g"}
+)
 NOT_EDIBLE = frozenset(
     {"peel", "unpeeled", "whole in shell", "in shell"}
 )  # modifiers of weights that include or are waste
 
-_LEADING = re.compile(r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d+)/(?P<of>[1-9]\d*))?\s+(?=\S)")
+_LEADING = re.compile(
+    r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d+)/(?P<of>[1-9]\d*))?\s+(?=\S)"
+)
 
 
 def portion_of(
-    place: Place, portion_id: str, fdc_id: str, fields: Sequence[str], units: Mapping[str, str], skipped: Skipped
+    place: Place,
+    portion_id: str,
+    fdc_id: str,
+    fields: Sequence[str],
+    units: Mapping[str, str],
+    skipped: Skipped,
 ) -> Portion | None:
     """Convert one row. fields: amount, measure unit's id, description, modifier, grams. units: id -> name.
 

@@ -9,7 +9,11 @@ from app.foods.importers.source_files import Place
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.nutrition.foods import FoodTable
 
-_UNIT_BY_NAME = {unit.value.lower(): unit for unit in Unit} | {"\u00b5g": Unit.UG, "\u03bcg": Unit.UG, "mcg": Unit.UG}
+_UNIT_BY_NAME = {unit.value.lower(): unit for unit in Unit} | {
+    "\u00b5g": Unit.UG,
+    "\u03bcg": Unit.UG,
+    "mcg": Unit.UG,
+}
 
 
 # Lengths of the database's columns.
@@ -91,5 +95,14 @@ def source_component(place: Place, number: str, name: str, unit_name: str) -> So
 
 def sorted_components(components: Mapping[str, Component]) -> tuple[Component, ...]:
     """Return components in the order of components.csv, then unlisted ones."""
-    listed = [component for number, component in COMPONENT_BY_NUMBER.items() if number in components]
-    return (*listed, *(component for number, component in components.items() if number not in COMPONENT_BY_NUMBER))
+    listed = [
+        component for number, component in COMPONENT_BY_NUMBER.items() if number in components
+    ]
+    return (
+        *listed,
+        *(
+            component
+            for number, component in components.items()
+            if number not in COMPONENT_BY_NUMBER
+        ),
+    )

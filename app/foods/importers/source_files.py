@@ -88,7 +88,9 @@ class SourceFiles:
         self._path = path
         if not path.exists():
             raise ImportFileError(str(path), None, "there is no such file or folder")
-        self._is_zip = path.is_file() and (path.suffix.lower() == ".zip" or zipfile.is_zipfile(path))
+        self._is_zip = path.is_file() and (
+            path.suffix.lower() == ".zip" or zipfile.is_zipfile(path)
+        )
         if path.is_dir():
             members = [str(file) for file in sorted(path.rglob("*")) if file.is_file()]
         else:
@@ -106,10 +108,14 @@ class SourceFiles:
         """Raise ImportFileError if one of these files is missing, or exists more than once (two releases)."""
         for name in names:
             if not self.has(name):
-                raise ImportFileError(str(self._path), None, f"it holds no {name}; give the release whole")
+                raise ImportFileError(
+                    str(self._path), None, f"it holds no {name}; give the release whole"
+                )
             members = self._members[name.upper()]
             if len(members) > 1:
-                raise ImportFileError(str(self._path), None, f"it holds {name} more than once: {', '.join(members)}")
+                raise ImportFileError(
+                    str(self._path), None, f"it holds {name} more than once: {', '.join(members)}"
+                )
 
     def checksum(self, names: Iterable[str]) -> str:
         """Return the SHA-256, hex, of these files' names and contents: the same for a zip and its unpacked folder."""
@@ -137,13 +143,17 @@ class SourceFiles:
         header = [column.strip() for column in header]
         missing = [column for column in columns if column not in header]
         if missing:
-            raise ImportFileError(name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}")
+            raise ImportFileError(
+                name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}"
+            )
         twice = sorted({column for column in header if header.count(column) > 1})
         if twice:
             raise ImportFileError(name, 1, f"column {', '.join(twice)} is there twice")
         return header
 
-    def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[Place, dict[str, str]]]:
+    def csv_rows(
+        self, name: str, columns: Iterable[str] = ()
+    ) -> Iterator[tuple[Place, dict[str, str]]]:
         """Yield each row of a UTF-8 CSV file, its trimmed fields by column. Raises errors as csv_fields does."""
         header = self.csv_header(name, columns)
         for place, fields in self.csv_fields(name, header):
@@ -182,7 +192,9 @@ class SourceFiles:
     def _csv_lines(self, name: str) -> Iterator[str]:
         with self.open(name) as file:
             for number, raw in enumerate(file, start=1):
-                if raw.isascii() and b"\0" not in raw:  # the fast path for nearly all of twenty million lines
+                if (
+                    raw.isascii() and b"\0" not in raw
+                ):  # the fast path for nearly all of twenty million lines
                     yield raw.decode("ascii")
                 else:
                     yield _decode(raw, "utf-8-sig", name, number) + "\n"
@@ -200,7 +212,9 @@ class SourceFiles:
                 with Path(member).open("rb") as file:
                     yield file
         except DAMAGED_ZIP as error:
-            raise ImportFileError(str(self._path), None, f"{member} in it cannot be unpacked: {error}") from None
+            raise ImportFileError(
+                str(self._path), None, f"{member} in it cannot be unpacked: {error}"
+            ) from None
         except OSError as error:
             raise ImportFileError(member, None, f"it cannot be read: {error.strerror}") from None
 
@@ -220,14 +234,22 @@ def _plain_name(member: str) -> str:
 
 def _decode(raw: bytes, encoding: str, name: str, number: int) -> str:
     try:
-        text = raw.decode("utf-8-sig" if encoding == "utf-8-sig" and number == 1 else encoding.removesuffix("-sig"))
+        text = raw.decode(
+            "utf-8-sig"
+            if encoding == "utf-8-sig" and number == 1
+            else encoding.removesuffix("-sig")
+        )
     except UnicodeDecodeError as error:
         why = f"byte {error.object[error.start]:#04x} is not {encoding.removesuffix('-sig')}: another encoding"
         raise ImportFileError(name, number, why) from None
     if "\0" in text:
-        raise ImportFileError(name, number, "it holds NUL bytes: another encoding (UTF-16?), or no text")
+        raise ImportFileError(
+            name, number, "it holds NUL bytes: another encoding (UTF-16?), or no text"
+        )
     if encoding == "cp1252" and not raw.isascii() and _is_utf8(raw):
-        raise ImportFileError(name, number, "it is UTF-8, the release is Windows-1252: give it as published")
+        raise ImportFileError(
+            name, number, "it is UTF-8, the release is Windows-1252: give it as published"
+        )
     return text.rstrip("\r\n")
 
 

@@ -37,7 +37,9 @@ RELEASED_ON = date(2016, 5, 1)  # September 2015, revised May 2016
 ENCODING = "cp1252"
 
 _PERCENT_FIRST = re.compile(r"^(?P<percent>\d+(?:\.\d+)?)\s*%\s*(?P<part>.+)$")
-_NO_ALIAS = re.compile(r"URMIS|commodity|\d{3}", re.IGNORECASE)  # codes of the meat trade and of government programmes
+_NO_ALIAS = re.compile(
+    r"URMIS|commodity|\d{3}", re.IGNORECASE
+)  # codes of the meat trade and of government programmes
 _PERCENT_LAST = re.compile(r"^(?P<part>.+?),?\s*(?P<percent>\d+(?:\.\d+)?)\s*%$")
 
 
@@ -92,7 +94,9 @@ class Sr28Release:
             number = place.new_key("food", fields[0], foods)
             food_name = place.text(f"the name of food {number}", fields[2], MAX_NAME)
             if fields[1] not in self.groups:
-                raise place.error(f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
+                raise place.error(
+                    f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks"
+                )
             percent = place.number("the refuse", fields[8] or "0")
             if percent >= 100.0:
                 raise place.error(f"a refuse of {percent:g} % leaves nothing of food {number}")
@@ -117,7 +121,9 @@ class Sr28Release:
             of_food[number] = place.number(f"nutrient {number}", fields[2]) * source.factor
         for ndb_number, of_food in contents.items():
             if not of_food:
-                raise ImportFileError(name, None, f"it has no value of food {ndb_number}; is the file cut off?")
+                raise ImportFileError(
+                    name, None, f"it has no value of food {ndb_number}; is the file cut off?"
+                )
         return contents
 
     def portions(self, skipped: Skipped) -> dict[str, list[Portion]]:
@@ -145,7 +151,9 @@ class Sr28Release:
             place = Place(name, number)
             raw = [field.strip() for field in line.split("^")]
             if len(raw) != fields_per_line:
-                raise place.error(f"{len(raw)} fields where SR28 has {fields_per_line}; is the file cut off?")
+                raise place.error(
+                    f"{len(raw)} fields where SR28 has {fields_per_line}; is the file cut off?"
+                )
             # The last field of FD_GROUP.txt is a text: cut within it the count is still right.
             if raw[-1].startswith("~") and (raw[-1] == "~" or not raw[-1].endswith("~")):
                 raise place.error(f"the text {raw[-1]} has no end; is the file cut off?")
@@ -162,16 +170,26 @@ def read_sr28(path: Path) -> ImportedTable:
         _food(source, release.groups[source.group_code], contents[number], portions.get(number, []))
         for number, source in release.foods.items()
     ]
-    components = {source.component.number: source.component for source in release.components.values()}
-    foods_with_medians = with_group_medians(foods, "USDA SR28 and the starter table", starter_foods_by_ndb())
+    components = {
+        source.component.number: source.component for source in release.components.values()
+    }
+    foods_with_medians = with_group_medians(
+        foods, "USDA SR28 and the starter table", starter_foods_by_ndb()
+    )
     table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), foods_with_medians)
     return ImportedTable(FORMAT, table, sorted_components(components), skipped)
 
 
-def _food(source: Sr28Food, group: str, per_100_g: Mapping[str, float], portions: list[Portion]) -> Food:
+def _food(
+    source: Sr28Food, group: str, per_100_g: Mapping[str, float], portions: list[Portion]
+) -> Food:
     form, state = usual_form(source.name, group), usual_state(source.name)
     densities = portion_densities(
-        portions, form, state, f"USDA SR28, NDB {source.ndb_number}", cup_kind=cup_kind(source.name, group, form)
+        portions,
+        form,
+        state,
+        f"USDA SR28, NDB {source.ndb_number}",
+        cup_kind=cup_kind(source.name, group, form),
     )
     return Food(
         key=f"sr28:{source.ndb_number}",
@@ -201,7 +219,9 @@ def parse_refuse(description: str, percent: float) -> list[tuple[str, float]]:
     if percent == 0.0:
         return []
     parts: list[tuple[str, float]] = []
-    for piece in re.split(r"[,;]", re.sub(r",\s*(?=\d+(?:\.\d+)?\s*%\s*(?:,|;|$))", " ", description)):
+    for piece in re.split(
+        r"[,;]", re.sub(r",\s*(?=\d+(?:\.\d+)?\s*%\s*(?:,|;|$))", " ", description)
+    ):
         match = _PERCENT_FIRST.match(piece.strip()) or _PERCENT_LAST.match(piece.strip())
         if match is None or float(match["percent"]) == 0.0:
             parts = []
@@ -221,6 +241,8 @@ def _aliases(source: Sr28Food) -> tuple[str, ...]:
         dict.fromkeys(
             name
             for name in names
-            if name and not _NO_ALIAS.search(name) and not set(re.findall(r"\w+", name.lower())) <= name_words
+            if name
+            and not _NO_ALIAS.search(name)
+            and not set(re.findall(r"\w+", name.lower())) <= name_words
         )
     )

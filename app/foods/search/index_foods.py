@@ -15,10 +15,20 @@ _KINDS = frozenset({"fdc_data_type", "sr28_figures"})  # source ids that name a 
 def index_foods(session: Session, rows: Sequence[Food]) -> None:
     """Add these foods' names and aliases to the index; the rows must have ids."""
     ranks = [
-        (row, posting_ranks(row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state))
+        (
+            row,
+            posting_ranks(
+                row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state
+            ),
+        )
         for row in rows
     ]
-    new_words = {word for _, by_word in ranks for word in by_word if not word.endswith("*") and not word.isdigit()}
+    new_words = {
+        word
+        for _, by_word in ranks
+        for word in by_word
+        if not word.endswith("*") and not word.isdigit()
+    }
     missing = sorted(new_words - food_index.indexed_words(session, new_words))
     food_index.add_words(session, [(word, trigrams(word)) for word in missing])
     food_index.add_postings(session, ranks)

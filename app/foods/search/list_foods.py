@@ -40,10 +40,15 @@ def list_foods(
     return [ListedFood(food, *figures.get(food.key, (None, None))) for food in matches]
 
 
-def _figures(session: Session, rows: Sequence[Food]) -> Iterator[tuple[str, tuple[float | None, Density | None]]]:
+def _figures(
+    session: Session, rows: Sequence[Food]
+) -> Iterator[tuple[str, tuple[float | None, Density | None]]]:
     densities = pooled_densities(session, rows)
     contents = foods.contents_of(session, [row.id for row in rows], ENERGY_NUMBERS)
     for row in rows:
-        energy = next((contents[row.id][number] for number in ENERGY_NUMBERS if number in contents[row.id]), None)
+        energy = next(
+            (contents[row.id][number] for number in ENERGY_NUMBERS if number in contents[row.id]),
+            None,
+        )
         choice = resolve_density(replace(bare_value(row), densities=densities[row.id]))
         yield row.key, (energy, choice.chosen if choice is not None else None)

@@ -39,7 +39,9 @@ _ROWS_BY_ID = _ROWS.where(Food.id.in_(sa.bindparam("ids", expanding=True)))
 _PLACES = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(
     Food.key.in_(sa.bindparam("keys", expanding=True))
 )
-_WITH_CODE = sa.select(FoodCode.food_id).where(FoodCode.code == sa.bindparam("code"), FoodCode.system != "label")
+_WITH_CODE = sa.select(FoodCode.food_id).where(
+    FoodCode.code == sa.bindparam("code"), FoodCode.system != "label"
+)
 _SIMILAR = (
     sa.select(FoodWordTrigram.word)
     .where(FoodWordTrigram.trigram.in_(sa.bindparam("trigrams", expanding=True)))
@@ -92,7 +94,12 @@ def similar_words(session: Session, trigrams: Collection[str], limit: int) -> li
 
 
 def foods_with_words(
-    session: Session, words: Sequence[WordPattern], scope: Scope, limit: int, *, scanned: int | None = None
+    session: Session,
+    words: Sequence[WordPattern],
+    scope: Scope,
+    limit: int,
+    *,
+    scanned: int | None = None,
 ) -> list[int]:
     """Return the ids of the best `limit` foods that have all the words, by their rank for the first word.
 
@@ -111,9 +118,13 @@ def foods_with_words(
     query = sa.select(food.c.food_id).order_by(food.c.rank, food.c.food_id).limit(limit)
     for other in other_words:
         posting = aliased(FoodPosting)
-        query = query.where(sa.exists().where(posting.food_id == food.c.food_id, _has(_by_food(posting), other)))
+        query = query.where(
+            sa.exists().where(posting.food_id == food.c.food_id, _has(_by_food(posting), other))
+        )
     if scope.groups is not None:
-        query = query.where(sa.exists().where(Food.id == food.c.food_id, Food.food_group.in_(scope.groups)))
+        query = query.where(
+            sa.exists().where(Food.id == food.c.food_id, Food.food_group.in_(scope.groups))
+        )
     return list(session.scalars(query))
 
 
@@ -122,7 +133,9 @@ def foods_with_code(session: Session, code: str) -> list[int]:
     return list(session.scalars(_WITH_CODE, {"code": code}))
 
 
-def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoodRow]:
+def foods_to_rank(
+    session: Session, food_ids: Collection[int], key: str | None, scope: Scope
+) -> list[FoodRow]:
     """Return those of these foods that are in scope, and the one with this key."""
     selected = list(session.execute(_ROWS_BY_ID, {"ids": sorted(food_ids)})) if food_ids else []
     if key is not None:
@@ -205,8 +218,14 @@ def add_words(session: Session, trigrams: Sequence[tuple[str, Collection[str]]])
         return
     insert = sqlite.insert if session.get_bind().dialect.name == "sqlite" else postgresql.insert
     connection = session.connection()
-    connection.execute(insert(FoodWord).on_conflict_do_nothing(), [{"word": word} for word, _ in trigrams])
+    connection.execute(
+        insert(FoodWord).on_conflict_do_nothing(), [{"word": word} for word, _ in trigrams]
+    )
     connection.execute(
         insert(FoodWordTrigram).on_conflict_do_nothing(),
-        [{"trigram": trigram, "word": word} for word, word_trigrams in trigrams for trigram in sorted(word_trigrams)],
+        [
+            {"trigram": trigram, "word": word}
+            for word, word_trigrams in trigrams
+            for trigram in sorted(word_trigrams)
+        ],
     )

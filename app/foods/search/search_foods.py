@@ -84,7 +84,9 @@ def search_foods(
 def food_groups(database: Database) -> list[FoodGroup]:
     """Return the groups of the foods in force, by name."""
     with database.read() as session:
-        groups = index.groups_in_force(session, [release.id for release in _searched_releases(session)])
+        groups = index.groups_in_force(
+            session, [release.id for release in _searched_releases(session)]
+        )
     return [FoodGroup(name, count) for name, count in groups]
 
 
@@ -100,11 +102,15 @@ def _searched_releases(session: Session) -> list[FoodRelease]:
     return [release for release in releases_in_force(session) if release.source != DENSITIES_ONLY]
 
 
-def _groups_named(session: Session, release_ids: tuple[int, ...], group: str | None) -> tuple[str, ...] | None:
+def _groups_named(
+    session: Session, release_ids: tuple[int, ...], group: str | None
+) -> tuple[str, ...] | None:
     if group is None:
         return None
     folded = group.strip().casefold()
-    return tuple(name for name, _ in index.groups_in_force(session, release_ids) if name.casefold() == folded)
+    return tuple(
+        name for name, _ in index.groups_in_force(session, release_ids) if name.casefold() == folded
+    )
 
 
 def _match_rows(
@@ -118,7 +124,11 @@ def _match_rows(
     codes = index.foods_with_code(session, text) if _CODE.fullmatch(text) else []
     unique = list(dict.fromkeys(typed))
     counts = dict(
-        zip(unique, index.count_postings(session, [_word_pattern(QueryWord(word, {})) for word in unique]), strict=True)
+        zip(
+            unique,
+            index.count_postings(session, [_word_pattern(QueryWord(word, {})) for word in unique]),
+            strict=True,
+        )
     )
     matches: list[tuple[index.FoodRow, str]] = []
     for is_mistyped in (False, True):
@@ -134,7 +144,9 @@ def _match_rows(
     return matches
 
 
-def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyped: set[str]) -> list[Query]:
+def _readings(
+    session: Session, typed: list[str], counts: dict[str, int], mistyped: set[str]
+) -> list[Query]:
     """Return the possible readings: the words as typed, with corrections of mistyped ones; two joined; one split."""
     joins = [[*typed[:i], typed[i] + typed[i + 1], *typed[i + 2 :]] for i in range(len(typed) - 1)]
     splits = [
@@ -146,9 +158,15 @@ def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyp
     new_words = {word for words in (*joins, *splits) for word in words if word not in counts}
     indexed = index.indexed_words(session, new_words) if new_words else set()
     typos = {word: _words_like(session, word) for word in mistyped}
-    readings = [typed, *(words for words in (*joins, *splits) if indexed.issuperset(set(words) - counts.keys()))]
+    readings = [
+        typed,
+        *(words for words in (*joins, *splits) if indexed.issuperset(set(words) - counts.keys())),
+    ]
     return [
-        Query(tuple(QueryWord(word, typos.get(word, {})) for word in words), joined=int(words is not typed))
+        Query(
+            tuple(QueryWord(word, typos.get(word, {})) for word in words),
+            joined=int(words is not typed),
+        )
         for words in readings
     ]
 
@@ -163,11 +181,14 @@ def _words_like(session: Session, word: str) -> dict[str, int]:
         distances = {
             other: distance + (other[0] != word[0])
             for other in similar
-            if other != word and (distance := typo_distance(word, other, most, begun=begun)) is not None
+            if other != word
+            and (distance := typo_distance(word, other, most, begun=begun)) is not None
         }
         if distances:
             best = min(distances.values())
-            closest = sorted((distance, other) for other, distance in distances.items() if distance <= best + 1)
+            closest = sorted(
+                (distance, other) for other, distance in distances.items() if distance <= best + 1
+            )
             return {other: max(1, distance) for distance, other in closest[:CORRECTIONS]}
     return {}
 
@@ -179,8 +200,12 @@ def _foods_with(session: Session, query: Query, scope: index.Scope, most: int) -
         return index.foods_with_words(session, words, scope, most)
     counts = index.count_postings(session, words)
     rarest_first = [words[i] for i in sorted(range(len(words)), key=counts.__getitem__)]
-    if min(counts) > SCANNED:  # if many foods have all the words, enough of them are among the first
-        food_ids = index.foods_with_words(session, rarest_first, scope, most, scanned=max(SCANNED, most))
+    if (
+        min(counts) > SCANNED
+    ):  # if many foods have all the words, enough of them are among the first
+        food_ids = index.foods_with_words(
+            session, rarest_first, scope, most, scanned=max(SCANNED, most)
+        )
         if len(food_ids) == most:
             return food_ids
     return index.foods_with_words(session, rarest_first, scope, most)
@@ -232,7 +257,11 @@ def _merge_same_foods(
     entry_of: dict[tuple[str, str], int] = {}
     for match in ranked:
         row = rows[match.position]
-        codes = [(system, str(code)) for system, code in row.source_ids.items() if system in SAME_FOOD_SYSTEMS]
+        codes = [
+            (system, str(code))
+            for system, code in row.source_ids.items()
+            if system in SAME_FOOD_SYSTEMS
+        ]
         same = [entry_of[code] for code in codes if code in entry_of]
         if same and row.release_id not in {twin.release_id for twin in entries[same[0]]}:
             entry = same[0]
@@ -247,7 +276,9 @@ def _merge_same_foods(
     return list(zip(best, labels, strict=True))
 
 
-def _match_row(row: index.FoodRow, releases: dict[int, FoodRelease], matched: str | None) -> MatchedFood:
+def _match_row(
+    row: index.FoodRow, releases: dict[int, FoodRelease], matched: str | None
+) -> MatchedFood:
     return MatchedFood(
         key=row.key,
         name=row.name,

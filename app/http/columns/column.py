@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-ColumnType = Literal["id", "word", "instant", "local time", "day", "number", "integer", "boolean", "words"]
+ColumnType = Literal[
+    "id", "word", "instant", "local time", "day", "number", "integer", "boolean", "words"
+]
 
 
 @dataclass(frozen=True, slots=True)

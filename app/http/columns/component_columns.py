@@ -9,9 +9,12 @@ from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINE_NUMBERS
 
 NO_SUM = "It is known of nothing that was eaten. Never 0."
 COVERAGE = (
-    "The share of the eaten grams for which {name} is known, 0 to 1: below 1, the sum is of a part of what was eaten."
+    "The share of the eaten grams for which {name} is known, 0 to 1: "
+    "below 1, the sum is of a part of what was eaten."
 )
-NO_COVERAGE = "Grams of something that was eaten are not known, so nobody knows how much of it the sum tells."
+NO_COVERAGE = (
+    "Grams of something that was eaten are not known, so nobody knows how much of it the sum tells."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,9 @@ def headline_sums(empty: str) -> tuple[Column, ...]:
     columns: list[Column] = []
     for headline in HEADLINES:
         name, unit = headline.name, headline.unit
-        columns.append(Column(name, "number", unit, f"Sum of {name} over records that hold.", empty=empty))
+        columns.append(
+            Column(name, "number", unit, f"Sum of {name} over records that hold.", empty=empty)
+        )
         columns.append(coverage_column(f"{name}_coverage", name))
     return tuple(columns)
 

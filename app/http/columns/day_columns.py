@@ -2,12 +2,20 @@
 
 from app.http.columns.column import Column
 from app.http.columns.component_columns import headline_sums
-from app.http.columns.record_columns import DAY_STATUSES, LAYERS, LOCAL_DATE, PARTICIPANT, STUDY, STUDY_DAY
+from app.http.columns.record_columns import (
+    DAY_STATUSES,
+    LAYERS,
+    LOCAL_DATE,
+    PARTICIPANT,
+    STUDY,
+    STUDY_DAY,
+)
 
 VERDICTS = ("low", "plausible", "high", "unknown")
 NO_SUM = "It is known of nothing that was eaten on the day. Never 0, but on a day when nothing was eaten."
 UNMEASURED_MEALS = (
-    "Meals of which no food is known (failed, not measured yet) and nobody said that there was none: not in the sums."
+    "Meals of which no food is known (failed, not measured yet) and nobody said that there was "
+    "none: not in the sums."
 )
 LEFTOVERS_UNKNOWN = (
     "Items that count as eaten up since nobody has looked what was left, where the study expects an after-meal pair: "
@@ -29,7 +37,11 @@ STANDING = (
         meaning="closed: all that was eaten on the day is told. open: not so; leave it out of means.",
         values=DAY_STATUSES,
     ),
-    Column("ate_nothing", "boolean", meaning="Closed by the word that nothing was eaten, and no meal says otherwise."),
+    Column(
+        "ate_nothing",
+        "boolean",
+        meaning="Closed by the word that nothing was eaten, and no meal says otherwise.",
+    ),
     Column(
         "decided_by",
         "word",
@@ -40,7 +52,9 @@ STANDING = (
 )
 COUNTS = (
     _count("meals", "Meals of the day."),
-    _count("meals_after_closing", "Meals that came in after the day was closed: it may need a look."),
+    _count(
+        "meals_after_closing", "Meals that came in after the day was closed: it may need a look."
+    ),
     Column(
         "median_upload_delay_seconds",
         "number",
@@ -50,10 +64,18 @@ COUNTS = (
     ),
     _count("items", "Records that hold (not rejected)."),
     _count("unmeasured_meals", UNMEASURED_MEALS),
-    _count("unmeasured_items", "Items whose eaten grams are not known: the sums are of the others."),
+    _count(
+        "unmeasured_items", "Items whose eaten grams are not known: the sums are of the others."
+    ),
     _count("provisional_items", "Items that an after-meal pair may still change."),
     _count("leftovers_unknown_items", LEFTOVERS_UNKNOWN),
-    Column("consumed_g", "number", "g", "Edible grams eaten, summed over records that hold.", empty=NO_SUM),
+    Column(
+        "consumed_g",
+        "number",
+        "g",
+        "Edible grams eaten, summed over records that hold.",
+        empty=NO_SUM,
+    ),
 )
 SUMS = headline_sums(NO_SUM)
 PLAUSIBLE = (

@@ -13,7 +13,9 @@ from pydantic import JsonValue
 from app.http.columns.column import Column, ColumnType
 from app.http.csv_cells import safe_cell
 
-DictionaryType = Literal["id", "text", "list of words", "instant", "local time", "day", "number", "integer", "boolean"]
+DictionaryType = Literal[
+    "id", "text", "list of words", "instant", "local time", "day", "number", "integer", "boolean"
+]
 TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
     "id": "id",
     "word": "text",
@@ -41,7 +43,12 @@ DICTIONARY_COLUMNS = (
     Column("position", "integer", meaning="The column's place, 1 the first."),
     Column("name", "word", meaning="The column's name."),
     Column("type", "word", meaning="What its values are.", values=tuple(TYPES.values())),
-    Column("unit", "word", meaning="Unit of the values; 1: a share or a ratio.", empty="They have none."),
+    Column(
+        "unit",
+        "word",
+        meaning="Unit of the values; 1: a share or a ratio.",
+        empty="They have none.",
+    ),
     Column("meaning", "word", meaning="What the column tells."),
     Column("values", "words", meaning="All values that there can be, where they are few."),
     Column("empty", "word", meaning="What an empty cell says.", empty="There is none."),
@@ -52,7 +59,15 @@ DictionaryRow = tuple[int, str, DictionaryType, str | None, str, tuple[str, ...]
 def entries(columns: Sequence[Column]) -> list[DictionaryRow]:
     """A row of DICTIONARY_COLUMNS each."""
     return [
-        (place, column.name, TYPES[column.type], column.unit, column.meaning, column.values, column.empty)
+        (
+            place,
+            column.name,
+            TYPES[column.type],
+            column.unit,
+            column.meaning,
+            column.values,
+            column.empty,
+        )
         for place, column in enumerate(columns, start=1)
     ]
 
@@ -84,7 +99,8 @@ def _field(column: Column) -> dict[str, JsonValue]:
     return {
         "name": column.name,
         **SCHEMA_TYPES[column.type],
-        "description": column.meaning + (f" Empty: {column.empty}" if column.empty is not None else ""),
+        "description": column.meaning
+        + (f" Empty: {column.empty}" if column.empty is not None else ""),
         **({"unit": column.unit} if column.unit is not None else {}),
         **({"constraints": constraints} if constraints else {}),
     }

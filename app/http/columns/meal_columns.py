@@ -15,9 +15,25 @@ from app.http.columns.record_columns import (
     UPLOAD_DELAY,
 )
 
-MEAL_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed")
+MEAL_STATUSES = (
+    "receiving",
+    "queued",
+    "processing",
+    "estimated",
+    "needs_review",
+    "failed",
+    "confirmed",
+)
 MEAL_ORIGINS = ("photographed", "declared")
-AFTER_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left")
+AFTER_STATUSES = (
+    "receiving",
+    "queued",
+    "processing",
+    "estimated",
+    "needs_review",
+    "failed",
+    "nothing_left",
+)
 NO_SUM = "It is known of none of the meal's items, or there are none yet. Never 0."
 NO_RUN = "No run has measured it."
 NO_PHOTOGRAPH = "There is no such photograph."
@@ -51,9 +67,17 @@ ARRIVAL = (
 DAY = (DAY_STATUS, STUDY_DAY)
 STANDING = (
     Column("status", "word", meaning="Where the meal stands.", values=MEAL_STATUSES),
-    Column("origin", "word", meaning="Whether it was photographed, or told without photographs.", values=MEAL_ORIGINS),
     Column(
-        "failure_code", "word", meaning="Why it could not be measured (docs/errors.md).", empty="It has not failed."
+        "origin",
+        "word",
+        meaning="Whether it was photographed, or told without photographs.",
+        values=MEAL_ORIGINS,
+    ),
+    Column(
+        "failure_code",
+        "word",
+        meaning="Why it could not be measured (docs/errors.md).",
+        empty="It has not failed.",
     ),
     Column(
         "after_status",
@@ -62,15 +86,28 @@ STANDING = (
         values=AFTER_STATUSES,
         empty="There is none.",
     ),
-    Column("provisional", "boolean", meaning="Whether an after-meal pair may still change what was eaten."),
+    Column(
+        "provisional",
+        "boolean",
+        meaning="Whether an after-meal pair may still change what was eaten.",
+    ),
 )
 FOODS = (
-    Column("food_keys", "words", meaning="Keys of the foods of its records that hold, in the items' order."),
+    Column(
+        "food_keys",
+        "words",
+        meaning="Keys of the foods of its records that hold, in the items' order.",
+    ),
     Column("flags", "words", meaning="Flags of its records that hold, each once."),
 )
 COUNTS = (
     Column("items", "integer", None, "Records that hold (not rejected)."),
-    Column("unmeasured_items", "integer", None, "Of these, those whose eaten grams are not known: not in the sums."),
+    Column(
+        "unmeasured_items",
+        "integer",
+        None,
+        "Of these, those whose eaten grams are not known: not in the sums.",
+    ),
     Column("unreviewed_items", "integer", None, "Of these, those that need a reviewer's look."),
     Column(
         "doubt",
@@ -80,11 +117,22 @@ COUNTS = (
         empty="It has no items.",
     ),
     Column("version", "integer", None, "Grows with every change of the meal."),
-    Column("consumed_g", "number", "g", "Edible grams eaten, summed over records that hold.", empty=NO_SUM),
+    Column(
+        "consumed_g",
+        "number",
+        "g",
+        "Edible grams eaten, summed over records that hold.",
+        empty=NO_SUM,
+    ),
 )
 SUMS = headline_sums(NO_SUM)
 MEAL_RUN = (
-    Column("run_id", "id", meaning="The newest run of the pipeline on the meal's own pair.", empty=NO_RUN),
+    Column(
+        "run_id",
+        "id",
+        meaning="The newest run of the pipeline on the meal's own pair.",
+        empty=NO_RUN,
+    ),
     Column("method", "word", meaning="The run's method of measuring volumes.", empty=NO_RUN),
     Column("pipeline_version", "word", meaning="The run's version of the pipeline.", empty=NO_RUN),
     Column(
@@ -102,7 +150,10 @@ MEAL_RUN = (
 )
 PHOTOGRAPHS = (
     _hash("left_received_sha256", "SHA-256 of the left photograph as the phone sent it."),
-    _hash("left_stored_sha256", "SHA-256 of the left photograph as it is kept (perhaps without its location)."),
+    _hash(
+        "left_stored_sha256",
+        "SHA-256 of the left photograph as it is kept (perhaps without its location).",
+    ),
     _hash("right_received_sha256", "SHA-256 of the right photograph as the phone sent it."),
     _hash("right_stored_sha256", "SHA-256 of the right photograph as it is kept."),
 )

@@ -18,11 +18,15 @@ PROFILE = (
         empty="The year of birth is not known, or there is neither a day 1 nor a phone.",
     ),
     Column("height_cm", "number", "cm", "Height.", empty=UNKNOWN),
-    Column("weight_kg", "number", "kg", "Weight; in pregnancy, the weight before it.", empty=UNKNOWN),
+    Column(
+        "weight_kg", "number", "kg", "Weight; in pregnancy, the weight before it.", empty=UNKNOWN
+    ),
     Column("activity", "word", meaning="Physical activity.", values=ACTIVITIES, empty=UNKNOWN),
     Column("is_pregnant", "boolean", meaning="Whether the participant is pregnant.", empty=UNKNOWN),
     Column("trimester", "integer", meaning="Trimester of the pregnancy, 1 to 3.", empty=UNKNOWN),
-    Column("is_lactating", "boolean", meaning="Whether the participant is lactating.", empty=UNKNOWN),
+    Column(
+        "is_lactating", "boolean", meaning="Whether the participant is lactating.", empty=UNKNOWN
+    ),
     Column("lactation_months", "integer", meaning="Completed months since birth.", empty=UNKNOWN),
 )
 MEALS = (
@@ -34,8 +38,23 @@ PARTICIPANT_COLUMNS = (
     STUDY,
     PARTICIPANT,
     *PROFILE,
-    Column("starts_on", "day", meaning="The local day that is study day 1.", empty="It is that of the first meal."),
-    Column("enrolled_at", "instant", meaning="When the first phone was enrolled.", empty="No phone was enrolled."),
-    Column("withdrawn_at", "instant", meaning="When the participant left the study.", empty="They are in it."),
+    Column(
+        "starts_on",
+        "day",
+        meaning="The local day that is study day 1.",
+        empty="It is that of the first meal.",
+    ),
+    Column(
+        "enrolled_at",
+        "instant",
+        meaning="When the first phone was enrolled.",
+        empty="No phone was enrolled.",
+    ),
+    Column(
+        "withdrawn_at",
+        "instant",
+        meaning="When the participant left the study.",
+        empty="They are in it.",
+    ),
     *MEALS,
 )

@@ -1,7 +1,14 @@
 """The columns of the image manifest: a row a photograph."""
 
 from app.http.columns.column import Column
-from app.http.columns.record_columns import CAPTURED_AT, CAPTURED_LOCAL, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+from app.http.columns.record_columns import (
+    CAPTURED_AT,
+    CAPTURED_LOCAL,
+    LOCAL_DATE,
+    MEAL_ID,
+    PARTICIPANT,
+    STUDY,
+)
 from app.photos.slots import SLOTS
 
 PHOTOGRAPH_COLUMNS = (

@@ -18,18 +18,29 @@ NO_FOOD = "Nobody has said what it is."
 
 ITEM_ID = Column("id", "id", meaning="The item's id: the same in every export.")
 STUDY = Column("study", "word", meaning="The study's code.")
-PARTICIPANT = Column("participant", "word", meaning="The participant's pseudonymous code in the study.")
-MEAL_ID = Column("meal_id", "id", meaning="The meal's id, as its phone made it; unique for the participant.")
+PARTICIPANT = Column(
+    "participant", "word", meaning="The participant's pseudonymous code in the study."
+)
+MEAL_ID = Column(
+    "meal_id", "id", meaning="The meal's id, as its phone made it; unique for the participant."
+)
 CAPTURED_AT = Column("captured_at", "instant", meaning="When it was eaten, in UTC.")
 CAPTURED_LOCAL = Column(
-    "captured_local", "local time", meaning="When it was eaten, by the clock there: captured_at in time_zone."
+    "captured_local",
+    "local time",
+    meaning="When it was eaten, by the clock there: captured_at in time_zone.",
 )
 TIME_ZONE = Column("time_zone", "word", meaning="The IANA time zone where it was eaten.")
 LOCAL_DATE = Column(
-    "local_date", "day", meaning="The local day that it counts for; a study may let its days begin after midnight."
+    "local_date",
+    "day",
+    meaning="The local day that it counts for; a study may let its days begin after midnight.",
 )
 UPLOAD_DELAY = Column(
-    "upload_delay_seconds", "number", "s", "From eating to the arrival of the meal's first part at the server."
+    "upload_delay_seconds",
+    "number",
+    "s",
+    "From eating to the arrival of the meal's first part at the server.",
 )
 DAY_STATUS = Column(
     "day_status",
@@ -43,7 +54,12 @@ STUDY_DAY = Column(
     meaning="The day's number for the participant, 1 on their first day.",
     empty="No first day is known.",
 )
-FOOD_KEY = Column("food_key", "word", meaning="The food's key: the same through releases and versions.", empty=NO_FOOD)
+FOOD_KEY = Column(
+    "food_key",
+    "word",
+    meaning="The food's key: the same through releases and versions.",
+    empty=NO_FOOD,
+)
 CONSUMED_G = Column(
     "consumed_g",
     "number",
@@ -77,8 +93,15 @@ WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
 OF_MEAL = (MEAL_ID, STUDY, PARTICIPANT, *WHEN, UPLOAD_DELAY)
 OF_FOOD = (
     FOOD_KEY,
-    Column("food_name", "word", meaning="Its name in the version that the record holds.", empty=NO_FOOD),
-    Column("food_table", "word", meaning="The food table's name and release that the food is of.", empty=NO_FOOD),
+    Column(
+        "food_name", "word", meaning="Its name in the version that the record holds.", empty=NO_FOOD
+    ),
+    Column(
+        "food_table",
+        "word",
+        meaning="The food table's name and release that the food is of.",
+        empty=NO_FOOD,
+    ),
 )
 STATE = (
     Column(
@@ -93,8 +116,16 @@ STATE = (
         meaning="Where the item comes from: seen by the pipeline, declared, or made by a person.",
         values=ORIGINS,
     ),
-    Column("provisional", "boolean", meaning="Whether an after-meal pair may still change what was eaten."),
-    Column("reviewed", "boolean", meaning="Whether a reviewer has had the last word, and the amount is known."),
+    Column(
+        "provisional",
+        "boolean",
+        meaning="Whether an after-meal pair may still change what was eaten.",
+    ),
+    Column(
+        "reviewed",
+        "boolean",
+        meaning="Whether a reviewer has had the last word, and the amount is known.",
+    ),
 )
 VOLUME = (
     _number("volume_ml", "ml", "Volume as served.", NO_VOLUME),
@@ -109,11 +140,26 @@ VOLUME = (
 )
 AMOUNTS = (
     _number("mass_g", "g", "Grams as served, with peel, core and bone.", NO_MASS),
-    _number("mass_low_g", "g", "Lower end of the mass's 90 % interval: volume and density together.", NO_MASS),
+    _number(
+        "mass_low_g",
+        "g",
+        "Lower end of the mass's 90 % interval: volume and density together.",
+        NO_MASS,
+    ),
     _number("mass_high_g", "g", "Upper end of the mass's 90 % interval.", NO_MASS),
     _number("edible_g", "g", "Grams as served, without peel, core and bone.", NO_MASS),
-    Column("share", "number", "1", "The participant's share of a dish that several persons eat from; 1: all."),
-    _number("left_g", "g", "Edible grams that were left over.", "Nobody has looked: it counts as eaten up."),
+    Column(
+        "share",
+        "number",
+        "1",
+        "The participant's share of a dish that several persons eat from; 1: all.",
+    ),
+    _number(
+        "left_g",
+        "g",
+        "Edible grams that were left over.",
+        "Nobody has looked: it counts as eaten up.",
+    ),
     CONSUMED_G,
     _number("consumed_low_g", "g", "Lower end of the 90 % interval of consumed_g.", NO_CONSUMED),
     _number("consumed_high_g", "g", "Upper end of the 90 % interval of consumed_g.", NO_CONSUMED),
@@ -130,7 +176,12 @@ FOOD_VERSION = (
 )
 NO_RUN = "No run measured it: it was told by a person, or waits to be measured."
 OF_RUN = (
-    Column("run_id", "id", meaning="The run of the pipeline that measured the item as it stands.", empty=NO_RUN),
+    Column(
+        "run_id",
+        "id",
+        meaning="The run of the pipeline that measured the item as it stands.",
+        empty=NO_RUN,
+    ),
     Column("method", "word", meaning="The run's method of measuring volumes.", empty=NO_RUN),
     Column("pipeline_version", "word", meaning="The run's version of the pipeline.", empty=NO_RUN),
 )
@@ -142,8 +193,19 @@ OF_WEIGHING = (
         values=LAYERS,
         empty=NO_FOOD,
     ),
-    Column("density_basis", "word", meaning="What kind of figure the density is.", empty="No density was used."),
-    Column("density_sd_g_per_ml", "number", "g/ml", "The density's spread (one sd).", empty="No density was used."),
+    Column(
+        "density_basis",
+        "word",
+        meaning="What kind of figure the density is.",
+        empty="No density was used.",
+    ),
+    Column(
+        "density_sd_g_per_ml",
+        "number",
+        "g/ml",
+        "The density's spread (one sd).",
+        empty="No density was used.",
+    ),
     Column("edible_share", "number", "1", "Edible grams a gram as served.", empty=NO_FOOD),
 )
 DOUBT = (
@@ -161,7 +223,9 @@ RECORD_COLUMNS = (
     *STATE,
     *OF_FOOD,
     *VOLUME,
-    Column("density_source", "word", meaning="Who measured the density.", empty="No density was used."),
+    Column(
+        "density_source", "word", meaning="Who measured the density.", empty="No density was used."
+    ),
     *AMOUNTS,
     Column(
         "flags",

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from app.core.errors import InvalidInputError
 from app.identification.building.fit_calibration import fit_calibration
 from app.identification.building.fit_metric import fit_metric
-from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens
+from app.identification.building.held_out import (
+    scores_of_unseen_classes,
+    scores_of_unseen_specimens,
+)
 from app.identification.food_index import FoodIndex, KnownFood
 from app.identification.metric import BlockLayout, Vectors
 
@@ -43,7 +46,8 @@ def build_index(
     pieces = {(int(label), specimen) for label, specimen in zip(labels, specimens, strict=True)}
     if len(set(labels.tolist())) < FEWEST_FOODS or len(pieces) == len(set(labels.tolist())):
         raise InvalidInputError(
-            "An index needs photographs of two foods, and of two specimens of one of them.", code="index_too_small"
+            "An index needs photographs of two foods, and of two specimens of one of them.",
+            code="index_too_small",
         )
     metric = fit_metric(stored, layout)
     examples = metric.embed(stored)
@@ -65,7 +69,11 @@ def build_index(
 
 def write_index(path: Path, index: FoodIndex) -> None:
     """The archive that read_index reads; the same index gives the same bytes. Vectors are kept in half precision."""
-    sizes = [(food.label, volume) for food in index.foods for volume in index.volumes_ml.get(food.label, ())]
+    sizes = [
+        (food.label, volume)
+        for food in index.foods
+        for volume in index.volumes_ml.get(food.label, ())
+    ]
     np.savez_compressed(
         path,
         allow_pickle=False,

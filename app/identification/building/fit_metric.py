@@ -17,8 +17,12 @@ SAMPLE = 400  # of examples whose distances are measured
 def fit_metric(vectors: Vectors, layout: Sequence[BlockLayout]) -> Metric:
     """The metric of some examples, (n, d), n >= 1. Raises ValueError if the blocks do not make up the vectors."""
     if sum(block.size for block in layout) != vectors.shape[1]:
-        raise ValueError(f"blocks of {sum(block.size for block in layout)} numbers, vectors of {vectors.shape[1]}")
-    is_histogram = np.repeat([block.is_histogram for block in layout], [block.size for block in layout])
+        raise ValueError(
+            f"blocks of {sum(block.size for block in layout)} numbers, vectors of {vectors.shape[1]}"
+        )
+    is_histogram = np.repeat(
+        [block.is_histogram for block in layout], [block.size for block in layout]
+    )
     centre = np.where(is_histogram, 0.0, vectors.mean(axis=0))
     spread = vectors.std(axis=0)
     sd = np.where(is_histogram | (spread <= LEAST_SD), 1.0, spread)
@@ -30,7 +34,9 @@ def fit_metric(vectors: Vectors, layout: Sequence[BlockLayout]) -> Metric:
         squares = squared_distances(part, part)[np.triu_indices(len(part), 1)]
         weights.append(np.full(block.size, _weight(squares, len(layout))))
         begins += block.size
-    return Metric(centre, sd, np.where(is_histogram | (spread > LEAST_SD), np.concatenate(weights), 0.0))
+    return Metric(
+        centre, sd, np.where(is_histogram | (spread > LEAST_SD), np.concatenate(weights), 0.0)
+    )
 
 
 def _weight(squares: Vectors, blocks: int) -> float:

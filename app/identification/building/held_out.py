@@ -32,7 +32,11 @@ def specimen_folds(
 
 
 def scores_of_unseen_specimens(
-    examples: Vectors, labels: NDArray[np.intp], specimens: Sequence[str], classes: int, seed: int = 0
+    examples: Vectors,
+    labels: NDArray[np.intp],
+    specimens: Sequence[str],
+    classes: int,
+    seed: int = 0,
 ) -> tuple[Vectors, NDArray[np.bool_]]:
     """(n, classes) scores, and (n,) whether another specimen of the class was there to know it by.
 

@@ -17,7 +17,9 @@ MIN_DAYS = 3  # with fewer, the interval of a mean contains nearly everything
 LEVEL = 0.90
 
 Kind = Literal["rda", "ai", "cdrr"]
-Verdict = Literal["reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"]
+Verdict = Literal[
+    "reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +44,33 @@ class Comparison:
         return self.low, self.high
 
 
-def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_covered: bool) -> Comparison:
+def compare_intake(
+    daily: Sequence[float], reference: float, kind: Kind, *, is_covered: bool
+) -> Comparison:
     """Compare a person's days with a reference. is_covered: whether the amounts include everything that was eaten.
 
     Raises ValueError for fewer than MIN_DAYS days, amounts that are not finite, or a reference that is not positive.
     """
     days = len(daily)
-    if days < MIN_DAYS or not all(map(math.isfinite, daily)) or not (math.isfinite(reference) and reference > 0.0):
-        raise ValueError(f"a comparison needs {MIN_DAYS} days of finite amounts and a positive reference")
+    if (
+        days < MIN_DAYS
+        or not all(map(math.isfinite, daily))
+        or not (math.isfinite(reference) and reference > 0.0)
+    ):
+        raise ValueError(
+            f"a comparison needs {MIN_DAYS} days of finite amounts and a positive reference"
+        )
     mean = fmean(daily)
     half = student_t(days - 1) * stdev(daily, mean) / math.sqrt(days)
     low, high = max(mean - half, 0.0), max(mean + half, 0.0)
     return Comparison(
-        mean, low, high, days, reference, kind, _verdict(low, high, reference, kind, is_covered=is_covered)
+        mean,
+        low,
+        high,
+        days,
+        reference,
+        kind,
+        _verdict(low, high, reference, kind, is_covered=is_covered),
     )
 
 

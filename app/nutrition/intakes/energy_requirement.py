@@ -21,7 +21,9 @@ TRIMESTERS: tuple[Trimester, ...] = get_args(Trimester)
 ACTIVITIES: tuple[Activity, ...] = get_args(Activity)  # PAL 1.0-1.39, 1.4-1.59, 1.6-1.89, 1.9-2.5
 
 EER_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (EER)"
-OVERWEIGHT_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (TEE of overweight and obese adults)"
+OVERWEIGHT_SOURCE = (
+    "IOM 2002/2005: Dietary Reference Intakes for Energy (TEE of overweight and obese adults)"
+)
 BMR_SOURCE = "Schofield 1985, as in FAO/WHO/UNU 2004: Human Energy Requirements"
 
 NORMAL_BMI = (
@@ -64,7 +66,12 @@ class Person:
         if self.lactation_months is not None and not self.is_lactating:
             raise ValueError("months of lactation are given, but no lactation")
         if self.is_pregnant or self.is_lactating:
-            life_stage(self.age_years, self.sex, is_pregnant=self.is_pregnant, is_lactating=self.is_lactating)
+            life_stage(
+                self.age_years,
+                self.sex,
+                is_pregnant=self.is_pregnant,
+                is_lactating=self.is_lactating,
+            )
 
     @property
     def effective_sex(self) -> Sex | None:
@@ -105,15 +112,36 @@ class _Equation:
     per_m: float
     activity_factors: Mapping[str, float]
 
-    def kcal(self, age_years: float, weight_kg: float, height_m: float, activity: Activity) -> float:
+    def kcal(
+        self, age_years: float, weight_kg: float, height_m: float, activity: Activity
+    ) -> float:
         factor = self.activity_factors[activity]
-        return self.constant - self.per_year * age_years + factor * (self.per_kg * weight_kg + self.per_m * height_m)
+        return (
+            self.constant
+            - self.per_year * age_years
+            + factor * (self.per_kg * weight_kg + self.per_m * height_m)
+        )
 
 
-_GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))  # from this age in years, energy deposited per day (IOM 2002/2005)
-_INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))  # likewise, from this completed month
-_TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}  # 8 per week of pregnancy, and 180 deposited
-_LACTATION_KCAL = ((6, 400.0), (0, 500.0 - 170.0))  # milk, minus energy from the mother's weight loss
+_GROWTH_KCAL = (
+    (9.0, 25.0),
+    (3.0, 20.0),
+)  # from this age in years, energy deposited per day (IOM 2002/2005)
+_INFANT_GROWTH_KCAL = (
+    (13, 20.0),
+    (7, 22.0),
+    (4, 56.0),
+    (0, 175.0),
+)  # likewise, from this completed month
+_TRIMESTER_KCAL: Mapping[Trimester, float] = {
+    1: 0.0,
+    2: 340.0,
+    3: 452.0,
+}  # 8 per week of pregnancy, and 180 deposited
+_LACTATION_KCAL = (
+    (6, 400.0),
+    (0, 500.0 - 170.0),
+)  # milk, minus energy from the mother's weight loss
 _LAST_LACTATION_MONTH = 12  # the equations end there
 
 
@@ -129,26 +157,48 @@ def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
         return _infant_requirement(person)
     missing = _missing(person, "sex", "weight_kg", "height_m", "activity")
     missing += ("trimester",) if person.is_pregnant and person.trimester is None else ()
-    missing += ("lactation_months",) if person.is_lactating and person.lactation_months is None else ()
-    sex, weight_kg, height_m, activity = person.effective_sex, person.weight_kg, person.height_m, person.activity
+    missing += (
+        ("lactation_months",) if person.is_lactating and person.lactation_months is None else ()
+    )
+    sex, weight_kg, height_m, activity = (
+        person.effective_sex,
+        person.weight_kg,
+        person.height_m,
+        person.activity,
+    )
     if missing or sex is None or weight_kg is None or height_m is None or activity is None:
         return _left_out_missing(missing)
     if person.lactation_months is not None and person.lactation_months >= _LAST_LACTATION_MONTH:
-        return LeftOut("outside", ("lactation_months",), "The addition for lactation is known for its first year only.")
+        return LeftOut(
+            "outside",
+            ("lactation_months",),
+            "The addition for lactation is known for its first year only.",
+        )
     if person.age_years < 19.0:
-        growth_kcal = next(kcal for first_year, kcal in _GROWTH_KCAL if person.age_years >= first_year)
-        kcal = _equations()["child", sex].kcal(person.age_years, weight_kg, height_m, activity) + growth_kcal
+        growth_kcal = next(
+            kcal for first_year, kcal in _GROWTH_KCAL if person.age_years >= first_year
+        )
+        kcal = (
+            _equations()["child", sex].kcal(person.age_years, weight_kg, height_m, activity)
+            + growth_kcal
+        )
         return _with_motherhood(person, kcal, "eer_child")
     bmi = weight_kg / height_m**2
     if bmi < NORMAL_BMI[0]:
-        return LeftOut("outside", ("weight_kg", "height_m"), f"No equation for a body mass index of {bmi:.1f} kg/m2.")
+        return LeftOut(
+            "outside",
+            ("weight_kg", "height_m"),
+            f"No equation for a body mass index of {bmi:.1f} kg/m2.",
+        )
     if bmi < NORMAL_BMI[1]:
         kcal = _equations()["adult", sex].kcal(person.age_years, weight_kg, height_m, activity)
         return _with_motherhood(person, kcal, "eer_adult")
     if person.is_pregnant or person.is_lactating:
         message = f"Pregnancy and lactation are not covered from a body mass index of {NORMAL_BMI[1]:.0f} kg/m2."
         return LeftOut("outside", ("weight_kg", "height_m"), message)
-    kcal = _equations()["overweight_adult", sex].kcal(person.age_years, weight_kg, height_m, activity)
+    kcal = _equations()["overweight_adult", sex].kcal(
+        person.age_years, weight_kg, height_m, activity
+    )
     return Energy(kcal, "tee_overweight_adult", OVERWEIGHT_SOURCE)
 
 
@@ -160,7 +210,11 @@ def basal_metabolic_rate(person: Person) -> Energy | LeftOut:
     if person.sex is None or person.weight_kg is None:
         return _left_out_missing(_missing(person, "sex", "weight_kg"))
     rows = packaged_rows("reference", "basal_metabolic_rate.csv")  # the oldest first
-    of_age = next(row for row in rows if row["sex"] == person.sex and person.age_years >= float(row["from_years"]))
+    of_age = next(
+        row
+        for row in rows
+        if row["sex"] == person.sex and person.age_years >= float(row["from_years"])
+    )
     per_kg, constant, sd_kcal = (float(of_age[name]) for name in ("per_kg", "constant", "sd_kcal"))
     return Energy(per_kg * person.weight_kg + constant, "schofield_weight", BMR_SOURCE, sd_kcal)
 
@@ -195,7 +249,11 @@ def _with_motherhood(person: Person, kcal: float, equation: str) -> Energy:
     if person.trimester is not None:
         return Energy(kcal + _TRIMESTER_KCAL[person.trimester], f"{equation}_pregnant", EER_SOURCE)
     if person.lactation_months is not None:
-        added = next(added for first_month, added in _LACTATION_KCAL if (person.lactation_months or 0) >= first_month)
+        added = next(
+            added
+            for first_month, added in _LACTATION_KCAL
+            if (person.lactation_months or 0) >= first_month
+        )
         return Energy(kcal + added, f"{equation}_lactating", EER_SOURCE)
     return Energy(kcal, equation, EER_SOURCE)
 
@@ -216,4 +274,6 @@ def _check_choice(name: str, value: object, choices: tuple[object, ...]) -> None
 
 def _check_limits(name: str, value: float | None, limits: tuple[float, float], unit: str) -> None:
     if value is not None and not (math.isfinite(value) and limits[0] <= value <= limits[1]):
-        raise ValueError(f"a {name} lies between {limits[0]:g} and {limits[1]:g} {unit}, not at {value}")
+        raise ValueError(
+            f"a {name} lies between {limits[0]:g} and {limits[1]:g} {unit}, not at {value}"
+        )

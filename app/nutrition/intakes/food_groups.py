@@ -40,7 +40,9 @@ def recommendations(age_years: float) -> tuple[Recommendation, ...]:
     """Return the recommendations for this age: WHO from 2 years, EAT-Lancet for adults. Raises ValueError."""
     check_age(age_years)
     return tuple(
-        recommendation for from_years, below_years, recommendation in _all() if from_years <= age_years < below_years
+        recommendation
+        for from_years, below_years, recommendation in _all()
+        if from_years <= age_years < below_years
     )
 
 

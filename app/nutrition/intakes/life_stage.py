@@ -52,11 +52,22 @@ class LifeStage(StrEnum):
 
 
 # First completed year of each age group from 9 years on.
-_AGE_GROUPS = ((71, "over_70"), (51, "51_70"), (31, "31_50"), (19, "19_30"), (14, "14_18"), (9, "9_13"))
+_AGE_GROUPS = (
+    (71, "over_70"),
+    (51, "51_70"),
+    (31, "31_50"),
+    (19, "19_30"),
+    (14, "14_18"),
+    (9, "9_13"),
+)
 
 
 def life_stage(
-    age_years: float, sex: Sex | None = None, *, is_pregnant: bool = False, is_lactating: bool = False
+    age_years: float,
+    sex: Sex | None = None,
+    *,
+    is_pregnant: bool = False,
+    is_lactating: bool = False,
 ) -> LifeStage:
     """Return the stage of a person of this age (years, with decimals for infants: 5 months are 5 / 12).
 
@@ -68,7 +79,11 @@ def life_stage(
     if is_pregnant or is_lactating:
         return _motherhood(age_years, sex, is_pregnant=is_pregnant, is_lactating=is_lactating)
     if age_years < 1.0:
-        return LifeStage.INFANT_0_6_MONTHS if completed_months(age_years) < 6 else LifeStage.INFANT_7_12_MONTHS
+        return (
+            LifeStage.INFANT_0_6_MONTHS
+            if completed_months(age_years) < 6
+            else LifeStage.INFANT_7_12_MONTHS
+        )
     if age_years < 9.0:
         return LifeStage.CHILD_1_3 if age_years < 4.0 else LifeStage.CHILD_4_8
     if sex not in SEXES:
@@ -87,14 +102,20 @@ def completed_months(age_years: float) -> int:
     return math.floor(age_years * 12.0 + 1e-9)
 
 
-def _motherhood(age_years: float, sex: Sex | None, *, is_pregnant: bool, is_lactating: bool) -> LifeStage:
+def _motherhood(
+    age_years: float, sex: Sex | None, *, is_pregnant: bool, is_lactating: bool
+) -> LifeStage:
     if sex == "male":
         raise ValueError("the reference intakes of pregnancy and lactation are for females")
     if is_pregnant and is_lactating:
-        raise ValueError("the reference intakes have no column for pregnancy and lactation at once: give one of them")
+        raise ValueError(
+            "the reference intakes have no column for pregnancy and lactation at once: give one of them"
+        )
     first, last = PREGNANCY_YEARS
     if not first <= age_years < last + 1:
-        raise ValueError(f"the reference intakes of pregnancy and lactation are for {first} to {last} years")
+        raise ValueError(
+            f"the reference intakes of pregnancy and lactation are for {first} to {last} years"
+        )
     return LifeStage(f"{'pregnant' if is_pregnant else 'lactating'}_{_age_group(age_years)}")
 
 

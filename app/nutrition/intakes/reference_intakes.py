@@ -71,7 +71,11 @@ def distribution_ranges(age_years: float) -> tuple[DistributionRange, ...]:
     check_age(age_years)
     return tuple(
         DistributionRange(
-            row["number"], row["name"], float(row["low_percent"]), float(row["high_percent"]), AMDR_SOURCE
+            row["number"],
+            row["name"],
+            float(row["low_percent"]),
+            float(row["high_percent"]),
+            AMDR_SOURCE,
         )
         for row in packaged_rows("reference", "amdr.csv")
         if float(row["from_years"]) <= age_years < float(row["below_years"] or "inf")
@@ -84,13 +88,18 @@ def _by_stage() -> dict[LifeStage, tuple[ReferenceIntake, ...]]:
     by_stage: dict[LifeStage, list[ReferenceIntake]] = {stage: [] for stage in LifeStage}
     for row in packaged_rows("reference", "dri.csv"):
         intake = _intake(nutrients[row["number"]], row)
-        if any(figure is not None for figure in (intake.ear, intake.rda, intake.ai, intake.ul, intake.cdrr)):
+        if any(
+            figure is not None
+            for figure in (intake.ear, intake.rda, intake.ai, intake.ul, intake.cdrr)
+        ):
             by_stage[LifeStage(row["stage"])].append(intake)
     return {stage: tuple(intakes) for stage, intakes in by_stage.items()}
 
 
 def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
-    ear, rda, ai, ul, cdrr = (float(row[kind]) if row[kind] else None for kind in ("ear", "rda", "ai", "ul", "cdrr"))
+    ear, rda, ai, ul, cdrr = (
+        float(row[kind]) if row[kind] else None for kind in ("ear", "rda", "ai", "ul", "cdrr")
+    )
     return ReferenceIntake(
         number=nutrient["number"],
         tagname=nutrient["tagname"],
@@ -101,7 +110,9 @@ def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
         rda=rda,
         ai=ai,
         ul=ul,
-        ul_scope=None if ul is None else next(scope for scope in UL_SCOPES if scope == nutrient["ul_scope"]),
+        ul_scope=None
+        if ul is None
+        else next(scope for scope in UL_SCOPES if scope == nutrient["ul_scope"]),
         ul_number=None if ul is None else nutrient["ul_number"] or None,
         cdrr=cdrr,
         compared_with=nutrient["compared_with"],

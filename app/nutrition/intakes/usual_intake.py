@@ -37,7 +37,12 @@ DRAWN_AT_ONCE = 100_000  # persons per block of draws, so that a block fits the 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(QUADRATURE_POINTS)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _NORMAL = NormalDist()
-_POWERS: Mapping[Scale, float] = {"as_is": 1.0, "square_root": 2.0, "cube_root": 3.0, "fourth_root": 4.0}
+_POWERS: Mapping[Scale, float] = {
+    "as_is": 1.0,
+    "square_root": 2.0,
+    "cube_root": 3.0,
+    "fourth_root": 4.0,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +174,11 @@ class PersonSums:
         mean_square = float(np.sum(self.counts * (self.means - weighted) ** 2) / (persons - 1))
         n0 = float((days - np.sum(self.counts**2) / days) / (persons - 1))
         between = max((mean_square - within) / n0, 0.0)
-        weights = 1.0 / (between + within / self.counts) if between + within > 0.0 else np.ones_like(self.counts)
+        weights = (
+            1.0 / (between + within / self.counts)
+            if between + within > 0.0
+            else np.ones_like(self.counts)
+        )
         return Variances(float(np.sum(weights * self.means) / weights.sum()), within, between)
 
 
@@ -180,7 +189,9 @@ def usual_amounts(scale: Scale, sums: PersonSums, variances: Variances) -> Float
     else:
         shrink = np.sqrt(variances.between / (variances.between + variances.within / sums.counts))
         shrunk = variances.mean + (sums.means - variances.mean) * shrink
-    averaged: Floats = _back(scale, shrunk[:, None] + math.sqrt(variances.within) * _NODES) @ _WEIGHTS
+    averaged: Floats = (
+        _back(scale, shrunk[:, None] + math.sqrt(variances.within) * _NODES) @ _WEIGHTS
+    )
     return averaged
 
 
@@ -196,7 +207,9 @@ def drawn_shares(scale: Scale, sums: PersonSums, ear: float, rng: np.random.Gene
     shares = []
     for draws in _blocks(BOOTSTRAPS, max(1, DRAWN_AT_ONCE // persons)):
         indices = rng.integers(0, persons, (draws, persons))
-        times = np.array([np.bincount(draw, minlength=persons)[order] for draw in indices], dtype=np.float64)
+        times = np.array(
+            [np.bincount(draw, minlength=persons)[order] for draw in indices], dtype=np.float64
+        )
         shares.append(_shares_below(scale, ordered, times, ear))
     return np.concatenate(shares)
 
@@ -207,12 +220,17 @@ def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> 
     times: (d, n), how many times each person was drawn.
     """
     k, firsts = np.unique(sums.counts, return_index=True)
-    parts = [slice(first, end) for first, end in zip(firsts, [*firsts[1:], sums.counts.size], strict=True)]
+    parts = [
+        slice(first, end)
+        for first, end in zip(firsts, [*firsts[1:], sums.counts.size], strict=True)
+    ]
     mean, within, between = _variances_of_draws(sums, times, k, parts)
     limit = _mean_of(scale, ear, within)  # of the adjusted means
     spread = between[:, None] + within[:, None] / k
     shrink = np.sqrt(between[:, None] / np.where(spread > 0.0, spread, 1.0))
-    limits = mean[:, None] + (limit - mean)[:, None] / np.where(shrink > 0.0, shrink, 1.0)  # of the unadjusted ones
+    limits = mean[:, None] + (limit - mean)[:, None] / np.where(
+        shrink > 0.0, shrink, 1.0
+    )  # of the unadjusted ones
     below = np.zeros(len(times))
     for place, part in enumerate(parts):
         ends = np.searchsorted(sums.means[part], limits[:, place])
@@ -235,7 +253,9 @@ def _variances_of_draws(
     n, first_moment, second_moment, squares = of_parts.transpose(2, 0, 1)
     persons, days = sums.counts.size, n @ k
     is_repeated = days > persons
-    within = np.where(is_repeated, squares.sum(axis=1) / np.where(is_repeated, days - persons, 1.0), 0.0)
+    within = np.where(
+        is_repeated, squares.sum(axis=1) / np.where(is_repeated, days - persons, 1.0), 0.0
+    )
     weighted = ((first_moment @ k) / days)[:, None]
     about = second_moment - 2.0 * weighted * first_moment + weighted**2 * n
     n0 = (days - (n @ k**2) / days) / (persons - 1)
@@ -268,11 +288,19 @@ def _interval(
 ) -> tuple[float, float]:
     """Return the 90 % interval of the share: the wider one of resampled persons and of a binomial count (Wilson)."""
     persons = sums.counts.size
-    low, high = np.quantile(drawn_shares(scale, sums, ear, rng), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    low, high = np.quantile(
+        drawn_shares(scale, sums, ear, rng), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
+    )
     z = _NORMAL.inv_cdf((1.0 + LEVEL) / 2.0)
     centre = (share + z**2 / (2 * persons)) / (1 + z**2 / persons)
-    half = z / (1 + z**2 / persons) * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
-    return max(min(float(low), centre - half, share), 0.0), min(max(float(high), centre + half, share), 1.0)
+    half = (
+        z
+        / (1 + z**2 / persons)
+        * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
+    )
+    return max(min(float(low), centre - half, share), 0.0), min(
+        max(float(high), centre + half, share), 1.0
+    )
 
 
 def _flat(days_by_person: Sequence[Sequence[float] | Floats]) -> tuple[Floats, Counts]:
@@ -293,12 +321,16 @@ def _blocks(count: int, most: int) -> Iterator[int]:
 
 
 def _onto(scale: Scale, amounts: Floats) -> Floats:
-    transformed: Floats = np.log(amounts) if scale == "logarithm" else amounts ** (1.0 / _POWERS[scale])
+    transformed: Floats = (
+        np.log(amounts) if scale == "logarithm" else amounts ** (1.0 / _POWERS[scale])
+    )
     return transformed
 
 
 def _back(scale: Scale, values: Floats) -> Floats:
-    amounts: Floats = np.exp(values) if scale == "logarithm" else np.maximum(values, 0.0) ** _POWERS[scale]
+    amounts: Floats = (
+        np.exp(values) if scale == "logarithm" else np.maximum(values, 0.0) ** _POWERS[scale]
+    )
     return amounts
 
 

@@ -89,7 +89,11 @@ def _findings(deployment: Deployment) -> Iterator[Finding]:
             verdict = check.look(deployment)
         except (sqlalchemy.exc.SQLAlchemyError, TadaError, OSError) as error:
             log.warning("doctor_could_not_ask", subject=check.subject, exc_info=error)
-            verdict = ("bad", f"the check failed ({type(error).__name__}).", "See the log for details.")
+            verdict = (
+                "bad",
+                f"the check failed ({type(error).__name__}).",
+                "See the log for details.",
+            )
         if verdict is not None:
             finding = Finding(check.subject, *verdict)
             if finding.is_ok:

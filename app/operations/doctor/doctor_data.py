@@ -26,8 +26,12 @@ from app.privacy.missing_blobs import find_missing
 from app.releases import queries as releases
 from app.storage.blob_store import BlobStore
 
-LEAST_POSTGRES = 140_000  # server_version_num; older servers do not detect dead clients (app/db/migrate.py)
-CLOCKS_APART_SECONDS = 5.0  # a larger difference distorts expiry of tokens, retention and ages in the queue
+LEAST_POSTGRES = (
+    140_000  # server_version_num; older servers do not detect dead clients (app/db/migrate.py)
+)
+CLOCKS_APART_SECONDS = (
+    5.0  # a larger difference distorts expiry of tokens, retention and ages in the queue
+)
 BACK_SECONDS = 60.0
 BUSY_SHARE = 0.8  # of max_connections
 MOUNTS = Path("/proc/self/mountinfo")
@@ -70,7 +74,9 @@ def look_at_schema(deployment: Deployment) -> Verdict:
     if state is SchemaState.OLDER:
         return bad(f"it is {revision}, older than {head_revision()} of {__version__}.", upgrade)
     if state is SchemaState.NEWER:
-        message = f"it is {revision}, which {__version__} does not know: a newer program has migrated it."
+        message = (
+            f"it is {revision}, which {__version__} does not know: a newer program has migrated it."
+        )
         return note(message, "Finish the upgrade: replace what still runs this version.")
     return ok(revision)
 
@@ -125,7 +131,11 @@ def look_at_durability(deployment: Deployment) -> Verdict | None:
     """Check that PostgreSQL's commits are durable."""
     if (facts := _postgres_facts(deployment)) is None:
         return None
-    off = [name for name in ("fsync", "synchronous_commit", "full_page_writes") if facts.settings.get(name) == "off"]
+    off = [
+        name
+        for name in ("fsync", "synchronous_commit", "full_page_writes")
+        if facts.settings.get(name) == "off"
+    ]
     if off:
         return bad(
             f"off: {', '.join(off)}. An acknowledged meal can be lost with the power.",
@@ -146,7 +156,9 @@ def look_at_encoding(deployment: Deployment) -> Verdict | None:
 def look_at_session_options(deployment: Deployment) -> Verdict | None:
     """Check that the options of our connections reach PostgreSQL."""
     facts = _postgres_facts(deployment)
-    if facts is None or (facts.settings["TimeZone"] == "UTC" and facts.settings["statement_timeout"] != "0"):
+    if facts is None or (
+        facts.settings["TimeZone"] == "UTC" and facts.settings["statement_timeout"] != "0"
+    ):
         return None
     return bad(
         "the options that we connect with (timezone, statement_timeout) do not arrive.",
@@ -159,11 +171,15 @@ def look_at_connections(deployment: Deployment) -> Verdict | None:
     if (facts := _postgres_facts(deployment)) is None:
         return None
     limits, workers = deployment.database.limits, len(deployment.worker_versions)
-    room = int(facts.settings["max_connections"]) - int(facts.settings["superuser_reserved_connections"])
+    room = int(facts.settings["max_connections"]) - int(
+        facts.settings["superuser_reserved_connections"]
+    )
     process = limits.size + limits.overflow
     needed = (1 + workers) * process
     usage = f"{facts.connections} of {room} in use; a server or a worker takes up to {process}"
-    advice = "Raise max_connections, or lower TADA_DATABASE_POOL_SIZE and TADA_DATABASE_POOL_OVERFLOW."
+    advice = (
+        "Raise max_connections, or lower TADA_DATABASE_POOL_SIZE and TADA_DATABASE_POOL_OVERFLOW."
+    )
     if facts.connections > BUSY_SHARE * room:
         return bad(f"nearly none is left: {usage}.", advice)
     if needed > room:
@@ -294,26 +310,40 @@ def look_at_ledger(deployment: Deployment) -> Verdict:
         return bad(f"it cannot be written: {_why(error)}. Nobody can be erased.", advice)
     settings = deployment.settings
     ledger, blobs = settings.resolved_erasure_url, settings.resolved_blob_url
-    elsewhere = "Set TADA_ERASURE_URL to another disk, machine or bucket, and move its entries there."
+    elsewhere = (
+        "Set TADA_ERASURE_URL to another disk, machine or bucket, and move its entries there."
+    )
     folder = _folder_of(ledger)
     if folder is None:
         if urlsplit(ledger).netloc == urlsplit(blobs).netloc:
-            return note("it lies in the photographs' bucket: whatever takes the bucket takes both.", elsewhere)
+            return note(
+                "it lies in the photographs' bucket: whatever takes the bucket takes both.",
+                elsewhere,
+            )
     elif folder.is_relative_to(settings.data_dir.resolve()):
         return note(
             "it lies in TADA_DATA_DIR: whoever restores that folder brings it back as it was, and erased people too.",
             "Set TADA_ERASURE_URL to another place, or leave the folder out of backups of files.",
         )
-    elif any(disk_of(folder) == disk_of(path) for path in (_folder_of(blobs), _sqlite_file(settings)) if path):
+    elif any(
+        disk_of(folder) == disk_of(path)
+        for path in (_folder_of(blobs), _sqlite_file(settings))
+        if path
+    ):
         return note(
-            "it lies on the disk of the photographs or of the database: a disk that dies takes both.", elsewhere
+            "it lies on the disk of the photographs or of the database: a disk that dies takes both.",
+            elsewhere,
         )
     return ok("written, and apart from what it is to outlive")
 
 
 def look_at_ledger_entries(deployment: Deployment) -> Verdict | None:
     """Check that the ledger is the one in which this database's erasures were recorded."""
-    missing = count_missing(deployment.database, deployment.ledger) if deployment.ledger is not None else 0
+    missing = (
+        count_missing(deployment.database, deployment.ledger)
+        if deployment.ledger is not None
+        else 0
+    )
     if not missing:
         return None
     return note(

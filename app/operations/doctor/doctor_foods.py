@@ -23,7 +23,9 @@ def look_at_food_index(deployment: Deployment) -> Verdict | None:
     try:
         index = open_index(path)
     except TadaError as error:
-        return bad(f"{error.message} Meals get no candidates.", "Build it again by `tada index build`.")
+        return bad(
+            f"{error.message} Meals get no candidates.", "Build it again by `tada index build`."
+        )
     if index.vcm_version != VCM_VERSION:
         return bad(
             f"{path} was built for vectors of version {index.vcm_version}, not {VCM_VERSION}: meals get no candidates.",
@@ -39,10 +41,17 @@ def look_at_classifier(deployment: Deployment) -> Verdict | None:
     if path is None:
         return None
     classifier = read_classifier(path)
-    failure = classifier if isinstance(classifier, Failure) else _try_network(classifier, deployment.settings)
+    failure = (
+        classifier
+        if isinstance(classifier, Failure)
+        else _try_network(classifier, deployment.settings)
+    )
     if isinstance(classifier, Failure) or failure is not None:
         message = failure.message if failure is not None else ""
-        return bad(f"{message} Meals get the candidates of the index alone.", "Correct TADA_CLASSIFIER or unset it.")
+        return bad(
+            f"{message} Meals get the candidates of the index alone.",
+            "Correct TADA_CLASSIFIER or unset it.",
+        )
     keys = {key for key in classifier.food_keys if key is not None}
     return _unknown_foods(deployment, keys) or ok(f"{classifier.version}: {len(keys)} foods")
 
@@ -54,7 +63,9 @@ def _try_network(classifier: FoodClassifier, settings: Settings) -> Failure | No
         request = classify_request(classifier, Path(), [], max_pixels=settings.max_photo_pixels)
         return failure_of(children.run(request, lambda _: None, seconds=CLASSIFIER_SECONDS))
     except ChildStartError as error:
-        return Failure("classifier_crashed", f"No process could be started to try the model: {error}.")
+        return Failure(
+            "classifier_crashed", f"No process could be started to try the model: {error}."
+        )
     finally:
         children.close()
 

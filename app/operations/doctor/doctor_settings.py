@@ -45,7 +45,9 @@ def look_at_private_files(deployment: Deployment) -> Verdict | None:
     if settings.is_embedded and path:
         folders.add(Path(path).absolute().parent)
     existing = sorted(folder for folder in folders if folder.is_dir())
-    open_folders = [str(folder) for folder in existing if stat.S_IMODE(folder.stat().st_mode) & OTHERS]
+    open_folders = [
+        str(folder) for folder in existing if stat.S_IMODE(folder.stat().st_mode) & OTHERS
+    ]
     if open_folders:
         advice = " ".join(["Do `chmod -R go=", *open_folders]) + "`."
         return bad(f"others on this machine may look into {' and '.join(open_folders)}.", advice)
@@ -97,18 +99,26 @@ def look_at_way_to_store(deployment: Deployment) -> Verdict | None:
     endpoint = urlsplit(deployment.settings.s3_endpoint or "")
     if endpoint.scheme != "http" or not _is_elsewhere(endpoint.hostname):
         return None
-    return bad(f"photographs go to {endpoint.hostname} in the clear.", "Give TADA_S3_ENDPOINT an https address.")
+    return bad(
+        f"photographs go to {endpoint.hostname} in the clear.",
+        "Give TADA_S3_ENDPOINT an https address.",
+    )
 
 
 def look_at_proxies(deployment: Deployment) -> Verdict | None:
     """Check the trusted proxies; report the first invalid one."""
     settings = deployment.settings
-    proxies = [proxy.strip() for proxy in (settings.trusted_proxies or "").split(",") if proxy.strip()]
+    proxies = [
+        proxy.strip() for proxy in (settings.trusted_proxies or "").split(",") if proxy.strip()
+    ]
     for proxy in proxies:
         try:
             is_every_address = ipaddress.ip_network(proxy).prefixlen == 0
         except ValueError:
-            return bad(f"TADA_TRUSTED_PROXIES: {proxy!r} is not a network.", "Write it like 10.0.0.5 or 10.0.0.0/24.")
+            return bad(
+                f"TADA_TRUSTED_PROXIES: {proxy!r} is not a network.",
+                "Write it like 10.0.0.5 or 10.0.0.0/24.",
+            )
         if is_every_address:
             return bad(
                 f"TADA_TRUSTED_PROXIES: {proxy} covers all addresses: any client could claim any address.",

@@ -29,7 +29,9 @@ FILES_TOO_LONG_SECONDS = 3600  # as the alert TadaFilesLate
 def look_at_workers(deployment: Deployment) -> Verdict:
     """Check that workers of this version are running."""
     workers = Counter(deployment.worker_versions)
-    listed = ", ".join(f"{count} of version {version}" for version, count in sorted(workers.items()))
+    listed = ", ".join(
+        f"{count} of version {version}" for version, count in sorted(workers.items())
+    )
     if not workers:
         return bad("none: meals are stored but not estimated.", "Start `tada worker`.")
     if set(workers) != {__version__}:
@@ -50,7 +52,10 @@ def look_at_queue(deployment: Deployment) -> Verdict:
     with deployment.database.read() as session:
         faulty = jobs.count_faulty(session)
     if faulty:
-        return bad(f"{queue}; {faulty} wait for a fault to pass.", "The worker's log names it (job_step_failed).")
+        return bad(
+            f"{queue}; {faulty} wait for a fault to pass.",
+            "The worker's log names it (job_step_failed).",
+        )
     return bad(f"{queue}.", "Start more workers (docs/jobs.md), or look at their log.")
 
 
@@ -63,7 +68,9 @@ def look_at_stranded_meals(deployment: Deployment) -> Verdict:
     message = f"{count} are stuck"
     if not deployment.requeue:
         return bad(f"{message}.", "Queue them again with `tada doctor --requeue`.")
-    return ok(f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} queued again or failed (see the log)")
+    return ok(
+        f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} queued again or failed (see the log)"
+    )
 
 
 def look_at_failures(deployment: Deployment) -> Verdict:
@@ -74,13 +81,20 @@ def look_at_failures(deployment: Deployment) -> Verdict:
     if ours:
         advice = "The log tells why; photographs are kept: `tada jobs retry` estimates them again (docs/jobs.md)."
         return bad(f"because of the server, in 7 days: {_by_count(ours)}.", advice)
-    return ok(f"in 7 days, because of the photographs: {_by_count(failures)}" if failures else "none in 7 days")
+    return ok(
+        f"in 7 days, because of the photographs: {_by_count(failures)}"
+        if failures
+        else "none in 7 days"
+    )
 
 
 def look_at_files(deployment: Deployment) -> Verdict:
     """Check that no export or release waits too long."""
     figures = deployment.figures
-    oldest = min((files.oldest_at for files in figures.files.values() if files.oldest_at is not None), default=None)
+    oldest = min(
+        (files.oldest_at for files in figures.files.values() if files.oldest_at is not None),
+        default=None,
+    )
     if oldest is None:
         return ok("none waits")
     waited = (figures.now - oldest).total_seconds()
@@ -135,7 +149,9 @@ def look_at_webhooks(deployment: Deployment) -> Verdict:
             "Ask those who run the receivers; each webhook's deliveries show the responses (docs/webhooks.md).",
         )
     if figures.webhooks_disabled:
-        message = f"{figures.webhooks_disabled} are disabled, by their owners or after failures in a row."
+        message = (
+            f"{figures.webhooks_disabled} are disabled, by their owners or after failures in a row."
+        )
         return note(message, "Their owners enable them again by PATCH.")
     return ok(f"{figures.deliveries_waiting} deliveries wait")
 
@@ -176,4 +192,7 @@ def look_at_index(deployment: Deployment) -> Verdict:
 
 
 def _by_count(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{code} {count}" for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+    return ", ".join(
+        f"{code} {count}"
+        for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    )

@@ -33,7 +33,9 @@ class Finding:
 
     def __str__(self) -> str:
         label = {"ok": "ok  ", "note": "note", "bad": "BAD "}[self.level]
-        return f"{label} {self.subject}: {self.message}" + (f" {self.advice}" if self.advice else "")
+        return f"{label} {self.subject}: {self.message}" + (
+            f" {self.advice}" if self.advice else ""
+        )
 
 
 Verdict = tuple[Level, str, str]  # level, message, advice

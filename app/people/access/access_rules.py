@@ -40,7 +40,9 @@ from app.people.tombstones import meal_id_of, require_not_deleted
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 OF_API = "/v1/"
 
-bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/enrolments) or a staff member's.")
+bearer = HTTPBearer(
+    auto_error=False, description="A device's token (POST /v1/enrolments) or a staff member's."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,14 +256,18 @@ def authorise(
     call = request.method, request.scope["route"].path
     rule = RULES.get(call)
     if rule is None:
-        raise NotAllowedError("This call is refused, because it has no access rule.", code="no_rule")
+        raise NotAllowedError(
+            "This call is refused, because it has no access rule.", code="no_rule"
+        )
     if rule.page and request.method not in SAFE_METHODS:
         pages.require_own_page(request, state.settings)
     caller = None
     if rule.scraper:
         _require_scraper(request, state)
     elif not rule.is_open:
-        caller = authenticate(state.database, state.part(SecretBox), _token(request, state, rule, credentials))
+        caller = authenticate(
+            state.database, state.part(SecretBox), _token(request, state, rule, credentials)
+        )
         _count(request, state, caller)
         if call not in pages.POLLED:
             state.part(LastUse).note(caller, request.headers)
@@ -308,7 +314,9 @@ def _refuse_deleted_meal(state: ApiState, caller: Caller, client_id: str) -> Non
         require_not_deleted(session, state.part(SecretBox), meal_id)
 
 
-def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:
+def _token(
+    request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None
+) -> str:
     """Return the token: of a page from the cookie only, of an API call from the header only."""
     if rule.page:
         token = request.cookies.get(pages.session_cookie(request, state.settings))
@@ -323,9 +331,13 @@ def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAutho
 def _require_scraper(request: Request, state: ApiState) -> None:
     token = state.settings.metrics_token
     address = request.client.host if request.client is not None else None
-    match may_read(token.get_secret_value() if token is not None else None, address, request.headers):
+    match may_read(
+        token.get_secret_value() if token is not None else None, address, request.headers
+    ):
         case "wrong token":
-            raise UnauthenticatedError("Send the header `Authorization: Bearer` with what TADA_METRICS_TOKEN is.")
+            raise UnauthenticatedError(
+                "Send the header `Authorization: Bearer` with what TADA_METRICS_TOKEN is."
+            )
         case "hidden":
             raise NotFoundError("Not Found")
 
@@ -347,17 +359,27 @@ def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
     if isinstance(caller, DeviceCaller):
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"
-            raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
+            raise NotAllowedError(
+                "A participant's device cannot do this: use a staff member's token.", code=code
+            )
         return caller
     if rule.staff is None:
-        raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
+        raise NotAllowedError(
+            "Only a participant's device can do this: use a device token.", code="device_only"
+        )
     if rule.staff == "admin" and not caller.is_admin:
         raise NotAllowedError("Only an admin can do this.", code="admin_only")
     if rule.session and caller.kind != "session":
-        raise NotAllowedError("Sign in with your password for this (POST /v1/sessions).", code="session_needed")
+        raise NotAllowedError(
+            "Sign in with your password for this (POST /v1/sessions).", code="session_needed"
+        )
     if method not in SAFE_METHODS and not caller.can_write:
         raise NotAllowedError("This token may read only.", code="token_read_only")
-    return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
+    return (
+        replace(caller, needs=rule.staff)
+        if rule.staff in ("viewer", "reviewer", "owner")
+        else caller
+    )
 
 
 def _require_known_parameters(request: Request) -> None:

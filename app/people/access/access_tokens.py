@@ -40,9 +40,15 @@ class EndedAccess:
     @property
     def sentence(self) -> str:
         """A sentence listing them, with a leading space; empty if nothing was ended."""
-        ended = [] if not self.sessions else ["1 session" if self.sessions == 1 else f"{self.sessions} sessions"]
+        ended = (
+            []
+            if not self.sessions
+            else ["1 session" if self.sessions == 1 else f"{self.sessions} sessions"]
+        )
         if self.tokens:
-            ended.append(("the token " if len(self.tokens) == 1 else "the tokens ") + ", ".join(self.tokens))
+            ended.append(
+                ("the token " if len(self.tokens) == 1 else "the tokens ") + ", ".join(self.tokens)
+            )
         return f" Ended: {' and '.join(ended)}." if ended else ""
 
 
@@ -54,7 +60,13 @@ def end_access(session: Session, staff_id: uuid.UUID, now: datetime) -> EndedAcc
 
 
 def create_token(
-    database: Database, caller: StaffCaller, *, name: str, scope: Scope, study_code: str | None, days: int
+    database: Database,
+    caller: StaffCaller,
+    *,
+    name: str,
+    scope: Scope,
+    study_code: str | None,
+    days: int,
 ) -> tuple[str, TokenView]:
     """Create a token. Returns it, to be shown once, and its description.
 
@@ -64,12 +76,17 @@ def create_token(
     token, now, study_ids = new_token(), datetime.now(UTC), studies_with_role(caller)
     with database.write() as session:
         study = people.find_study(session, study_code) if study_code is not None else None
-        if study_code is not None and (study is None or (study_ids is not None and study.id not in study_ids)):
+        if study_code is not None and (
+            study is None or (study_ids is not None and study.id not in study_ids)
+        ):
             raise NotFoundError("There is no such study.")
-        session.get_one(Staff, caller.staff_id, with_for_update=True)  # concurrent calls must not pass the limit
+        session.get_one(
+            Staff, caller.staff_id, with_for_update=True
+        )  # concurrent calls must not pass the limit
         if len(people.personal_tokens(session, caller.staff_id, now)) >= MAX_TOKENS:
             raise ConflictError(
-                f"You have {MAX_TOKENS} tokens, the limit: delete one that you do not use.", code="too_many_tokens"
+                f"You have {MAX_TOKENS} tokens, the limit: delete one that you do not use.",
+                code="too_many_tokens",
             )
         row = AccessToken(
             id=uuid.uuid4(),
@@ -83,7 +100,15 @@ def create_token(
             expires_at=now + timedelta(days=days),
         )
         session.add(row)
-        note(session, caller, "token.create", study_id=row.study_id, subject=row.id, scope=scope, days=days)
+        note(
+            session,
+            caller,
+            "token.create",
+            study_id=row.study_id,
+            subject=row.id,
+            scope=scope,
+            days=days,
+        )
     return token, _view(row, study_code)
 
 
@@ -91,8 +116,12 @@ def list_tokens(database: Database, caller: StaffCaller) -> list[TokenView]:
     """Return the caller's valid tokens, the newest first: at most MAX_TOKENS and those of the command line."""
     with database.read() as session:
         rows = people.personal_tokens(session, caller.staff_id, datetime.now(UTC))
-        codes = people.codes_of_studies(session, [row.study_id for row in rows if row.study_id is not None])
-    return [_view(row, codes.get(row.study_id) if row.study_id is not None else None) for row in rows]
+        codes = people.codes_of_studies(
+            session, [row.study_id for row in rows if row.study_id is not None]
+        )
+    return [
+        _view(row, codes.get(row.study_id) if row.study_id is not None else None) for row in rows
+    ]
 
 
 def revoke_token(database: Database, caller: StaffCaller, token_id: uuid.UUID) -> None:

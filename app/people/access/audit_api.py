@@ -31,7 +31,9 @@ RESPONSES = {
 }
 BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)  # no event is older
 
-Cursor = Annotated[str | None, Query(max_length=300, description="From the previous page: follow `next`.")]
+Cursor = Annotated[
+    str | None, Query(max_length=300, description="From the previous page: follow `next`.")
+]
 Output = Annotated[
     Literal["json", "csv", "ndjson"] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
@@ -39,9 +41,15 @@ Output = Annotated[
 
 
 def _chosen(
-    action: Annotated[str | None, Query(max_length=64, description="An action, such as photograph.read.")] = None,
-    since: Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")] = None,
-    until: Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")] = None,
+    action: Annotated[
+        str | None, Query(max_length=64, description="An action, such as photograph.read.")
+    ] = None,
+    since: Annotated[
+        AwareInstant | None, Query(alias="from", description="RFC 3339; included.")
+    ] = None,
+    until: Annotated[
+        AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")
+    ] = None,
 ) -> AuditFilter:
     return AuditFilter(action=action, since=since, until=until)
 
@@ -92,16 +100,24 @@ def _answer(
     if file_format is not None:
         return audit_file(state, caller, study, chosen, file_format)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
-    body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
+    body = AuditPage(
+        items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
     return ModelResponse(body)
 
 
 def audit_file(
-    state: ApiState, caller: StaffCaller, study: str | None, chosen: AuditFilter, output: FlatFormat = "csv"
+    state: ApiState,
+    caller: StaffCaller,
+    study: str | None,
+    chosen: AuditFilter,
+    output: FlatFormat = "csv",
 ) -> Response:
     """Return all events that match the filter as a file; details are JSON text in CSV."""
     rows = stream_audit(state.database, caller, study, chosen)
-    first = list(islice(rows, 1))  # read before the response begins, so that a failing database gives an error document
+    first = list(
+        islice(rows, 1)
+    )  # read before the response begins, so that a failing database gives an error document
     return StreamingResponse(
         encode_flat(
             output,

@@ -32,10 +32,16 @@ def read_audit(
     with database.read() as session:
         if study_code is not None:
             chosen = replace(chosen, study_id=enter_study(session, caller, study_code).id)
-        list_name = f"audit {is_newest_first} " + json.dumps(asdict(chosen), default=str, sort_keys=True)
+        list_name = f"audit {is_newest_first} " + json.dumps(
+            asdict(chosen), default=str, sort_keys=True
+        )
         after = decode_cursor(list_name, cursor, WHOLE_NUMBER)
-        rows = privacy.page_of_audit(session, chosen, after=after, limit=limit + 1, is_newest_first=is_newest_first)
-    return Page(rows[:limit], encode_cursor(list_name, rows[limit - 1].id) if len(rows) > limit else None)
+        rows = privacy.page_of_audit(
+            session, chosen, after=after, limit=limit + 1, is_newest_first=is_newest_first
+        )
+    return Page(
+        rows[:limit], encode_cursor(list_name, rows[limit - 1].id) if len(rows) > limit else None
+    )
 
 
 def stream_audit(

@@ -13,13 +13,21 @@ class AuditEventOut(BaseModel):
 
     id: int = Field(description="Grows with each event.")
     at: datetime = Field(description="When it happened.")
-    study: str | None = Field(description="The study's code; null: the event belongs to no existing study.")
+    study: str | None = Field(
+        description="The study's code; null: the event belongs to no existing study."
+    )
     actor_kind: ActorKind = Field(description="staff, device or system")
     actor: str = Field(description="A staff member's name, a participant's alias, or system.")
     action: str = Field(description="What was done, such as photograph.read or study.change.")
-    subject: str | None = Field(description="Alias or name of the person or object concerned; null: none.")
-    details: dict[str, object] = Field(description="Further details; the fields depend on the action.")
-    request_id: str | None = Field(description="The request's id in the server's log; null: not caused by a request.")
+    subject: str | None = Field(
+        description="Alias or name of the person or object concerned; null: none."
+    )
+    details: dict[str, object] = Field(
+        description="Further details; the fields depend on the action."
+    )
+    request_id: str | None = Field(
+        description="The request's id in the server's log; null: not caused by a request."
+    )
 
 
 class AuditPage(BaseModel):

@@ -22,7 +22,9 @@ from app.people.models import ROLES, Role
 
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
-SESSION_IDLE = timedelta(hours=2)  # an unused session ends after it; its last use is stored every 5 minutes
+SESSION_IDLE = timedelta(
+    hours=2
+)  # an unused session ends after it; its last use is stored every 5 minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,11 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
         roles = people.roles_of(session, staff.id)
     only = access.study_id
     if only is not None:  # the token is restricted to this study, whatever its owner's roles are
-        roles = {only: "owner"} if staff.is_admin else {study: role for study, role in roles.items() if study == only}
+        roles = (
+            {only: "owner"}
+            if staff.is_admin
+            else {study: role for study, role in roles.items() if study == only}
+        )
     return StaffCaller(
         staff_id=staff.id,
         name=staff.name,
@@ -96,7 +102,9 @@ def require_device(caller: Caller) -> DeviceCaller:
     """Return the caller if it is a participant's phone. Raises NotAllowedError (`device_only`)."""
     if isinstance(caller, DeviceCaller):
         return caller
-    raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
+    raise NotAllowedError(
+        "Only a participant's device can do this: use a device token.", code="device_only"
+    )
 
 
 def require_staff(caller: Caller) -> StaffCaller:
@@ -123,7 +131,11 @@ def visible_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
 def visible_rows(caller: Caller, chosen: RowFilter) -> RowFilter:
     """Limit a filter to rows that the caller may see: a phone its participant's, staff those of their studies."""
     visible = replace(chosen, study_ids=visible_studies(caller))
-    return replace(visible, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else visible
+    return (
+        replace(visible, participant_id=caller.participant_id)
+        if isinstance(caller, DeviceCaller)
+        else visible
+    )
 
 
 def studies_with_role(caller: Caller) -> frozenset[uuid.UUID] | None:
@@ -147,7 +159,9 @@ def require_study(caller: Caller, study_id: uuid.UUID, resource: str = "study") 
         raise NotFoundError(f"There is no such {resource}.")
     if not reaches(role, caller.needs):
         raise NotAllowedError(
-            f"This needs the role {caller.needs} in the study; you are {role}.", code="role_too_low", needs=caller.needs
+            f"This needs the role {caller.needs} in the study; you are {role}.",
+            code="role_too_low",
+            needs=caller.needs,
         )
 
 

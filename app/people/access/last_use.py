@@ -25,7 +25,9 @@ log = structlog.get_logger()
 INTERVAL_SECONDS = 300.0
 MAX_REMEMBERED = 10_000  # callers; the use of one that is dropped is only stored again
 VERSION_LENGTH = 64
-LARGEST_SKEW_SECONDS = 1e10  # three centuries; a clock that was reset is within, a larger value is invalid
+LARGEST_SKEW_SECONDS = (
+    1e10  # three centuries; a clock that was reset is within, a larger value is invalid
+)
 
 
 class LastUse:
@@ -55,7 +57,9 @@ class LastUse:
         with contextlib.suppress(RuntimeError):  # the server is shutting down: close() was called
             now = datetime.now(UTC)
             skew_seconds = clock_skew_seconds(headers.get("date"), now)
-            self._writer.submit(self._write, caller, now, skew_seconds, _storable(headers.get("x-app-version")))
+            self._writer.submit(
+                self._write, caller, now, skew_seconds, _storable(headers.get("x-app-version"))
+            )
 
     def settle(self) -> None:
         """Wait until all uses noted so far are written or have failed."""
@@ -65,7 +69,9 @@ class LastUse:
         """Finish the current write and drop the rest."""
         self._writer.shutdown(wait=True, cancel_futures=True)
 
-    def _write(self, caller: Caller, at: datetime, skew_seconds: float | None, app_version: str | None) -> None:
+    def _write(
+        self, caller: Caller, at: datetime, skew_seconds: float | None, app_version: str | None
+    ) -> None:
         try:
             with self._database.write() as session:
                 if isinstance(caller, DeviceCaller):

@@ -29,7 +29,10 @@ def as_call(text: str, study: str = "") -> Call:
 
 
 def _pairs(table: Mapping[str, str]) -> Mapping[Call, Call]:
-    return {as_call(page, STUDY_PAGES): as_call(call, "/v1/studies/{study}") for page, call in table.items()}
+    return {
+        as_call(page, STUDY_PAGES): as_call(call, "/v1/studies/{study}")
+        for page, call in table.items()
+    }
 
 
 OPEN_PAGES: frozenset[Call] = frozenset(
@@ -196,4 +199,6 @@ def require_own_page(request: Request, settings: Settings) -> None:
         hosts = {request.headers.get("host"), urlsplit(settings.public_url or "").netloc or None}
         is_same_origin = origin is not None and urlsplit(origin).netloc in hosts - {None}
     if not is_same_origin:
-        raise NotAllowedError("This change did not come from a page of this server.", code="cross_site")
+        raise NotAllowedError(
+            "This change did not come from a page of this server.", code="cross_site"
+        )

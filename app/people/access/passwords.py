@@ -53,7 +53,9 @@ class Passwords:
         if password.casefold() == _normalise(name).casefold():
             raise _refusal("A password must not be the name.")
         if _count_guesses(password, name) < LEAST_GUESSES:
-            raise _refusal("This password is easy to guess: use a few words that do not belong together.")
+            raise _refusal(
+                "This password is easy to guess: use a few words that do not belong together."
+            )
         with self._slot():
             return self._hasher.hash(password)
 
@@ -64,7 +66,9 @@ class Passwords:
         """
         password = _normalise(password)[: MAX_LENGTH + 1]
         with self._slot():
-            is_right, fresh_hash = self._hasher.verify_and_update(password, stored or self._dummy_hash)
+            is_right, fresh_hash = self._hasher.verify_and_update(
+                password, stored or self._dummy_hash
+            )
         return Verdict(is_right, fresh_hash) if is_right and stored is not None else Verdict(False)
 
     @contextmanager
@@ -84,7 +88,9 @@ def _count_guesses(password: str, name: str) -> float:
 
 
 def _hasher() -> PasswordHash:
-    return PasswordHash((Argon2Hasher(time_cost=PASSES, memory_cost=MEMORY_KIB, parallelism=LANES),))
+    return PasswordHash(
+        (Argon2Hasher(time_cost=PASSES, memory_cost=MEMORY_KIB, parallelism=LANES),)
+    )
 
 
 def _random_hash() -> str:
@@ -92,7 +98,9 @@ def _random_hash() -> str:
 
     It is drawn at random: computing one would take the memory of a sign-in at every start. No known password matches.
     """
-    salt, digest = (b64encode(token_bytes(count)).decode().rstrip("=") for count in (SALT_BYTES, DIGEST_BYTES))
+    salt, digest = (
+        b64encode(token_bytes(count)).decode().rstrip("=") for count in (SALT_BYTES, DIGEST_BYTES)
+    )
     return f"$argon2id$v={ARGON2_VERSION}$m={MEMORY_KIB},t={PASSES},p={LANES}${salt}${digest}"
 
 

@@ -46,7 +46,9 @@ class SecretBox:
         try:
             return self._fernet.decrypt(sealed.encode()).decode()
         except InvalidToken:
-            raise SecretKeyError("TADA_SECRET_KEY is not the key that this secret was sealed with.") from None
+            raise SecretKeyError(
+                "TADA_SECRET_KEY is not the key that this secret was sealed with."
+            ) from None
 
     def digest(self, kind: str, value: str) -> str:
         """Return the HMAC-SHA-256 (hex) of a value, which only this server can compute."""
@@ -123,4 +125,6 @@ def _read_or_create_key(path: Path) -> str:
 
 
 def _derive_key(key: str, purpose: str) -> bytes:
-    return HKDF(hashes.SHA256(), length=32, salt=None, info=f"tada-server {purpose}".encode()).derive(key.encode())
+    return HKDF(
+        hashes.SHA256(), length=32, salt=None, info=f"tada-server {purpose}".encode()
+    ).derive(key.encode())

@@ -8,7 +8,13 @@ from app.people.access import sign_in
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.passwords import Passwords
 from app.people.access.sign_in_limits import SignInLimits
-from app.people.access.staff_schemas import EndedAccessOut, PasswordChangeIn, SessionIn, SessionIssued, SessionOut
+from app.people.access.staff_schemas import (
+    EndedAccessOut,
+    PasswordChangeIn,
+    SessionIn,
+    SessionIssued,
+    SessionOut,
+)
 
 router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 
@@ -17,14 +23,18 @@ router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 def post_session(body: SessionIn, request: Request, state: State) -> SessionIssued:
     """Sign in. An unknown name, a wrong password and a disabled account get the same 401, after the same time."""
     with state.part(SignInLimits).trying(body.name, caller_address(request)):
-        issued = sign_in.sign_in(state.database, state.part(Passwords), body.name, body.password.get_secret_value())
+        issued = sign_in.sign_in(
+            state.database, state.part(Passwords), body.name, body.password.get_secret_value()
+        )
     return SessionIssued.model_validate(issued, from_attributes=True)
 
 
 @router.get("/current", responses=problem_responses(401, 403))
 def get_current_session(state: State, caller: CurrentStaff) -> SessionOut:
     """The staff member who is signed in."""
-    return SessionOut.model_validate(sign_in.read_session(state.database, caller), from_attributes=True)
+    return SessionOut.model_validate(
+        sign_in.read_session(state.database, caller), from_attributes=True
+    )
 
 
 @router.delete("/current", status_code=204, responses=problem_responses(401, 403))
@@ -35,7 +45,9 @@ def delete_current_session(state: State, caller: CurrentStaff) -> Response:
 
 
 @router.post("/current/password", responses=problem_responses(401, 403, 422, 429, 503))
-def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> EndedAccessOut:
+def post_password(
+    body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff
+) -> EndedAccessOut:
     """Change your password. All your sessions, this one included, and personal tokens end: sign in again."""
     with state.part(SignInLimits).trying(caller.name, caller_address(request)):
         ended = sign_in.change_own_password(

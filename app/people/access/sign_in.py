@@ -69,7 +69,9 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
         )
         session.add(row)
         note(session, StaffCaller(staff.id, staff.name, staff.is_admin, row.id), "session.open")
-    return IssuedSession(token, staff.name, staff.is_admin, now + SESSION_VALID, SESSION_IDLE // MINUTE)
+    return IssuedSession(
+        token, staff.name, staff.is_admin, now + SESSION_VALID, SESSION_IDLE // MINUTE
+    )
 
 
 def read_session(database: Database, caller: StaffCaller) -> SessionView:
@@ -102,7 +104,9 @@ def change_own_password(
     if not passwords.check(current, checked_hash).is_right:
         raise _failure()
     if new == current:
-        raise InvalidInputError("The new password is the same as the current one.", code="password_refused")
+        raise InvalidInputError(
+            "The new password is the same as the current one.", code="password_refused"
+        )
     hashed, now = passwords.hash(new, name=caller.name), datetime.now(UTC)
     with database.write() as session:
         staff = people.find_staff(session, caller.name, lock=True)
@@ -122,4 +126,6 @@ def change_own_password(
 
 
 def _failure() -> UnauthenticatedError:
-    return UnauthenticatedError("Name or password are wrong, or the account is disabled.", code="sign_in_failed")
+    return UnauthenticatedError(
+        "Name or password are wrong, or the account is disabled.", code="sign_in_failed"
+    )

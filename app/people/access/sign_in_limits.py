@@ -20,7 +20,9 @@ from app.people.access.secret_box import SecretBox
 from app.people.access.staff import normal_name
 from app.people.models import SignInAttempt
 
-ADDRESS_FACTOR = 3  # attempts from one address, as a multiple of those of one name: a clinic is one address
+ADDRESS_FACTOR = (
+    3  # attempts from one address, as a multiple of those of one name: a clinic is one address
+)
 NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
 WINDOW = timedelta(minutes=1)
 FAILURES_KEPT, SUCCESSES_KEPT = timedelta(hours=1), timedelta(days=90)
@@ -63,14 +65,20 @@ class SignInLimits:
             raise
         instruments.SIGN_INS.labels("ok").inc()
         with self._database.write() as session:
-            session.execute(sa.update(SignInAttempt).where(SignInAttempt.id == attempt_id).values(is_success=True))
+            session.execute(
+                sa.update(SignInAttempt)
+                .where(SignInAttempt.id == attempt_id)
+                .values(is_success=True)
+            )
 
     def _require_room(self, session: Session, attempt: SignInAttempt) -> None:
         if session.get_bind().dialect.name == "postgresql":
             session.execute(sa.select(sa.func.pg_advisory_xact_lock(LOCK)))
         of_name = SignInAttempt.name_digest == attempt.name_digest
         of_address = SignInAttempt.address_digest == attempt.address_digest
-        is_usual = session.scalar(sa.select(sa.exists().where(of_name, of_address, SignInAttempt.is_success)))
+        is_usual = session.scalar(
+            sa.select(sa.exists().where(of_name, of_address, SignInAttempt.is_success))
+        )
         limits = [
             (sa.and_(of_name, of_address), self._per_minute),
             (of_address, ADDRESS_FACTOR * self._per_minute),
@@ -80,7 +88,9 @@ class SignInLimits:
         for condition, most in limits:
             self._require_fewer(session, condition, most, attempt.attempted_at)
 
-    def _require_fewer(self, session: Session, condition: sa.ColumnElement[bool], most: int, now: datetime) -> None:
+    def _require_fewer(
+        self, session: Session, condition: sa.ColumnElement[bool], most: int, now: datetime
+    ) -> None:
         """Raise RateLimitedError if the last minute has so many attempts."""
         query = sa.select(sa.func.count(), sa.func.min(SignInAttempt.attempted_at)).where(
             condition, SignInAttempt.attempted_at > now - WINDOW
@@ -97,5 +107,7 @@ def forget_attempts(database: Database) -> None:
     is_very_old = SignInAttempt.attempted_at < now - SUCCESSES_KEPT
     with database.write() as session:
         session.execute(
-            sa.delete(SignInAttempt).where(sa.or_(is_very_old, sa.and_(is_old, sa.not_(SignInAttempt.is_success))))
+            sa.delete(SignInAttempt).where(
+                sa.or_(is_very_old, sa.and_(is_old, sa.not_(SignInAttempt.is_success)))
+            )
         )

@@ -91,7 +91,11 @@ def read_staff(database: Database, name: str) -> Staff:
 
 
 def change_staff(
-    database: Database, passwords: Passwords, name: str, change: StaffChange, caller: Caller | None = None
+    database: Database,
+    passwords: Passwords,
+    name: str,
+    change: StaffChange,
+    caller: Caller | None = None,
 ) -> ChangedStaff:
     """Change a staff member.
 
@@ -102,9 +106,12 @@ def change_staff(
     with database.write() as session:
         admins = people.lock_active_admins(session)
         staff = load_staff(session, name, lock=True)
-        if (change.is_disabled or change.is_admin is False) and [admin.id for admin in admins] == [staff.id]:
+        if (change.is_disabled or change.is_admin is False) and [admin.id for admin in admins] == [
+            staff.id
+        ]:
             raise ConflictError(
-                "This is the last admin: create another one first, or nobody can run the server.", code="last_admin"
+                "This is the last admin: create another one first, or nobody can run the server.",
+                code="last_admin",
             )
         fields = []
         if change.is_admin is not None and change.is_admin != staff.is_admin:
@@ -117,7 +124,11 @@ def change_staff(
         if hashed is not None:
             staff.password_hash = hashed
             fields.append("password")
-        ended = end_access(session, staff.id, now) if change.is_disabled or is_replaced else EndedAccess()
+        ended = (
+            end_access(session, staff.id, now)
+            if change.is_disabled or is_replaced
+            else EndedAccess()
+        )
         if fields:
             note(
                 session,
@@ -159,10 +170,16 @@ def _new_name(name: str) -> str:
     return cleaned
 
 
-def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, password_hash: str | None) -> Staff:
+def _add(
+    session: Session, caller: Caller | None, name: str, *, is_admin: bool, password_hash: str | None
+) -> Staff:
     cleaned = _new_name(name)
     staff = Staff(
-        id=uuid.uuid4(), name=cleaned, is_admin=is_admin, password_hash=password_hash, created_at=datetime.now(UTC)
+        id=uuid.uuid4(),
+        name=cleaned,
+        is_admin=is_admin,
+        password_hash=password_hash,
+        created_at=datetime.now(UTC),
     )
     session.add(staff)
     session.flush()
@@ -171,4 +188,6 @@ def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, 
 
 
 def _exists_error(name: str) -> ConflictError:
-    return ConflictError(f"There is already a staff member named {name!r}: use another name.", code="staff_exists")
+    return ConflictError(
+        f"There is already a staff member named {name!r}: use another name.", code="staff_exists"
+    )

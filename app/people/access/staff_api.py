@@ -10,17 +10,28 @@ from app.http.problems import problem_responses
 from app.people.access import staff
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.passwords import Passwords
-from app.people.access.staff_schemas import EndedAccessOut, StaffChangedOut, StaffIn, StaffList, StaffOut, StaffPatch
+from app.people.access.staff_schemas import (
+    EndedAccessOut,
+    StaffChangedOut,
+    StaffIn,
+    StaffList,
+    StaffOut,
+    StaffPatch,
+)
 from app.people.models import Staff
 
 router = APIRouter(prefix="/v1/staff", tags=["staff"], route_class=ListRoute)
 
 
 @router.get("", responses=problem_responses(401, 403, 422))
-def get_staff(request: Request, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None) -> StaffList:
+def get_staff(
+    request: Request, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> StaffList:
     """All staff by name."""
     page = staff.list_staff(state.database, cursor=cursor, limit=limit)
-    return StaffList(items=[_render(row) for row in page.rows], next=next_page(request, page.cursor))
+    return StaffList(
+        items=[_render(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422, 503))
@@ -44,7 +55,9 @@ def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut
 
 
 @router.patch("/{name}", responses=problem_responses(401, 403, 404, 409, 422, 503))
-def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
+def patch_staff(
+    name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff
+) -> StaffChangedOut:
     """Change a staff member.
 
     Disabling them, or replacing their password, ends their sessions and personal tokens permanently: see `ended`. A

@@ -13,7 +13,9 @@ from app.people.access.passwords import MAX_LENGTH, MIN_LENGTH
 from app.people.models import Role, Scope
 
 StaffName = Annotated[Text, Field(min_length=1, max_length=200)]
-NewPassword = Annotated[SecretStr, Field(max_length=1000, description=f"{MIN_LENGTH} to {MAX_LENGTH} characters.")]
+NewPassword = Annotated[
+    SecretStr, Field(max_length=1000, description=f"{MIN_LENGTH} to {MAX_LENGTH} characters.")
+]
 Password = Annotated[SecretStr, Field(max_length=1000)]
 
 
@@ -60,9 +62,12 @@ class StaffIn(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"name": "m.keller"}})
 
     name: StaffName = Field(description=STAFF_NAME)
-    is_admin: bool = Field(default=False, description="Whether they may do everything in every study.")
+    is_admin: bool = Field(
+        default=False, description="Whether they may do everything in every study."
+    )
     password: NewPassword | None = Field(
-        default=None, description="The first password; null: they cannot sign in until they get one."
+        default=None,
+        description="The first password; null: they cannot sign in until they get one.",
     )
 
 
@@ -78,7 +83,9 @@ class StaffPatch(BaseModel):
         default=None,
         description="true ends all sessions and tokens permanently; false lets them sign in again; null: unchanged.",
     )
-    password: NewPassword | None = Field(default=None, description="A new password; null: unchanged.")
+    password: NewPassword | None = Field(
+        default=None, description="A new password; null: unchanged."
+    )
 
 
 class StaffOut(BaseModel):
@@ -86,8 +93,12 @@ class StaffOut(BaseModel):
 
     name: str = Field(description=STAFF_NAME)
     is_admin: bool = Field(description="Whether they may do everything in every study.")
-    has_password: bool = Field(description="Whether they have a password; without one they cannot sign in.")
-    disabled_at: datetime | None = Field(description="When they were disabled; null: they may sign in.")
+    has_password: bool = Field(
+        description="Whether they have a password; without one they cannot sign in."
+    )
+    disabled_at: datetime | None = Field(
+        description="When they were disabled; null: they may sign in."
+    )
     created_at: datetime = Field(description="When the staff member was created.")
 
 
@@ -116,14 +127,18 @@ class MemberIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"role": "reviewer"}})
 
-    role: Role = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
+    role: Role = Field(
+        description="viewer reads; reviewer also reviews meals; owner also manages the study."
+    )
 
 
 class MemberOut(BaseModel):
     """A staff member's role in a study."""
 
     name: str = Field(description=STAFF_NAME)
-    role: Role = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
+    role: Role = Field(
+        description="viewer reads; reviewer also reviews meals; owner also manages the study."
+    )
     is_disabled: bool = Field(description="Whether the staff member may not sign in.")
     since: datetime = Field(description="When they became a member.")
 
@@ -139,11 +154,16 @@ class TokenIn(BaseModel):
     """A new personal token."""
 
     model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"name": "nightly export", "scope": "read", "study": "pilot"}}
+        extra="forbid",
+        json_schema_extra={
+            "example": {"name": "nightly export", "scope": "read", "study": "pilot"}
+        },
     )
 
     name: Text = Field(min_length=1, max_length=100, description="The token's purpose.")
-    scope: Scope = Field(default="read", description="read: reading only. write: all rights of its creator.")
+    scope: Scope = Field(
+        default="read", description="read: reading only. write: all rights of its creator."
+    )
     study: Text | None = Field(
         default=None,
         max_length=64,
@@ -158,10 +178,14 @@ class TokenOut(BaseModel):
     id: uuid.UUID = Field(description="The token's id.")
     name: str = Field(description="The token's purpose.")
     scope: Scope = Field(description="read: reading only. write: all rights of its creator.")
-    study: str | None = Field(description="Code of the only study that it gives access to; null: all of its creator's.")
+    study: str | None = Field(
+        description="Code of the only study that it gives access to; null: all of its creator's."
+    )
     created_at: datetime = Field(description="When it was created.")
     expires_at: datetime | None = Field(description="When it expires; null: never.")
-    last_used_at: datetime | None = Field(description="When it was last used, accurate to five minutes.")
+    last_used_at: datetime | None = Field(
+        description="When it was last used, accurate to five minutes."
+    )
 
 
 class TokenIssued(TokenOut):

@@ -27,24 +27,35 @@ class Membership:
     since: datetime
 
 
-def list_members(database: Database, study_code: str, *, cursor: str | None, limit: int) -> Page[Membership]:
+def list_members(
+    database: Database, study_code: str, *, cursor: str | None, limit: int
+) -> Page[Membership]:
     """Return a page of a study's members by name. Raises NotFoundError."""
     list_name = f"members of {study_code}"
     after = decode_cursor(list_name, cursor, TEXT)
     with database.read() as session:
         study = load_study(session, study_code)
         rows = people.page_of_members(session, study.id, after=after, limit=limit + 1)
-    return page_of(list_name, [_membership(member, staff) for member, staff in rows], limit, lambda row: row.name)
+    return page_of(
+        list_name,
+        [_membership(member, staff) for member, staff in rows],
+        limit,
+        lambda row: row.name,
+    )
 
 
-def set_member(database: Database, caller: StaffCaller, study_code: str, name: str, role: Role) -> Membership:
+def set_member(
+    database: Database, caller: StaffCaller, study_code: str, name: str, role: Role
+) -> Membership:
     """Give a staff member a role in a study or change it. Raises NotFoundError, ConflictError (`last_owner`)."""
     with database.write() as session:
         study, staff, member = _find(session, study_code, name)
         if staff.disabled_at is not None:
             raise NotFoundError("There is no such staff member.")
         if member is None:
-            member = StudyMember(study_id=study.id, staff_id=staff.id, role=role, created_at=datetime.now(UTC))
+            member = StudyMember(
+                study_id=study.id, staff_id=staff.id, role=role, created_at=datetime.now(UTC)
+            )
             session.add(member)
         elif member.role != role:
             _require_other_owner(session, study.id, staff.id, member.role)
@@ -71,9 +82,13 @@ def _find(session: Session, study_code: str, name: str) -> tuple[Study, Staff, S
     return study, staff, session.get(StudyMember, (study.id, staff.id))
 
 
-def _require_other_owner(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, role: str) -> None:
+def _require_other_owner(
+    session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, role: str
+) -> None:
     if role == "owner" and not people.active_owners(session, study_id) - {staff_id}:
-        raise ConflictError("This is the study's last owner: add another owner first.", code="last_owner")
+        raise ConflictError(
+            "This is the study's last owner: add another owner first.", code="last_owner"
+        )
 
 
 def _membership(member: StudyMember, staff: Staff) -> Membership:

@@ -15,7 +15,12 @@ router = APIRouter(prefix="/v1/studies/{study}/members", tags=["studies"], route
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
 def get_members(
-    request: Request, study: StudyCode, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request,
+    study: StudyCode,
+    state: State,
+    _: CurrentStaff,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> MemberList:
     """The study's members by name."""
     page = study_members.list_members(state.database, study, cursor=cursor, limit=limit)
@@ -24,14 +29,18 @@ def get_members(
 
 
 @router.put("/{name}", responses=problem_responses(401, 403, 404, 409, 422))
-def put_member(study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff) -> MemberOut:
+def put_member(
+    study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff
+) -> MemberOut:
     """Give a staff member a role in the study or change it. The last owner keeps the role."""
     member = study_members.set_member(state.database, caller, study, name, body.role)
     return MemberOut.model_validate(member, from_attributes=True)
 
 
 @router.delete("/{name}", status_code=204, responses=problem_responses(401, 403, 404, 409, 422))
-def delete_member(study: StudyCode, name: StaffName, state: State, caller: CurrentStaff) -> Response:
+def delete_member(
+    study: StudyCode, name: StaffName, state: State, caller: CurrentStaff
+) -> Response:
     """Remove a member from the study, which their tokens no longer reach. The last owner cannot be removed."""
     study_members.remove_member(state.database, caller, study, name)
     return Response(status_code=204)

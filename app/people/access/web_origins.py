@@ -32,7 +32,9 @@ WEB_PATHS = re.compile(r"^/v1/")
 LOCAL_HOSTS = frozenset({"localhost", "127.0.0.1", "[::1]"})
 ORIGIN = re.compile(r"(https?)://(\[::1\]|[a-z0-9](?:[a-z0-9.-]*[a-z0-9])?)(?::([1-9][0-9]{0,4}))?")
 DEFAULT_PORTS = {"https": "443", "http": "80"}
-KNOWN_SECONDS = 5.0  # how long origins of studies are remembered: preflights need no token and are not counted
+KNOWN_SECONDS = (
+    5.0  # how long origins of studies are remembered: preflights need no token and are not counted
+)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 REQUEST_HEADERS = (
     "Authorization", "Content-Type", "If-Match", "If-None-Match", "If-Range", "Range", "X-App-Version", "X-Request-Id",
@@ -72,7 +74,9 @@ def origins_of_setting(value: str | None) -> frozenset[str]:
     try:
         return frozenset(parse_origin(part) for part in (value or "").split(",") if part.strip())
     except InvalidInputError as error:
-        raise InvalidInputError(f"TADA_WEB_ORIGINS: {error.message}", code="settings_invalid") from error
+        raise InvalidInputError(
+            f"TADA_WEB_ORIGINS: {error.message}", code="settings_invalid"
+        ) from error
 
 
 class WebOrigins:
@@ -98,7 +102,11 @@ class WebOrigins:
         """The request's origin if it is allowed; notes in the request's state which studies alone allow it."""
         headers = Headers(scope=scope)
         origin = headers.get("origin")
-        if origin is None or ORIGIN.fullmatch(origin) is None or urlsplit(origin).netloc == headers.get("host"):
+        if (
+            origin is None
+            or ORIGIN.fullmatch(origin) is None
+            or urlsplit(origin).netloc == headers.get("host")
+        ):
             return ()  # no page, none that could be allowed (`null` too), or our own
         state: ApiState = scope["app"].state.api
         if origin in origins_of_setting(state.settings.web_origins):
@@ -123,8 +131,12 @@ class WebOrigins:
 def require_origin(request: Request, caller: Caller) -> None:
     """Raise NotAllowedError (`origin_not_allowed`) for a page that another study than the caller's allows."""
     study_ids: frozenset[uuid.UUID] | None = getattr(request.state, "origin_study_ids", None)
-    if study_ids is not None and not (isinstance(caller, DeviceCaller) and caller.study_id in study_ids):
-        raise NotAllowedError("This web app is not allowed to use this token.", code="origin_not_allowed")
+    if study_ids is not None and not (
+        isinstance(caller, DeviceCaller) and caller.study_id in study_ids
+    ):
+        raise NotAllowedError(
+            "This web app is not allowed to use this token.", code="origin_not_allowed"
+        )
 
 
 def _read_origins(database: Database) -> list[tuple[uuid.UUID, list[str]]]:
@@ -132,5 +144,7 @@ def _read_origins(database: Database) -> list[tuple[uuid.UUID, list[str]]]:
         with database.read() as session:
             return people.web_origins(session)
     except sqlalchemy.exc.SQLAlchemyError as error:
-        log.warning("web_origins_unknown", error=type(error).__name__)  # the call itself reports the database
+        log.warning(
+            "web_origins_unknown", error=type(error).__name__
+        )  # the call itself reports the database
         return []

@@ -26,7 +26,9 @@ EVENT_RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.post("/{meal_id}/events", status_code=201, response_model=MealOut, responses=EVENT_RESPONSES)
+@router.post(
+    "/{meal_id}/events", status_code=201, response_model=MealOut, responses=EVENT_RESPONSES
+)
 def post_event(
     meal_id: MealId,
     body: EventIn,

@@ -15,7 +15,12 @@ from typing import Literal, assert_never
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, InvalidInputError, NotAllowedError, PreconditionFailedError
+from app.core.errors import (
+    ConflictError,
+    InvalidInputError,
+    NotAllowedError,
+    PreconditionFailedError,
+)
 from app.db.session import Database
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
@@ -58,7 +63,9 @@ from app.records.review.stated_amounts import STATED_SD
 
 MAX_EVENTS = 1000  # of a meal; each event reads them all
 MAX_ITEMS = 200  # of a meal, including those that were split, merged and undone
-BEFORE_ESTIMATE = frozenset({"nothing_left", "undo", "comment", "question", "answer"})  # need no estimated meal
+BEFORE_ESTIMATE = frozenset(
+    {"nothing_left", "undo", "comment", "question", "answer"}
+)  # need no estimated meal
 ONLY_LAYER = {
     "question": "reviewer",
     "reshape": "reviewer",
@@ -170,7 +177,9 @@ class MealEvents:
     def _write(self, session: Session, caller: Caller, parts: MealParts, event: AnyEventIn) -> None:
         meal, layer = parts.meal, layer_of(caller)
         if ONLY_LAYER.get(event.kind, layer) != layer:
-            raise NotAllowedError(f"A {layer} cannot send this event: {event.kind}.", code="event_not_yours")
+            raise NotAllowedError(
+                f"A {layer} cannot send this event: {event.kind}.", code="event_not_yours"
+            )
         if meal.status in meals.UNESTIMATED and event.kind not in BEFORE_ESTIMATE:
             raise ConflictError(
                 "The meal is not estimated yet: wait until it is (GET it with ?wait=).",
@@ -178,22 +187,42 @@ class MealEvents:
                 meal_status=meal.status,
             )
         if len(parts.events) >= MAX_EVENTS:
-            raise ConflictError(f"A meal can have at most {MAX_EVENTS} events.", code="events_too_many")
+            raise ConflictError(
+                f"A meal can have at most {MAX_EVENTS} events.", code="events_too_many"
+            )
         now = datetime.now(UTC)
-        change = apply_event(ReviewContext(session, meal, parts, fold_meal(parts), event.id, layer, now), event)
+        change = apply_event(
+            ReviewContext(session, meal, parts, fold_meal(parts), event.id, layer, now), event
+        )
         created = sum(isinstance(row, Item) for row in change.rows)
         if created and len(parts.items) + created > MAX_ITEMS:
-            raise ConflictError(f"A meal can have at most {MAX_ITEMS} items.", code="items_too_many")
+            raise ConflictError(
+                f"A meal can have at most {MAX_ITEMS} items.", code="items_too_many"
+            )
         sequence = 1 + max((earlier.sequence for earlier in parts.events), default=0)
         insert_event(session, caller, meal, event, change, sequence=sequence, now=now)
         for row in change.rows:
             if isinstance(row, Job):
                 self._queue.enqueue(session, row)
-        audit.note(session, caller, "meal.event", study_id=meal.study_id, subject=meal.alias, kind=event.kind)
+        audit.note(
+            session,
+            caller,
+            "meal.event",
+            study_id=meal.study_id,
+            subject=meal.alias,
+            kind=event.kind,
+        )
 
 
 def insert_event(
-    session: Session, caller: Caller, meal: Meal, event: AnyEventIn, change: Change, *, sequence: int, now: datetime
+    session: Session,
+    caller: Caller,
+    meal: Meal,
+    event: AnyEventIn,
+    change: Change,
+    *,
+    sequence: int,
+    now: datetime,
 ) -> None:
     """Insert an event and the rows that it creates."""
     session.add(
@@ -224,7 +253,11 @@ def layer_of(caller: Caller) -> Literal["participant", "reviewer"]:
 
 
 def _implausible_items(session: Session, meal: Meal) -> set[uuid.UUID]:
-    return {item_id for item_id, record in records_of(session, meal.id).items() if IMPLAUSIBLE_AMOUNT in record.flags}
+    return {
+        item_id
+        for item_id, record in records_of(session, meal.id).items()
+        if IMPLAUSIBLE_AMOUNT in record.flags
+    }
 
 
 def _require_same(stored: MealEvent, meal: Meal, caller: Caller, event: AnyEventIn) -> None:
@@ -236,7 +269,10 @@ def _require_same(stored: MealEvent, meal: Meal, caller: Caller, event: AnyEvent
         and author in (stored.device_id, stored.staff_id)
     )
     if not is_same:
-        raise ConflictError("An event with this id exists already: a new event needs a new id.", code="event_id_reused")
+        raise ConflictError(
+            "An event with this id exists already: a new event needs a new id.",
+            code="event_id_reused",
+        )
 
 
 def content_sha256(event: AnyEventIn) -> str:
@@ -245,10 +281,14 @@ def content_sha256(event: AnyEventIn) -> str:
     It is stored: computed in another way, it would refuse repeats of events that were sent before an upgrade.
     """
     item = item_of(event)
-    fields: dict[str, object] = event.model_dump(mode="json", exclude={"id", "kind", "item", "strict"})
+    fields: dict[str, object] = event.model_dump(
+        mode="json", exclude={"id", "kind", "item", "strict"}
+    )
     if isinstance(event, SetMassIn):
         fields = {"amount": event.amount().model_dump(mode="json")}
     elif isinstance(event, SetVolumeIn):
         fields = {"amount": fields}
     content = [event.kind, str(item) if item is not None else None, fields]
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()

@@ -37,7 +37,11 @@ def read_history(
         events = review.page_of_events(session, meal.id, after=after or 0, limit=limit + 1)
         undone = review.undone_events(session, meal.id)
     rows = [
-        HistoryRow(event, event.layer if isinstance(caller, DeviceCaller) else name or code, str(event.id) in undone)
+        HistoryRow(
+            event,
+            event.layer if isinstance(caller, DeviceCaller) else name or code,
+            str(event.id) in undone,
+        )
         for event, name in events[:limit]
     ]
     is_last = len(events) <= limit

@@ -75,13 +75,21 @@ def last_events(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.
     return sequences
 
 
-def words_about_questions(session: Session, participant_id: uuid.UUID) -> list[tuple[MealEvent, Meal]]:
+def words_about_questions(
+    session: Session, participant_id: uuid.UUID
+) -> list[tuple[MealEvent, Meal]]:
     """Questions to a participant, the newest first, and behind them all answers and undoings of the same meals."""
     of_person = (
-        sa.select(MealEvent, Meal).join(Meal, Meal.id == MealEvent.meal_id).where(Meal.participant_id == participant_id)
+        sa.select(MealEvent, Meal)
+        .join(Meal, Meal.id == MealEvent.meal_id)
+        .where(Meal.participant_id == participant_id)
     )
-    newest = of_person.where(MealEvent.kind == "question").order_by(MealEvent.created_at.desc(), MealEvent.id.desc())
-    questions = [(event, meal) for event, meal in session.execute(newest.limit(QUESTIONS_LOOKED_AT))]
+    newest = of_person.where(MealEvent.kind == "question").order_by(
+        MealEvent.created_at.desc(), MealEvent.id.desc()
+    )
+    questions = [
+        (event, meal) for event, meal in session.execute(newest.limit(QUESTIONS_LOOKED_AT))
+    ]
     meals = {meal.id for _, meal in questions}
     others = of_person.where(MealEvent.kind.in_(("answer", "undo")), MealEvent.meal_id.in_(meals))
     return questions + [(event, meal) for event, meal in session.execute(others)]
@@ -116,16 +124,23 @@ def count_queue(session: Session, chosen: QueueFilter, most: int) -> int:
 def count_meals_to_look_at(session: Session, study_id: uuid.UUID) -> int:
     """How many meals of the study have an item that needs a look, counted up to MOST_MEALS."""
     record = EffectiveRecord
-    in_order = (record.captured_at, record.meal_id)  # as an index has them, so that no more of it is read
+    in_order = (
+        record.captured_at,
+        record.meal_id,
+    )  # as an index has them, so that no more of it is read
     meals = sa.select(*in_order).where(record.study_id == study_id, *needs_look(record)).distinct()
     counted = meals.order_by(*in_order).limit(MOST_MEALS).subquery()
     return session.scalar(sa.select(sa.func.count()).select_from(counted)) or 0
 
 
-def left_photographs(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, MealImage]:
+def left_photographs(
+    session: Session, meal_ids: Collection[uuid.UUID]
+) -> dict[uuid.UUID, MealImage]:
     """Meal -> its left photograph, of those that have one that is not erased."""
     query = sa.select(MealImage).where(
-        MealImage.meal_id.in_(list(meal_ids)), MealImage.slot == "left", MealImage.erased_at.is_(None)
+        MealImage.meal_id.in_(list(meal_ids)),
+        MealImage.slot == "left",
+        MealImage.erased_at.is_(None),
     )
     return {image.meal_id: image for image in session.scalars(query)}
 
@@ -146,16 +161,27 @@ def queue_keys(
     if chosen.min_doubt is not None:
         conditions.append(record.doubt >= chosen.min_doubt)
     if after is not None:
-        bound = sa.tuple_(sa.literal(after[0], record.doubt.type), sa.literal(after[1], record.item_id.type))
+        bound = sa.tuple_(
+            sa.literal(after[0], record.doubt.type), sa.literal(after[1], record.item_id.type)
+        )
         conditions.append(sa.tuple_(record.doubt, record.item_id) < bound)
-    parts = [sa.select(record.doubt, record.item_id).where(*conditions, *branch) for branch in branches]
-    if chosen.participant_code is not None:  # all that there is of a person, and sorted then: not the study's in order
+    parts = [
+        sa.select(record.doubt, record.item_id).where(*conditions, *branch) for branch in branches
+    ]
+    if (
+        chosen.participant_code is not None
+    ):  # all that there is of a person, and sorted then: not the study's in order
         parts = [sa.select(part.cte("of_person").prefix_with("MATERIALIZED")) for part in parts]
     elif session.get_bind().dialect.name != "sqlite":  # as in record_pages.RecordSearch
         order = (record.doubt.desc(), record.item_id.desc())
         parts = [sa.select(part.order_by(*order).limit(limit).subquery()) for part in parts]
     every = sa.union_all(*parts).subquery("branch")
-    return sa.select(every).order_by(every.c.doubt.desc(), every.c.item_id.desc()).limit(limit).cte("page")
+    return (
+        sa.select(every)
+        .order_by(every.c.doubt.desc(), every.c.item_id.desc())
+        .limit(limit)
+        .cte("page")
+    )
 
 
 def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElement[bool], ...]]:
@@ -184,6 +210,8 @@ def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElem
         )  # the study's in their order, and those of other foods passed by
     elif food_ids_named is not None:
         return [
-            (record.food_id == food, record.status == status, *rest) for food in food_ids_named for status in statuses
+            (record.food_id == food, record.status == status, *rest)
+            for food in food_ids_named
+            for status in statuses
         ]
     return [(record.status == status, *rest) for status in statuses]

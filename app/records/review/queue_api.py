@@ -34,10 +34,16 @@ def get_review_queue(
         Query(description="Only items of this status."),
     ] = None,
     food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
-    min_doubt: Annotated[float | None, Query(ge=0, le=1, description="Only items of at least this doubt.")] = None,
-    provisional: Annotated[bool | None, Query(description="Whether an after-meal pair may still come.")] = None,
+    min_doubt: Annotated[
+        float | None, Query(ge=0, le=1, description="Only items of at least this doubt.")
+    ] = None,
+    provisional: Annotated[
+        bool | None, Query(description="Whether an after-meal pair may still come.")
+    ] = None,
     participant: OfParticipant = None,
-    origin: Annotated[MealOrigin | None, Query(description="Only items of meals photographed, or declared.")] = None,
+    origin: Annotated[
+        MealOrigin | None, Query(description="Only items of meals photographed, or declared.")
+    ] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Items of a page, at most.")] = 50,
     cursor: Cursor = None,
 ) -> ReviewQueue:
@@ -52,7 +58,9 @@ def get_review_queue(
         origin=origin,
     )
     page = read_queue(state.database, chosen, cursor=cursor, limit=limit)
-    return ReviewQueue(items=[_item(queued) for queued in page.rows], next=next_page(request, page.cursor))
+    return ReviewQueue(
+        items=[_item(queued) for queued in page.rows], next=next_page(request, page.cursor)
+    )
 
 
 def _item(queued: QueuedItem) -> QueuedItemOut:

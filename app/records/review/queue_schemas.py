@@ -6,7 +6,15 @@ from datetime import date, datetime
 from pydantic import BaseModel, Field
 
 from app.foods.schemas import FoodRef
-from app.http.field_descriptions import CAPTURED_AT, FLAGS, FOOD, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT
+from app.http.field_descriptions import (
+    CAPTURED_AT,
+    FLAGS,
+    FOOD,
+    LOCAL_DATE,
+    MEAL_ID,
+    PAGE,
+    PARTICIPANT,
+)
 from app.meals.record_models import ItemOrigin, RecordStatus
 from app.records.meal_schemas import CandidateOut
 
@@ -17,10 +25,14 @@ class QueuedItemOut(BaseModel):
     item: uuid.UUID = Field(description="The item's id.")
     meal: uuid.UUID = Field(description=MEAL_ID)
     participant: str = Field(description=PARTICIPANT)
-    doubt: float = Field(description="0 to 1; 1 where food or amount are not known (docs/review.md).")
+    doubt: float = Field(
+        description="0 to 1; 1 where food or amount are not known (docs/review.md)."
+    )
     status: RecordStatus = Field(description="What people have made of the item.")
     origin: ItemOrigin = Field(description="Where the item comes from.")
-    provisional: bool = Field(description="Whether an after-meal pair may still change what was eaten.")
+    provisional: bool = Field(
+        description="Whether an after-meal pair may still change what was eaten."
+    )
     food: FoodRef | None = Field(description=FOOD)
     candidates: list[CandidateOut] = Field(description="Best first: choose one by `set_food`.")
     none_of_these: float | None = Field(
@@ -28,11 +40,17 @@ class QueuedItemOut(BaseModel):
     )
     volume_ml: float | None = Field(description="Volume as served; null: not measured.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
-    mass_g: float | None = Field(description="Grams as served, with peel, core and bone; null: not known.")
+    mass_g: float | None = Field(
+        description="Grams as served, with peel, core and bone; null: not known."
+    )
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
-    share: float = Field(description="The participant's share of a dish that is shared, 0 to 1; 1: all of it.")
+    share: float = Field(
+        description="The participant's share of a dish that is shared, 0 to 1; 1: all of it."
+    )
     left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
-    consumed_g: float | None = Field(description="Edible grams eaten: (edible - left) x share; null: not known.")
+    consumed_g: float | None = Field(
+        description="Edible grams eaten: (edible - left) x share; null: not known."
+    )
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     energy_kcal: float | None = Field(description="Energy of what was eaten; null: not known.")
     flags: list[str] = Field(description=FLAGS)
@@ -40,7 +58,9 @@ class QueuedItemOut(BaseModel):
     local_date: date = Field(description=LOCAL_DATE)
     etag: str = Field(description="The meal's, for `If-Match` of the event.")
     meal_href: str = Field(description="Path of the meal.")
-    photograph_href: str | None = Field(description="The left photograph; null: the meal was told without any.")
+    photograph_href: str | None = Field(
+        description="The left photograph; null: the meal was told without any."
+    )
 
 
 class ReviewQueue(BaseModel):
@@ -55,7 +75,9 @@ class QuestionOut(BaseModel):
 
     id: uuid.UUID = Field(description="The question's event: the answer names it.")
     meal: uuid.UUID = Field(description=MEAL_ID)
-    item: uuid.UUID | None = Field(description="The item that it is about; null: the meal as a whole.")
+    item: uuid.UUID | None = Field(
+        description="The item that it is about; null: the meal as a whole."
+    )
     text: str = Field(description="The question, as the reviewer wrote it.")
     asked_at: datetime = Field(description="When it was asked.")
     captured_at: datetime = Field(description=CAPTURED_AT)

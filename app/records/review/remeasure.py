@@ -59,7 +59,13 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
             items.append(item_id)
     for item_id, state in states.items():
         outline = [ring for ring in state.rings if len(ring) >= MIN_CORNERS]
-        if item_id not in drawn and state.is_live and state.stands and outline and len(hints) < MAX_REGIONS:
+        if (
+            item_id not in drawn
+            and state.is_live
+            and state.stands
+            and outline
+            and len(hints) < MAX_REGIONS
+        ):
             region = Region(polygon=[[list(corner) for corner in ring] for ring in outline])
             hints.append(_with_food(session, region, state))
             items.append(item_id)
@@ -72,10 +78,17 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
     An item without a stated food is assigned to the one that the index identifies in its new region, if it is sure.
     """
     stated = read_event(session.get_one(MealEvent, job.event_id))
-    measured = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
-    drawn = [item for item in _concerned(session, stated.event) if drawn_region(stated, item) is not None]
+    measured = {
+        answer.regions[item.hint]: item
+        for item in answer.items
+        if item.hint is not None and item.polygon
+    }
+    drawn = [
+        item for item in _concerned(session, stated.event) if drawn_region(stated, item) is not None
+    ]
     session.add_all(
-        _measure(item, stated, job.id, measured.get(item.id), has_failed=answer.failure is not None) for item in drawn
+        _measure(item, stated, job.id, measured.get(item.id), has_failed=answer.failure is not None)
+        for item in drawn
     )
     seen = [(item, measured[item.id]) for item in drawn if item.id in measured]
     likely = save_candidates(session, job.id, seen)
@@ -83,7 +96,12 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> 
     states = {state.item.id: state for state in fold_meal(parts).items}
     for (item, _), food in zip(seen, likely, strict=True):
         state = states.get(item.id)
-        if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
+        if (
+            food is None
+            or state is None
+            or state.run_id != job.id
+            or not _is_open(parts, state, food)
+        ):
             continue  # not sure, or a newer region or a person's statement counts
         lies_as = stated_form(stated, item) or (
             state.food_assignment.lies_as if state.food_assignment is not None else None
@@ -109,13 +127,24 @@ def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
 
 def _concerned(session: Session, event: MealEvent) -> list[Item]:
     """Return the items that the event is about or created."""
-    made = list(session.query(Item).where(Item.event_id == event.id).order_by(Item.position, Item.id))
-    own = session.get(Item, event.item_id) if event.kind == "redraw" and event.item_id is not None else None
+    made = list(
+        session.query(Item).where(Item.event_id == event.id).order_by(Item.position, Item.id)
+    )
+    own = (
+        session.get(Item, event.item_id)
+        if event.kind == "redraw" and event.item_id is not None
+        else None
+    )
     return [own] if own is not None else made
 
 
 def _measure(
-    item: Item, stated: StatedEvent, run_id: uuid.UUID, answer: ItemAnswer | None, *, has_failed: bool
+    item: Item,
+    stated: StatedEvent,
+    run_id: uuid.UUID,
+    answer: ItemAnswer | None,
+    *,
+    has_failed: bool,
 ) -> ItemMeasure:
     region = drawn_region(stated, item)
     if answer is None:
@@ -134,7 +163,9 @@ def _measure(
     return measure_of(item, run_id, answer, event_id=stated.event.id)
 
 
-def measure_of(item: Item, run_id: uuid.UUID, answer: ItemAnswer, *, event_id: uuid.UUID | None = None) -> ItemMeasure:
+def measure_of(
+    item: Item, run_id: uuid.UUID, answer: ItemAnswer, *, event_id: uuid.UUID | None = None
+) -> ItemMeasure:
     """Return the row of a run's measurement of an item. event_id: of the event that drew the region; None: of none."""
     low_ml, high_ml = answer.interval_ml
     return ItemMeasure(

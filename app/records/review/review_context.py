@@ -23,7 +23,9 @@ from app.meals.record_models import EffectiveRecord, Item, ItemFood
 from app.records.item_foods import item_food, served_mass, weighing_for, weighing_of
 from app.records.review.schemas import PartIn, RegionIn
 
-ITEMS_OF_EVENT = uuid.UUID("b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5")  # random namespace of the ids of created items
+ITEMS_OF_EVENT = uuid.UUID(
+    "b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5"
+)  # random namespace of the ids of created items
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,9 @@ class ReviewContext:
     def item_or_piece(self, item_id: uuid.UUID) -> ItemState:
         """Return an item of the meal, or a piece of its after-meal pair. Raises as `item`."""
         pieces = (piece.state for piece in self.state.leftovers)
-        return next((piece for piece in pieces if piece.item.id == item_id), None) or self.item(item_id)
+        return next((piece for piece in pieces if piece.item.id == item_id), None) or self.item(
+            item_id
+        )
 
     def record(self, state: ItemState) -> EffectiveRecord:
         """Return the item's current effective record."""
@@ -96,7 +100,8 @@ def require_complete(states: Sequence[ItemState]) -> None:
 
 def _is_complete(state: ItemState) -> bool:
     return (
-        state.food_assignment is not None and served_mass(weighing_of(state.food_assignment), state.amount) is not None
+        state.food_assignment is not None
+        and served_mass(weighing_of(state.food_assignment), state.amount) is not None
     )
 
 
@@ -150,7 +155,11 @@ def food_key(session: Session, assignment: ItemFood | None) -> str | None:
 
 
 def assign_food(
-    context: ReviewContext, item_id: uuid.UUID, food: Food, lies_as: str | None, earlier: Sequence[ItemFood] = ()
+    context: ReviewContext,
+    item_id: uuid.UUID,
+    food: Food,
+    lies_as: str | None,
+    earlier: Sequence[ItemFood] = (),
 ) -> ItemFood:
     """Return the row that assigns an item to a food, with current densities. earlier: the item's rows so far."""
     return item_food(
@@ -164,19 +173,32 @@ def assign_food(
     )
 
 
-def copy_food(context: ReviewContext, item_id: uuid.UUID, assignment: ItemFood, *, is_guessed: bool) -> ItemFood:
+def copy_food(
+    context: ReviewContext, item_id: uuid.UUID, assignment: ItemFood, *, is_guessed: bool
+) -> ItemFood:
     """Return the row that assigns a new item to another item's food and density; a guess stays a guess."""
     layer = "automatic" if is_guessed else context.layer
     weighing = weighing_of(assignment)
-    return item_food(item_id, assignment.food_id, weighing, assignment.lies_as, layer=layer, event_id=context.event_id)
+    return item_food(
+        item_id,
+        assignment.food_id,
+        weighing,
+        assignment.lies_as,
+        layer=layer,
+        event_id=context.event_id,
+    )
 
 
 def remeasure_job(context: ReviewContext) -> Job:
     """Return the job that measures the event's regions. Raises ConflictError if a photograph is missing."""
     images = {image.slot: image for image in meals.images_of(context.session, context.meal.id)}
-    if any(slot not in images or images[slot].erased_at is not None for slot in context.meal.announced_slots):
+    if any(
+        slot not in images or images[slot].erased_at is not None
+        for slot in context.meal.announced_slots
+    ):
         raise ConflictError(
-            "The meal has no photographs to measure in: send the amount instead.", code="photographs_missing"
+            "The meal has no photographs to measure in: send the amount instead.",
+            code="photographs_missing",
         )
     return Job(
         id=uuid.uuid4(),

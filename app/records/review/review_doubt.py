@@ -16,7 +16,9 @@ UNKNOWN = 1.0
 MOST = math.nextafter(1.0, 0.0)  # of what is known, however badly
 
 
-def review_doubt(probability: float, eaten: Estimate | None, served_g: float, flags: Collection[str]) -> float:
+def review_doubt(
+    probability: float, eaten: Estimate | None, served_g: float, flags: Collection[str]
+) -> float:
     """Return the doubt about an item that is not rejected.
 
     probability: that it is this food, 0 to 1. eaten: edible grams with their interval; None: unknown. served_g: the

@@ -36,7 +36,9 @@ from app.records.review.stated_amounts import DECLARED_SD, STATED_SD, stated_amo
 from app.vision.hand_form import hand_form_ml
 
 SCENE = "scene.json"  # written by vision/scene_file.py, which an API process does not import
-ABOUT_THE_FOOD = frozenset({"drained"})  # probes whose answer says what the food is, not what came with it
+ABOUT_THE_FOOD = frozenset(
+    {"drained"}
+)  # probes whose answer says what the food is, not what came with it
 
 
 def confirm(context: ReviewContext, event: ConfirmIn) -> Change:
@@ -57,7 +59,9 @@ def set_food(context: ReviewContext, event: SetFoodIn) -> Change:
     """Assign the item to a food; its mass follows anew from its volume."""
     state = context.item(event.item)
     food = named_food(context.session, event.food)
-    row = assign_food(context, event.item, food, event.lies_as, context.parts.foods.get(event.item, ()))
+    row = assign_food(
+        context, event.item, food, event.lies_as, context.parts.foods.get(event.item, ())
+    )
     old_lies_as = state.food_assignment.lies_as if state.food_assignment is not None else None
     return Change(
         old={"food": food_key(context.session, state.food_assignment), "lies_as": old_lies_as},
@@ -69,14 +73,24 @@ def set_food(context: ReviewContext, event: SetFoodIn) -> Change:
 def set_volume(context: ReviewContext, event: SetVolumeIn) -> Change:
     """Set the volume of an item or of a piece of the after-meal pair."""
     state = context.item_or_piece(event.item)
-    return Change(old=_current_amount(state), new={**stated_amount(context.session, event.amount(), None, STATED_SD)})
+    return Change(
+        old=_current_amount(state),
+        new={**stated_amount(context.session, event.amount(), None, STATED_SD)},
+    )
 
 
 def set_mass(context: ReviewContext, event: SetMassIn) -> Change:
     """Set grams or household measures of an item or of a piece of the after-meal pair."""
     state = context.item_or_piece(event.item)
-    food = context.session.get_one(Food, state.food_assignment.food_id) if state.food_assignment is not None else None
-    return Change(old=_current_amount(state), new={**stated_amount(context.session, event.amount(), food, STATED_SD)})
+    food = (
+        context.session.get_one(Food, state.food_assignment.food_id)
+        if state.food_assignment is not None
+        else None
+    )
+    return Change(
+        old=_current_amount(state),
+        new={**stated_amount(context.session, event.amount(), food, STATED_SD)},
+    )
 
 
 def set_share(context: ReviewContext, event: SetShareIn) -> Change:
@@ -100,10 +114,15 @@ def reshape(context: ReviewContext, event: ReshapeIn) -> Change:
     Raises ConflictError (`scene_missing`: no run has such a frame), InvalidInputError (`form_too_large`).
     """
     state, run = context.item(event.item), last_runs(context.session, context.meal.id).get("meal")
-    names = {artefact.name for artefact in artefacts_of(context.session, run.id)} if run is not None else set()
+    names = (
+        {artefact.name for artefact in artefacts_of(context.session, run.id)}
+        if run is not None
+        else set()
+    )
     if run is None or run.failure_code is not None or SCENE not in names:
         raise ConflictError(
-            "The meal has no measured scene in which a form could stand: set the amount instead.", code="scene_missing"
+            "The meal has no measured scene in which a form could stand: set the amount instead.",
+            code="scene_missing",
         )
     form = event.form
     volume_ml = hand_form_ml(form.section, form.length_mm, form.width_mm, form.height_mm)
@@ -127,7 +146,11 @@ def reshape(context: ReviewContext, event: ReshapeIn) -> Change:
 def declare(context: ReviewContext, event: DeclareIn) -> Change:
     """Answer a probe of the item. Raises InvalidInputError (no probe of its food), ConflictError (answered)."""
     state, session = context.item(event.item), context.session
-    probes = session.get_one(Food, state.food_assignment.food_id).probes if state.food_assignment is not None else []
+    probes = (
+        session.get_one(Food, state.food_assignment.food_id).probes
+        if state.food_assignment is not None
+        else []
+    )
     if event.probe not in probes:
         raise InvalidInputError(
             "The item's food has no such probe: `open_probes` of the item lists its probes.",
@@ -135,11 +158,15 @@ def declare(context: ReviewContext, event: DeclareIn) -> Change:
             probes=list(probes),
         )
     if event.probe in context.state.answers[event.item]:
-        raise ConflictError("This was answered: undo the answer to give another.", code="probe_answered")
+        raise ConflictError(
+            "This was answered: undo the answer to give another.", code="probe_answered"
+        )
     answer = {"probe": event.probe, "answer": event.answer}
     if event.food is None:
         if event.answer == "yes" and event.probe not in ABOUT_THE_FOOD:
-            raise InvalidInputError("Name in `food` what was added, and how much of it.", code="declared_food_missing")
+            raise InvalidInputError(
+                "Name in `food` what was added, and how much of it.", code="declared_food_missing"
+            )
         return Change(new=answer)
     food = named_food(session, event.food)
     if event.probe in ABOUT_THE_FOOD:

@@ -52,7 +52,9 @@ class ItemNow:
     said: tuple[HistoryRow, ...]
 
 
-def read_review_page(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[ReviewItem]:
+def read_review_page(
+    database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int
+) -> Page[ReviewItem]:
     """Return a page of the queue, most doubtful first: the same rows as `read_queue`. Raises InvalidInputError."""
     with database.read() as session:
         page = read_rows(session, chosen, cursor=cursor, limit=limit)
@@ -93,7 +95,9 @@ def read_review_item(
         shown = _items(session, [QueueRow(record, meal, code, food, item)])[0]
         events = review.page_of_events(session, meal.id, after=seen, limit=MOST_EVENTS)
         undone = review.undone_events(session, meal.id)
-    history = tuple(HistoryRow(event, name or code, str(event.id) in undone) for event, name in events)
+    history = tuple(
+        HistoryRow(event, name or code, str(event.id) in undone) for event, name in events
+    )
     return ItemNow(shown, history)
 
 

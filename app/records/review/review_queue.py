@@ -25,7 +25,9 @@ class QueuedItem:
     candidates: ItemCandidates
 
 
-def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueuedItem]:
+def read_queue(
+    database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int
+) -> Page[QueuedItem]:
     """A page of the queue. Raises InvalidInputError for a cursor that is none of these filters.
 
     An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at the head again.
@@ -35,10 +37,14 @@ def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, l
         return Page(_with_candidates(session, page.rows), page.cursor)
 
 
-def read_rows(session: Session, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueueRow]:
+def read_rows(
+    session: Session, chosen: QueueFilter, *, cursor: str | None, limit: int
+) -> Page[QueueRow]:
     """A page of the queue's rows alone; what is shown of each, `read_queue` and review_items.py add. Raises as it."""
     listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
-    rows = review.page_of_queue(session, chosen, after=decode_cursor(listed, cursor, NUMBER, ID), limit=limit + 1)
+    rows = review.page_of_queue(
+        session, chosen, after=decode_cursor(listed, cursor, NUMBER, ID), limit=limit + 1
+    )
     return page_of(listed, rows, limit, lambda row: (row.record.doubt, row.record.item_id))
 
 
@@ -48,10 +54,16 @@ def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealE
         words = review.words_about_questions(session, caller.participant_id)
     undone = {str(event.new["event"]) for event, _ in words if event.kind == "undo"}
     answered = {
-        str(event.new["question"]) for event, _ in words if event.kind == "answer" and str(event.id) not in undone
+        str(event.new["question"])
+        for event, _ in words
+        if event.kind == "answer" and str(event.id) not in undone
     }
     closed = undone | answered
-    questions = [(event, meal) for event, meal in words if event.kind == "question" and str(event.id) not in closed]
+    questions = [
+        (event, meal)
+        for event, meal in words
+        if event.kind == "question" and str(event.id) not in closed
+    ]
     return questions[:MOST_QUESTIONS]
 
 

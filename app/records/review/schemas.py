@@ -15,13 +15,22 @@ from app.vision.hand_form import HandSection
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333
 
-FoodKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food's key (GET /v1/foods).")]
-LiesAs = Annotated[FoodForm | None, Field(description="How it lies there, where that is not as it usually does.")]
+FoodKey = Annotated[
+    Text, Field(min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+]
+LiesAs = Annotated[
+    FoodForm | None, Field(description="How it lies there, where that is not as it usually does.")
+]
 MOST_ML = 20_000  # of any volume that an event states
 Grams = Annotated[Number, Field(ge=0.001, le=20_000)]
 Millilitres = Annotated[Number, Field(ge=0.001, le=MOST_ML)]
 RelativeSd = Annotated[
-    Number | None, Field(ge=0, le=2, description="How far off it may be, relative standard deviation; null: as usual.")
+    Number | None,
+    Field(
+        ge=0,
+        le=2,
+        description="How far off it may be, relative standard deviation; null: as usual.",
+    ),
 ]
 Words = Annotated[Text, Field(min_length=1, max_length=2000)]
 Place = Annotated[Number, Field(ge=-5000, le=5000)]
@@ -34,12 +43,19 @@ class AmountIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    mass_g: Grams | None = Field(default=None, description="Grams; instead of volume_ml or portion.")
-    of: Literal["as_seen", "edible"] | None = Field(
-        default=None, description="What the grams are of: with peel, core and bone (the default), or without."
+    mass_g: Grams | None = Field(
+        default=None, description="Grams; instead of volume_ml or portion."
     )
-    volume_ml: Millilitres | None = Field(default=None, description="Millilitres; instead of mass_g or portion.")
-    portion: Text | None = Field(default=None, max_length=200, description="`measure` of one of the food's portions.")
+    of: Literal["as_seen", "edible"] | None = Field(
+        default=None,
+        description="What the grams are of: with peel, core and bone (the default), or without.",
+    )
+    volume_ml: Millilitres | None = Field(
+        default=None, description="Millilitres; instead of mass_g or portion."
+    )
+    portion: Text | None = Field(
+        default=None, max_length=200, description="`measure` of one of the food's portions."
+    )
     count: Annotated[Number, Field(ge=0.001, le=1000)] | None = Field(
         default=None, description="How many of the portion; needed with one."
     )
@@ -47,7 +63,9 @@ class AmountIn(BaseModel):
 
     @model_validator(mode="after")
     def _one_way(self) -> "AmountIn":
-        given = [name for name in ("mass_g", "volume_ml", "portion") if getattr(self, name) is not None]
+        given = [
+            name for name in ("mass_g", "volume_ml", "portion") if getattr(self, name) is not None
+        ]
         if len(given) != 1:
             raise ValueError("give one of mass_g, volume_ml and portion")
         if (self.count is not None) != (self.portion is not None):
@@ -63,7 +81,9 @@ class RegionIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
-    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
+    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
+        default=None, description="x, y, width, height"
+    )
     polygon: Polygon | None = Field(
         default=None,
         description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
@@ -81,7 +101,9 @@ class RegionIn(BaseModel):
 class _Event(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
-    id: uuid.UUID = Field(description="Made by the client, once an event; the same again is the same event.")
+    id: uuid.UUID = Field(
+        description="Made by the client, once an event; the same again is the same event."
+    )
     strict: bool = Field(
         default=False,
         description="Refuse an amount that can hardly be (422 `implausible_amount`), rather than flag the item.",
@@ -134,7 +156,9 @@ class SetMassIn(_OfItem):
         description="What the grams are of: with peel, core and bone (as_seen, the default), or without (edible).",
     )
     portion: Text | None = Field(
-        default=None, max_length=200, description="`measure` of one of the food's portions; instead of mass_g."
+        default=None,
+        max_length=200,
+        description="`measure` of one of the food's portions; instead of mass_g.",
     )
     count: Annotated[Number, Field(ge=0.001, le=1000)] | None = Field(
         default=None, description="How many of the portion; needed with one."
@@ -149,7 +173,11 @@ class SetMassIn(_OfItem):
     def amount(self) -> AmountIn:
         """Return the amount as other events give it."""
         return AmountIn(
-            mass_g=self.mass_g, of=self.of, portion=self.portion, count=self.count, relative_sd=self.relative_sd
+            mass_g=self.mass_g,
+            of=self.of,
+            portion=self.portion,
+            count=self.count,
+            relative_sd=self.relative_sd,
         )
 
 
@@ -182,20 +210,26 @@ class HandFormIn(BaseModel):
     length_mm: Side = Field(description="Its extent in the direction of yaw_deg.")
     width_mm: Side = Field(description="Its extent across.")
     height_mm: Side = Field(description="Its extent upwards, also of a form that leans.")
-    yaw_deg: Annotated[Number, Field(ge=-360, le=360)] = Field(description="From x to the length, counterclockwise.")
+    yaw_deg: Annotated[Number, Field(ge=-360, le=360)] = Field(
+        description="From x to the length, counterclockwise."
+    )
     lean_deg: Annotated[Number, Field(ge=-60, le=60)] = Field(
         default=0.0,
         description="How far its axis leans from upright towards its length: each level is moved sideways, so that the "
         "volume stays.",
     )
-    base_mm: Annotated[Number, Field(ge=-100, le=500)] = Field(default=0.0, description="z of its foot.")
+    base_mm: Annotated[Number, Field(ge=-100, le=500)] = Field(
+        default=0.0, description="z of its foot."
+    )
 
 
 class ReshapeIn(_OfItem):
     """Reviewers: the item fills this form; its volume follows from it."""
 
     kind: Literal["reshape"] = Field(description=EVENT_KIND)
-    form: HandFormIn = Field(description="Where it stands, and its sizes; the server computes its volume.")
+    form: HandFormIn = Field(
+        description="Where it stands, and its sizes; the server computes its volume."
+    )
     relative_sd: RelativeSd = None
 
 
@@ -204,10 +238,18 @@ class DeclareIn(_OfItem):
 
     kind: Literal["declare"] = Field(description=EVENT_KIND)
     probe: Text = Field(min_length=1, max_length=64, description="One of the item's `open_probes`.")
-    answer: Literal["yes", "no", "unknown"] = Field(description="Whether there was any; with yes, `food` says what.")
-    food: FoodKey | None = Field(default=None, description="Key of the food that there was; null: not known.")
-    amount: AmountIn | None = Field(default=None, description="How much of it there was; null: not known.")
-    share: Share | None = Field(default=None, description="Null: the share of the item that it came with.")
+    answer: Literal["yes", "no", "unknown"] = Field(
+        description="Whether there was any; with yes, `food` says what."
+    )
+    food: FoodKey | None = Field(
+        default=None, description="Key of the food that there was; null: not known."
+    )
+    amount: AmountIn | None = Field(
+        default=None, description="How much of it there was; null: not known."
+    )
+    share: Share | None = Field(
+        default=None, description="Null: the share of the item that it came with."
+    )
 
     @model_validator(mode="after")
     def _food_with_its_answer(self) -> "DeclareIn":
@@ -230,7 +272,9 @@ class AddIn(_Event):
     amount: AmountIn | None = Field(
         default=None, description="How much of it there was; null: it is measured in its region."
     )
-    share: Share | None = Field(default=None, description="Null: nothing is said of it, and all of it is theirs.")
+    share: Share | None = Field(
+        default=None, description="Null: nothing is said of it, and all of it is theirs."
+    )
 
     @model_validator(mode="after")
     def _something(self) -> "AddIn":
@@ -245,7 +289,8 @@ class PartIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     share: Annotated[Number, Field(ge=0.001, lt=1)] | None = Field(
-        default=None, description="Its part of the item's amount; either every part has one or none."
+        default=None,
+        description="Its part of the item's amount; either every part has one or none.",
     )
     polygon: Polygon | None = Field(
         default=None,
@@ -281,8 +326,12 @@ class MergeIn(_Event):
     """The items are one."""
 
     kind: Literal["merge"] = Field(description=EVENT_KIND)
-    items: list[uuid.UUID] = Field(min_length=2, max_length=20, description="The items that are one.")
-    food: FoodKey | None = Field(default=None, description="What they are together; needed where they differ.")
+    items: list[uuid.UUID] = Field(
+        min_length=2, max_length=20, description="The items that are one."
+    )
+    food: FoodKey | None = Field(
+        default=None, description="What they are together; needed where they differ."
+    )
     lies_as: LiesAs = None
 
     @model_validator(mode="after")
@@ -300,7 +349,9 @@ class SetLeftoverIn(_OfItem):
     model_config = ConfigDict(extra="forbid", serialize_by_alias=True)
 
     kind: Literal["set_leftover"] = Field(description=EVENT_KIND)
-    of: uuid.UUID | None = Field(description="The item of the meal; null: of none of them, it counts for nothing.")
+    of: uuid.UUID | None = Field(
+        description="The item of the meal; null: of none of them, it counts for nothing."
+    )
     leftover_class: Literal["food_left", "refuse", "unmatched"] = Field(
         alias="class", description="unmatched goes with no item."
     )
@@ -328,7 +379,9 @@ class CommentIn(_Event):
     """A remark; participant and reviewers see each other's."""
 
     kind: Literal["comment"] = Field(description=EVENT_KIND)
-    item: uuid.UUID | None = Field(default=None, description="The item that it is about; null: the meal as a whole.")
+    item: uuid.UUID | None = Field(
+        default=None, description="The item that it is about; null: the meal as a whole."
+    )
     text: Words = Field(description="The remark.")
 
 
@@ -336,7 +389,9 @@ class QuestionIn(_Event):
     """Reviewers: ask the participant (GET /v1/me/questions)."""
 
     kind: Literal["question"] = Field(description=EVENT_KIND)
-    item: uuid.UUID | None = Field(default=None, description="The item that it is about; null: the meal as a whole.")
+    item: uuid.UUID | None = Field(
+        default=None, description="The item that it is about; null: the meal as a whole."
+    )
     text: Words = Field(description="The question.")
 
 
@@ -390,9 +445,15 @@ class EventOut(BaseModel):
     id: uuid.UUID = Field(description="The event's id, as its client made it.")
     sequence: int = Field(description="Its number in the meal, from 1.")
     kind: EventKind = Field(description="What kind of event it is.")
-    layer: Layer = Field(description="participant or reviewer: the reviewer's word goes over the participant's.")
-    author: str = Field(description="Staff see who it was; a participant sees `participant` or `reviewer`.")
-    item: uuid.UUID | None = Field(description="The item that it is about; null: the meal as a whole.")
+    layer: Layer = Field(
+        description="participant or reviewer: the reviewer's word goes over the participant's."
+    )
+    author: str = Field(
+        description="Staff see who it was; a participant sees `participant` or `reviewer`."
+    )
+    item: uuid.UUID | None = Field(
+        description="The item that it is about; null: the meal as a whole."
+    )
     old: dict[str, Any] = Field(
         description="What the event replaced, in the fields of the request; empty where there was nothing."
     )

@@ -33,7 +33,9 @@ class StatedAmount(TypedDict, total=False):
     portion_of: str
 
 
-def stated_amount(session: Session, amount: AmountIn | None, food: Food | None, default_sd: float) -> StatedAmount:
+def stated_amount(
+    session: Session, amount: AmountIn | None, food: Food | None, default_sd: float
+) -> StatedAmount:
     """Convert an amount of the API to its stored form. food: the food whose household measures apply.
 
     Raises InvalidInputError (`portion_unknown`) if the food has no household measure of that name.

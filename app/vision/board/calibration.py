@@ -19,7 +19,9 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation, Photo
 
 MIN_VIEWS = 3  # two planes fix five intrinsics in theory, a third makes them bear noise
-MIN_TILT_SPREAD_DEG = 10.0  # between the steepest different views; parallel planes leave the focal length open
+MIN_TILT_SPREAD_DEG = (
+    10.0  # between the steepest different views; parallel planes leave the focal length open
+)
 MAX_VIEW_RMS_FACTOR = 3.0  # of the median view's; beyond, a view's board was bent or moved
 CALIBRATE_ADVICE = (
     "Photograph the whole board ten times or so: from different sides, tilted by 30 to 45 degrees, near the middle"
@@ -66,12 +68,14 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
             observations[index] = seen
     if len(observations) < MIN_VIEWS:
         return _insufficient(
-            f"the board was found in {len(observations)} of {len(photos)} photographs of one size", rejected
+            f"the board was found in {len(observations)} of {len(photos)} photographs of one size",
+            rejected,
         )
     spread = _tilt_spread_deg(camera_from_exif(photos[0]), list(observations.values()))
     if spread < MIN_TILT_SPREAD_DEG:
         return _insufficient(
-            f"all views see the board from almost one direction ({spread:.0f} degrees apart)", rejected
+            f"all views see the board from almost one direction ({spread:.0f} degrees apart)",
+            rejected,
         )
     size = (photos[0].pixels_bgr.shape[1], photos[0].pixels_bgr.shape[0])
     camera, rms_px, view_rms_px = _fit_intrinsics(list(observations.values()), size)
@@ -82,12 +86,19 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
             observations.pop(index)
             message = f"The board's corners are more than {limit:.1f} px off the others' camera."
             rejected.append(
-                RejectedPhoto(index, Failure("calibration_view_poor", message, "Glue the board to a flat plate."))
+                RejectedPhoto(
+                    index,
+                    Failure("calibration_view_poor", message, "Glue the board to a flat plate."),
+                )
             )
         camera, rms_px, _ = _fit_intrinsics(list(observations.values()), size)
     reach = _reach(camera, list(observations.values()))
     return Calibration(
-        camera, rms_px, reach, tuple(observations), tuple(sorted(rejected, key=lambda photo: photo.index))
+        camera,
+        rms_px,
+        reach,
+        tuple(observations),
+        tuple(sorted(rejected, key=lambda photo: photo.index)),
     )
 
 
@@ -106,10 +117,16 @@ def _fit_intrinsics(
     rms, matrix, distortion, _, _, _, _, view_rms = cv2.calibrateCameraExtended(
         points, corners, size, np.zeros((3, 3)), np.zeros(5)
     )
-    return calibrated_camera(size, matrix, distortion), float(rms), np.asarray(np.ravel(view_rms), np.float64)
+    return (
+        calibrated_camera(size, matrix, distortion),
+        float(rms),
+        np.asarray(np.ravel(view_rms), np.float64),
+    )
 
 
-def calibrated_camera(size: tuple[int, int], matrix: cv2.typing.MatLike, distortion: cv2.typing.MatLike) -> Camera:
+def calibrated_camera(
+    size: tuple[int, int], matrix: cv2.typing.MatLike, distortion: cv2.typing.MatLike
+) -> Camera:
     """A camera from OpenCV's (3, 3) matrix and distortion k1, k2, p1, p2, k3. size: (width, height), px."""
     k1, k2, p1, p2, k3 = (float(value) for value in np.ravel(distortion)[:5])
     return Camera(
@@ -140,7 +157,10 @@ def _reach(camera: Camera, observations: Sequence[MarkerObservation]) -> float:
 
 
 def _other_size(first: Photo, other: Photo) -> Failure:
-    (rows, columns), (other_rows, other_columns) = first.pixels_bgr.shape[:2], other.pixels_bgr.shape[:2]
+    (rows, columns), (other_rows, other_columns) = (
+        first.pixels_bgr.shape[:2],
+        other.pixels_bgr.shape[:2],
+    )
     return Failure(
         "calibration_size_differs",
         f"This photograph has {other_columns} x {other_rows} px, the first one {columns} x {rows} px.",
@@ -149,7 +169,11 @@ def _other_size(first: Photo, other: Photo) -> Failure:
 
 
 def _insufficient(reason: str, rejected: Sequence[RejectedPhoto]) -> Failure:
-    reasons = "".join(f" Photograph {photo.index + 1}: {photo.failure.message}" for photo in rejected[:3])
+    reasons = "".join(
+        f" Photograph {photo.index + 1}: {photo.failure.message}" for photo in rejected[:3]
+    )
     return Failure(
-        "calibration_views_insufficient", f"The camera cannot be calibrated: {reason}.{reasons}", CALIBRATE_ADVICE
+        "calibration_views_insufficient",
+        f"The camera cannot be calibrated: {reason}.{reasons}",
+        CALIBRATE_ADVICE,
     )

@@ -13,15 +13,25 @@ from app.core.errors import Failure
 from app.vision.board.pose import fit_board
 from app.vision.board.print_layout import common_points, shortest_side_px
 from app.vision.intrinsics import Camera, adapt_camera
-from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, PhotoPair, View
-
-DIAGONAL_35MM = math.hypot(36.0, 24.0)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
-DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells nothing
-MIN_VIEW_ANGLE_DEG = (
-    1.5  # below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
+from app.vision.model import (
+    EstimateOptions,
+    Float64Array,
+    MarkerObservation,
+    Photo,
+    PhotoPair,
+    View,
 )
+
+DIAGONAL_35MM = math.hypot(
+    36.0, 24.0
+)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
+DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells nothing
+# below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
+MIN_VIEW_ANGLE_DEG = 1.5
 MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a food and hardly match
-MAX_RMS_SQUARES = 0.03  # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
+MAX_RMS_SQUARES = (
+    0.03  # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
+)
 MAX_BEND_MM = 5.0  # at the board's edge; bent further, heights over the sheet mean little
 SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
 SAMPLE_ROWS = 64  # one row of so many is compared first
@@ -72,7 +82,9 @@ def estimate_views(
     return (left, right) if too_near_or_far is None else too_near_or_far
 
 
-def estimate_view(photo: Photo, observation: MarkerObservation, options: EstimateOptions) -> View | Failure:
+def estimate_view(
+    photo: Photo, observation: MarkerObservation, options: EstimateOptions
+) -> View | Failure:
     """The same of one photograph. Failures: camera_mismatch, pose_unreliable."""
     views = _fitted_views((photo,), (observation,), options)
     return views if isinstance(views, Failure) else views[0]
@@ -101,7 +113,9 @@ def _fitted_views(
             )
     bend_mm = float(np.abs(fit.bend_mm).max())
     if bend_mm > MAX_BEND_MM:
-        return _unreliable(f"the marker seems bent by {bend_mm:.0f} mm, more than {MAX_BEND_MM:g} mm")
+        return _unreliable(
+            f"the marker seems bent by {bend_mm:.0f} mm, more than {MAX_BEND_MM:g} mm"
+        )
     return [
         View(photo, camera, observation, rotation, translation_mm, rms)
         for photo, camera, observation, (rotation, translation_mm), rms in zip(
@@ -159,7 +173,9 @@ def _baseline_failure(left: View, right: View) -> Failure | None:
     return None
 
 
-def _is_same_photograph(photos: tuple[Photo, Photo], observations: tuple[MarkerObservation, MarkerObservation]) -> bool:
+def _is_same_photograph(
+    photos: tuple[Photo, Photo], observations: tuple[MarkerObservation, MarkerObservation]
+) -> bool:
     common = common_points(*observations)
     if len(common.first_px) and np.abs(common.first_px - common.second_px).max() < SAME_CORNERS_PX:
         return True

@@ -33,12 +33,16 @@ def ciede2000(first_lab: Float64Array, second_lab: Float64Array) -> Float64Array
         - 0.20 * np.cos(np.radians(4 * hue - 63.0))
     )
     from_middle = (lightness - 50.0) ** 2
-    lightness_term = lightness_difference / (1.0 + 0.015 * from_middle / np.sqrt(20.0 + from_middle))  # eq. 18
+    lightness_term = lightness_difference / (
+        1.0 + 0.015 * from_middle / np.sqrt(20.0 + from_middle)
+    )  # eq. 18
     chroma_term = chroma_difference / (1.0 + 0.045 * chroma)  # eq. 19
     hue_term = hue_difference / (1.0 + 0.015 * chroma * tint)  # eq. 20
     turn = 30.0 * np.exp(-(((hue - 275.0) / 25.0) ** 2))  # eq. 16
     rotation = -2.0 * _high_chroma(chroma) * np.sin(np.radians(2 * turn))  # eq. 17, 21
-    squared = lightness_term**2 + chroma_term**2 + hue_term**2 + rotation * chroma_term * hue_term  # eq. 22
+    squared = (
+        lightness_term**2 + chroma_term**2 + hue_term**2 + rotation * chroma_term * hue_term
+    )  # eq. 22
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)), np.float64)
 
 

@@ -7,7 +7,9 @@ import numpy as np
 
 from app.vision.model import Float64Array
 
-COLOUR_SQUARES: dict[tuple[int, int], tuple[int, int, int]] = {  # (row, column) from the top left -> sRGB
+COLOUR_SQUARES: dict[
+    tuple[int, int], tuple[int, int, int]
+] = {  # (row, column) from the top left -> sRGB
     (0, 1): (60, 190, 205),
     (0, 3): (225, 60, 45),
     (1, 0): (140, 130, 40),
@@ -20,7 +22,9 @@ COLOUR_SQUARES: dict[tuple[int, int], tuple[int, int, int]] = {  # (row, column)
     (4, 3): (65, 70, 160),
 }
 MIN_CHROMA = 0.2  # mean over the dark squares, of white's level; the colour board has 0.5, a black and white one 0.05
-MAX_COLOUR_DISTANCE = 0.25  # mean over squares and channels, of white's level; light and white balance move it by 0.1
+MAX_COLOUR_DISTANCE = (
+    0.25  # mean over squares and channels, of white's level; light and white balance move it by 0.1
+)
 
 
 def dark_square_chroma(means_bgr: Float64Array, first_is_dark: bool) -> float:

@@ -12,7 +12,9 @@ from app.vision.board.colour_samples import BoardSamples, find_white, light_by_s
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB, encode_srgb, linear_rgb
 from app.vision.model import ColourCorrection, Float64Array, ImageArray, MarkerObservation, Photo
 
-MAX_BLACK_SHARE = 0.25  # of white's light; printed black has 0.04 to 0.08, more than a quarter is glare or haze
+MAX_BLACK_SHARE = (
+    0.25  # of white's light; printed black has 0.04 to 0.08, more than a quarter is glare or haze
+)
 BRIGHT_PERCENTILE = 95
 MAX_BRIGHT = 1.25  # of a perfect white in the marker's light; brighter surfaces are few where both have the same light
 EVERY_PX = 8  # of the photograph, for its brightness
@@ -64,7 +66,9 @@ def apply_colour(pixels_bgr: ImageArray, correction: ColourCorrection) -> ImageA
     """(H, W, 3) corrected, a new array. What was clipped as white stays neutral."""
     if correction.kind == "none":
         return pixels_bgr.copy()
-    neutral = np.asarray(np.linalg.solve(correction.matrix, np.ones(3)), np.float64)  # the light that becomes (1, 1, 1)
+    neutral = np.asarray(
+        np.linalg.solve(correction.matrix, np.ones(3)), np.float64
+    )  # the light that becomes (1, 1, 1)
     balanced = _balanced_levels(1.0 / neutral)
     if correction.kind == "white":
         levels = np.rint(255.0 * encode_srgb(balanced)).astype(np.uint8)

@@ -10,19 +10,31 @@ import numpy as np
 
 from app.vision.board.ciede2000 import ciede2000
 from app.vision.board.colour_board import COLOUR_SQUARES
-from app.vision.board.colour_samples import BoardSamples, WhiteLevel, is_in_full_light, light_by_square
+from app.vision.board.colour_samples import (
+    BoardSamples,
+    WhiteLevel,
+    is_in_full_light,
+    light_by_square,
+)
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB, lab_of
 from app.vision.model import Float64Array, MaskArray
 
 PAPER_WHITE = 0.84  # of a perfect white's light: L* 93.5, between uncoated (92) and coated (95) paper of ISO 12647-2
 RIDGE = 0.05  # on the off-diagonal, in the fit's units (lightness): a tenth of what one square's colour weighs
 DARK_FLOOR = 0.05  # linear; below it a colour's error counts no more, since noise, glare and the tone curve rule there
-LIGHTNESS_SLOPE = 116.0 / 3.0  # dL*/dY at Y = 1 (CIE 15:2004, 8.2.1): makes weighted residuals about lightness units
-MAX_RESIDUAL = 12.0  # lightness units a channel; a print's own faults stay below, glare and dirt do not
+LIGHTNESS_SLOPE = (
+    116.0 / 3.0
+)  # dL*/dY at Y = 1 (CIE 15:2004, 8.2.1): makes weighted residuals about lightness units
+MAX_RESIDUAL = (
+    12.0  # lightness units a channel; a print's own faults stay below, glare and dirt do not
+)
 MIN_SQUARES = 6
 MIN_FOR_WHITE = 4  # squares whose channel tells its gain
 MAX_MEAN_DELTA_E = 8.0  # above, what was printed is not the board's colours
-WHITE_RANGE = (0.65, 1.1)  # of the paper among the colours; the print's own is 1, the board as published has 0.84
+WHITE_RANGE = (
+    0.65,
+    1.1,
+)  # of the paper among the colours; the print's own is 1, the board as published has 0.84
 MAX_MIXING = 0.6  # of one channel into another; between phones' sensors it is some tenths
 MAX_CONDITION = 8.0  # of the matrix without white balance; phones' have 2 to 4, above noise grows and colours merge
 
@@ -84,7 +96,9 @@ def fit_matrix(samples: BoardSamples, white: WhiteLevel) -> MatrixFit | None:
     return MatrixFit(matrix / level, delta_e, left_out=len(used) - int(np.count_nonzero(used)))
 
 
-def _white_of_colours(seen: Float64Array, usable: MaskArray, reference: Float64Array) -> Float64Array | None:
+def _white_of_colours(
+    seen: Float64Array, usable: MaskArray, reference: Float64Array
+) -> Float64Array | None:
     """(3,) level that white would have if the sensor had gone so far: each channel's gain by the colours alone."""
     counts = usable & np.isfinite(seen)
     if counts.sum(axis=0).min() < MIN_FOR_WHITE:
@@ -92,7 +106,10 @@ def _white_of_colours(seen: Float64Array, usable: MaskArray, reference: Float64A
     weight = counts * _lightness_weight(reference)
     counted = np.where(counts, seen, 0.0)
     return np.asarray(
-        PAPER_WHITE * (weight**2 * counted**2).sum(axis=0) / (weight**2 * counted * reference).sum(axis=0), np.float64
+        PAPER_WHITE
+        * (weight**2 * counted**2).sum(axis=0)
+        / (weight**2 * counted * reference).sum(axis=0),
+        np.float64,
     )
 
 
@@ -101,7 +118,9 @@ def _lightness_weight(linear: Float64Array) -> Float64Array:
     return LIGHTNESS_SLOPE / (linear + DARK_FLOOR) ** (2 / 3)
 
 
-def _solve(relative: Float64Array, reference: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _solve(
+    relative: Float64Array, reference: Float64Array, weights: Float64Array
+) -> tuple[Float64Array, Float64Array]:
     """The matrix, (3, 3), with equal sums of rows, and (n,) the rms of each square's weighted residuals.
 
     Unknowns: the sum of a row, and two off-diagonal differences a channel; a ridge draws these to 0.
@@ -115,7 +134,9 @@ def _solve(relative: Float64Array, reference: Float64Array, weights: Float64Arra
             design[:, channel, 1 + 2 * channel + place] = relative[:, other] - relative[:, channel]
     weighted = (design * weights[..., None]).reshape(-1, 7)
     ridge = np.diag([1e-9] + [(RIDGE * LIGHTNESS_SLOPE) ** 2] * 6)
-    solution = np.linalg.solve(weighted.T @ weighted + ridge, weighted.T @ (reference * weights).ravel())
+    solution = np.linalg.solve(
+        weighted.T @ weighted + ridge, weighted.T @ (reference * weights).ravel()
+    )
     matrix = np.eye(3) * solution[0]
     for channel in range(3):
         for place, other in enumerate(other for other in range(3) if other != channel):
@@ -144,6 +165,13 @@ def _without_worst(
 def _is_sane(matrix: Float64Array) -> bool:
     """Whether the paper is a white among the colours and no channel is made of another one."""
     level = float(matrix[0].sum())
-    mixing = np.abs(matrix - np.diag(np.diag(matrix))) / level if level > 0.0 else np.full((3, 3), np.inf)
-    is_paper, is_apart = WHITE_RANGE[0] <= level <= WHITE_RANGE[1], float(mixing.max()) <= MAX_MIXING
+    mixing = (
+        np.abs(matrix - np.diag(np.diag(matrix))) / level
+        if level > 0.0
+        else np.full((3, 3), np.inf)
+    )
+    is_paper, is_apart = (
+        WHITE_RANGE[0] <= level <= WHITE_RANGE[1],
+        float(mixing.max()) <= MAX_MIXING,
+    )
     return is_paper and is_apart and float(np.linalg.cond(matrix)) <= MAX_CONDITION

@@ -8,7 +8,11 @@ import numpy as np
 from app.vision.model import Float64Array, ImageArray
 
 D65_XYZ_OF_RGB = np.array(  # linear sRGB to XYZ, IEC 61966-2-1
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
 )
 LUMINANCE_OF_RGB = D65_XYZ_OF_RGB[1]
 CIE_EPSILON, CIE_KAPPA = 216 / 24389, 24389 / 27  # CIE 15:2004, 8.2.1

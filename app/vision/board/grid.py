@@ -10,17 +10,26 @@ import numpy as np
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
-MAX_RESIDUAL_SQUARES = 0.12  # of a square; lens distortion and curled paper bend a true grid by far less
+MAX_RESIDUAL_SQUARES = (
+    0.12  # of a square; lens distortion and curled paper bend a true grid by far less
+)
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
 MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; noise of a phone's dark areas is below 4
-REFINEMENT_WINDOW_SQUARES = 0.3  # of a square's shorter side on either side of a corner: no other corner comes near
+REFINEMENT_WINDOW_SQUARES = (
+    0.3  # of a square's shorter side on either side of a corner: no other corner comes near
+)
 REFINEMENT_WINDOW_PX = (3, 14)
-REFINEMENT_BANDS = (0.5, 0.2)  # of the window: half width about an edge line, from the first step to the last
+REFINEMENT_BANDS = (
+    0.5,
+    0.2,
+)  # of the window: half width about an edge line, from the first step to the last
 REFINEMENT_STEPS = 10
 MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
 MIN_CORNERS_FOR_CUBIC = 5  # a side
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
-SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
+SQUARE_SAMPLES = np.stack(
+    np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1
+).reshape(-1, 2)
 
 
 def reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
@@ -30,7 +39,9 @@ def reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
         return contrast, 1.0
     fewer = reduce_by(contrast, int(1.0 / scale))
     height, width = (max(1, round(side * scale)) for side in contrast.shape[:2])
-    return np.asarray(cv2.resize(fewer, (width, height), interpolation=cv2.INTER_AREA), np.uint8), scale
+    return np.asarray(
+        cv2.resize(fewer, (width, height), interpolation=cv2.INTER_AREA), np.uint8
+    ), scale
 
 
 def reduce_by(image: ImageArray, factor: int) -> ImageArray:
@@ -39,7 +50,9 @@ def reduce_by(image: ImageArray, factor: int) -> ImageArray:
         return image
     height, width = (side // factor * factor for side in image.shape[:2])
     size = (width // factor, height // factor)
-    return np.asarray(cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64Array:
@@ -77,12 +90,16 @@ def _smooth_grid(grid: Float64Array) -> Float64Array:
     scale_px = MAX_STRAY_SQUARES * shortest_step_px(grid) / 2
     weight = np.ones(len(off))
     for _ in range(20):  # Cauchy weights, by which strays lose their say
-        fitted = terms @ np.linalg.lstsq(terms * weight[:, None], off * weight[:, None], rcond=None)[0]
+        fitted = (
+            terms @ np.linalg.lstsq(terms * weight[:, None], off * weight[:, None], rcond=None)[0]
+        )
         weight = 1.0 / np.sqrt(1.0 + np.sum((off - fitted) ** 2, axis=1) / scale_px**2)
     return np.asarray((expected + fitted).reshape(grid.shape), np.float64)
 
 
-def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None) -> Float64Array:
+def cross_edges(
+    image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None
+) -> Float64Array:
     """Corners where the edges that meet there cross, by Foerstner's operator (1987) on the expected edges only.
 
     A plain Foerstner window also takes up the edge of a shadow that runs by; here a pixel counts by how near it lies to
@@ -94,12 +111,19 @@ def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: 
     low = np.clip(np.floor(grid.min(axis=(0, 1))).astype(int) - pad, 0, None)
     high = np.ceil(grid.max(axis=(0, 1))).astype(int) + pad + 1
     crop = cv2.copyMakeBorder(
-        image[low[1] : high[1], low[0] : high[0]].astype(np.float32), pad, pad, pad, pad, cv2.BORDER_REPLICATE
+        image[low[1] : high[1], low[0] : high[0]].astype(np.float32),
+        pad,
+        pad,
+        pad,
+        pad,
+        cv2.BORDER_REPLICATE,
     )
     slope_x, slope_y = cv2.Scharr(crop, cv2.CV_32F, 1, 0), cv2.Scharr(crop, cv2.CV_32F, 0, 1)
     normals = _edge_normals(grid).astype(np.float32)[..., None]  # (n, 2, 2, 1)
     start = grid.reshape(-1, 2) - low + pad
-    window = np.stack(np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)), -1).reshape(-1, 2)
+    window = np.stack(
+        np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)), -1
+    ).reshape(-1, 2)
     limit = float(reach) if limit_px is None else limit_px
     corners = start.copy()
     for band in np.linspace(*REFINEMENT_BANDS, REFINEMENT_STEPS) * reach:
@@ -107,7 +131,8 @@ def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: 
         columns, rows = nearest[:, :1] + window[:, 0], nearest[:, 1:] + window[:, 1]  # (n, k)
         gx, gy = slope_x[rows, columns], slope_y[rows, columns]
         dx, dy = (
-            (at - corner[:, None]).astype(np.float32) for at, corner in zip((columns, rows), corners.T, strict=True)
+            (at - corner[:, None]).astype(np.float32)
+            for at, corner in zip((columns, rows), corners.T, strict=True)
         )
         strength = np.maximum(gx * gx + gy * gy, np.float32(1e-6))
         near = np.zeros_like(gx)
@@ -116,12 +141,21 @@ def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: 
             across = normals[:, edge, 0] * gx + normals[:, edge, 1] * gy
             share = across * across / strength
             np.maximum(
-                near, np.exp(distance * distance * np.float32(-0.5 / max(1.5, band) ** 2)) * share * share, out=near
+                near,
+                np.exp(distance * distance * np.float32(-0.5 / max(1.5, band) ** 2))
+                * share
+                * share,
+                out=near,
             )
         weight = near * np.exp((dx * dx + dy * dy) * np.float32(-0.5 / (0.6 * reach) ** 2))
-        xx, xy, yy = ((weight * product).sum(axis=1, dtype=np.float64) for product in (gx * gx, gx * gy, gy * gy))
+        xx, xy, yy = (
+            (weight * product).sum(axis=1, dtype=np.float64)
+            for product in (gx * gx, gx * gy, gy * gy)
+        )
         along = gx * dx + gy * dy
-        moment = np.stack([(weight * g * along).sum(axis=1, dtype=np.float64) for g in (gx, gy)], axis=-1)
+        moment = np.stack(
+            [(weight * g * along).sum(axis=1, dtype=np.float64) for g in (gx, gy)], axis=-1
+        )
         # A trace of the identity keeps a corner without texture where it is.
         ridge = 1e-6 * (xx + yy) + 1e-9
         tensor = np.stack([np.stack([xx + ridge, xy], -1), np.stack([xy, yy + ridge], -1)], axis=-2)
@@ -132,7 +166,9 @@ def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: 
 
 def _edge_normals(grid: Float64Array) -> Float64Array:
     """(n, 2, 2) unit normals of the two edges through every corner of (r, c, 2): of its row's, of its column's."""
-    along = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2).reshape(-1, 2, 2)
+    along = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2).reshape(
+        -1, 2, 2
+    )
     normals = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.float64)
 
@@ -156,7 +192,11 @@ def grid_homography(grid: Float64Array) -> tuple[Float64Array, float] | None:
 
 def _places(rows: int, columns: int) -> Float64Array:
     """(rows * columns, 2) column and row of each cell, row-major."""
-    return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
+    return (
+        np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1)
+        .reshape(-1, 2)
+        .astype(np.float64)
+    )
 
 
 def _homography(index: Float64Array, grid: Float64Array, method: int = 0) -> Float64Array | None:
@@ -166,7 +206,11 @@ def _homography(index: Float64Array, grid: Float64Array, method: int = 0) -> Flo
 
 
 def sample_squares(
-    image: ImageArray, homography: Float64Array, size: tuple[int, int], offsets: Float64Array, ring: int
+    image: ImageArray,
+    homography: Float64Array,
+    size: tuple[int, int],
+    offsets: Float64Array,
+    ring: int,
 ) -> tuple[np.ndarray, MaskArray] | None:
     """Pixels around the middle of every square, of `ring` squares' widths beyond the board's edge too.
 
@@ -193,7 +237,9 @@ def square_means(image: ImageArray, grid: Float64Array, ring: int = 0) -> Float6
     """
     size = (grid.shape[0] + 1 + 2 * ring, grid.shape[1] + 1 + 2 * ring)
     fitted = grid_homography(grid)
-    sampled = None if fitted is None else sample_squares(image, fitted[0], size, SQUARE_SAMPLES, ring)
+    sampled = (
+        None if fitted is None else sample_squares(image, fitted[0], size, SQUARE_SAMPLES, ring)
+    )
     if sampled is None:
         return np.full((*size, *image.shape[2:]), np.nan)
     values = sampled[0].astype(np.float64)

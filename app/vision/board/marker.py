@@ -25,7 +25,9 @@ from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo,
 
 Side = Literal["left", "right"]
 
-MIN_CORRECT_SHARE = 0.9  # of neighbouring squares that must step from dark to light as the print does
+MIN_CORRECT_SHARE = (
+    0.9  # of neighbouring squares that must step from dark to light as the print does
+)
 CLEAR_ANGLE_DEG = 10.0  # between camera directions of two readings; focal length and bent paper move one by some 3
 CLEAR_CORRELATION = 0.1  # between two readings' surroundings; bare tables differ by less, textured ones by 0.3 and more
 SURROUNDINGS_SQUARES = 4  # of table around the board that are compared
@@ -35,7 +37,9 @@ COLOUR_TONE = 1.5  # exponent on grey levels before corners are refined, see _re
 SEE_WHOLE = "Check that the whole printed marker, with its white margin, is visible and not in glare, and try again."
 
 
-def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> MarkerObservation | Failure:
+def find_marker(
+    photo: Photo, spec: MarkerSpec, side: Side | None = None
+) -> MarkerObservation | Failure:
     """The announced board's points in view, or why they cannot be had. A checkerboard must be seen as a whole.
 
     Failures: marker_not_found, marker_mismatch, marker_covered, image_too_dark, image_blurred. side names the
@@ -54,7 +58,9 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
         if shape != set(corners):
             if has_white_margin(contrast, grid):
                 refusal = _other_size(spec, grid, where)
-                if shape in whole_boards:  # read in the same way twice: no other effort would tell another size
+                if (
+                    shape in whole_boards
+                ):  # read in the same way twice: no other effort would tell another size
                     break
                 whole_boards.append(shape)
             continue
@@ -63,7 +69,9 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
             unfit = judge_marker(contrast, read.grid_px, where)
             return read if unfit is None else unfit
         refusal = read if refusal is None else refusal
-    unfit = judge_photograph(contrast_image(photo.pixels_bgr, "plain"), where)  # squares are misread in the dark
+    unfit = judge_photograph(
+        contrast_image(photo.pixels_bgr, "plain"), where
+    )  # squares are misread in the dark
     if unfit is not None:
         return unfit
     return _explain_absence(photo.pixels_bgr, spec, where) if refusal is None else refusal
@@ -117,7 +125,9 @@ def agree_on_corners(
     return left, ways[int(np.argmin(turns))]
 
 
-def _rough_pose(photo: Photo, observation: MarkerObservation) -> tuple[Float64Array, Float64Array] | None:
+def _rough_pose(
+    photo: Photo, observation: MarkerObservation
+) -> tuple[Float64Array, Float64Array] | None:
     """Rotation (3, 3) and the (3,) unit vector from the board's middle to a camera of about this focal length."""
     solved = solve_pose(camera_from_exif(photo), observation)
     if solved is None:
@@ -144,13 +154,19 @@ def _rectify_surroundings(photo: Photo, observation: MarkerObservation) -> Float
     # px of the rectified picture -> (column, row) of inner corners -> px of the photograph
     middle = np.array([spec.columns / 2 - 1, spec.rows / 2 - 1])
     to_index = np.array(
-        [[1 / SURROUNDINGS_PX, 0, middle[0] - reach], [0, 1 / SURROUNDINGS_PX, middle[1] - reach], [0, 0, 1]]
+        [
+            [1 / SURROUNDINGS_PX, 0, middle[0] - reach],
+            [0, 1 / SURROUNDINGS_PX, middle[1] - reach],
+            [0, 0, 1],
+        ]
     )
     grey = cv2.cvtColor(photo.pixels_bgr, cv2.COLOR_BGR2GRAY)
     to_photo, window = fitted[0] @ to_index, (2 * SURROUNDINGS_PX + 1, 2 * SURROUNDINGS_PX + 1)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     seen = cv2.warpPerspective(grey, to_photo, (size, size), flags=flags).astype(np.float64)
-    inside = cv2.warpPerspective(np.ones_like(grey), to_photo, (size, size), flags=flags).astype(np.float64)
+    inside = cv2.warpPerspective(np.ones_like(grey), to_photo, (size, size), flags=flags).astype(
+        np.float64
+    )
     detail = np.asarray(seen - cv2.blur(seen, window), np.float64)
     detail[cv2.blur(inside, window) < 1.0] = np.nan
     from_middle = np.abs((np.arange(size) + 0.5) / SURROUNDINGS_PX - reach)
@@ -194,14 +210,20 @@ def _read_grid(
     """Refined corners in the print's order, or Failure marker_mismatch: colours or size are another board's."""
     first_is_dark = spec.kind == "plain"
     right = [
-        turned for turned in _turns(grid, spec) if _correct_share(contrast, turned, first_is_dark) >= MIN_CORRECT_SHARE
+        turned
+        for turned in _turns(grid, spec)
+        if _correct_share(contrast, turned, first_is_dark) >= MIN_CORRECT_SHARE
     ]
     if not right:
-        return _mismatch(spec, where, "a board whose dark squares are where the announced one has light ones")
+        return _mismatch(
+            spec, where, "a board whose dark squares are where the announced one has light ones"
+        )
     # Of several possible ways the one whose rows follow each other downwards in the photograph.
     chosen = max(right, key=lambda turned: float((turned[-1, :, 1] - turned[0, :, 1]).sum()))
     means_bgr = square_means(pixels_bgr, chosen)
-    is_coloured = colour_board.dark_square_chroma(means_bgr, first_is_dark) > colour_board.MIN_CHROMA
+    is_coloured = (
+        colour_board.dark_square_chroma(means_bgr, first_is_dark) > colour_board.MIN_CHROMA
+    )
     if spec.kind == "plain" and is_coloured:
         return _mismatch(spec, where, "a board with coloured squares")
     if spec.kind == "colour" and not (is_coloured and colour_board.matches_colour_board(means_bgr)):
@@ -239,13 +261,17 @@ def _explain_no_tags(photo: Photo, spec: MarkerSpec, where: str) -> Failure:
     for grid in find_grids(contrast):
         if has_white_margin(contrast, grid):
             rows, columns = (n + 1 for n in grid.shape[:2])
-            return _mismatch(spec, where, f"a board of {columns}x{rows} squares without tags that could be read")
+            return _mismatch(
+                spec, where, f"a board of {columns}x{rows} squares without tags that could be read"
+            )
     return Failure("marker_not_found", f"The marker {spec} was not found {where}.", SEE_WHOLE)
 
 
 def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:
     """Why the announced board was not found: another board, a covered one, or none."""
-    contrast = contrast_image(pixels_bgr, "colour")  # white alone is light here for either kind of board
+    contrast = contrast_image(
+        pixels_bgr, "colour"
+    )  # white alone is light here for either kind of board
     covered: Failure | None = None
     for grid in find_grids(contrast):
         rows, columns = (n + 1 for n in grid.shape[:2])

@@ -19,10 +19,14 @@ from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation
 
-CORNER_SD_PX_AT_12MP = 0.3  # the detector's 0.1 px, and what bend and distortion of higher order leave
+CORNER_SD_PX_AT_12MP = (
+    0.3  # the detector's 0.1 px, and what bend and distortion of higher order leave
+)
 LONG_SIDE_12MP = 4000.0
 BEND_SD_MM = 1.0  # prior: height of the sheet's edges over its middle, paper on a table
-FOCAL_SPREAD_EXIF = 0.08  # prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
+FOCAL_SPREAD_EXIF = (
+    0.08  # prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
+)
 FOCAL_SPREAD_UNKNOWN = 0.25  # prior, relative: main cameras of phones lie between 22 and 35 mm
 RADIAL_SPREAD = 0.1  # prior of k1: phones correct most of their distortion themselves
 
@@ -66,11 +70,15 @@ def bent_points(spec: MarkerSpec, bend_mm: Float64Array) -> Float64Array:
 
 def project(camera: Camera, points_table: Float64Array, pose: Float64Array) -> Float64Array:
     """(n, 3) mm -> (n, 2) px with pose (6,): rotation vector, translation in mm; table to camera."""
-    projected, _ = cv2.projectPoints(points_table, pose[:3], pose[3:], camera.matrix, np.array(camera.distortion))
+    projected, _ = cv2.projectPoints(
+        points_table, pose[:3], pose[3:], camera.matrix, np.array(camera.distortion)
+    )
     return np.asarray(projected, np.float64).reshape(-1, 2)
 
 
-def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64Array, Float64Array, float] | None:
+def solve_pose(
+    camera: Camera, observation: MarkerObservation
+) -> tuple[Float64Array, Float64Array, float] | None:
     """Rotation (3, 3) and translation (3,) mm, table to camera, of a flat sheet, and the corners' rms in px.
 
     Of a plane's two poses (IPPE: Collins and Bartoli, 2014) the one above the table that fits better once refined;
@@ -80,7 +88,11 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     raised = np.array([0.0, 0.0, observation.spec.thick_mm])
     # IPPE wants its plane at z = 0: it gives the print's pose, from which the table's origin lies `raised` below.
     _, turns, shifts, _ = cv2.solvePnPGeneric(
-        points - raised, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
+        points - raised,
+        observation.corners_px,
+        camera.matrix,
+        np.array(camera.distortion),
+        flags=cv2.SOLVEPNP_IPPE,
     )
 
     corner_sd_px = _corner_sd_px(camera)
@@ -101,7 +113,9 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     return best
 
 
-def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservation]) -> BoardFit | None:
+def fit_board(
+    cameras: Sequence[Camera], observations: Sequence[MarkerObservation]
+) -> BoardFit | None:
     """Each view's pose, the sheet's bend and, unless a camera is "given", focal length and k1: maximum a posteriori.
 
     Guessed cameras that are equal (same size, same EXIF) stay equal: one phone. Principal point and further
@@ -109,7 +123,11 @@ def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservatio
     the corners.
     """
     poses = [solve_pose(camera, seen) for camera, seen in zip(cameras, observations, strict=True)]
-    starts = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in poses if pose is not None]
+    starts = [
+        np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]])
+        for pose in poses
+        if pose is not None
+    ]
     if len(starts) < len(cameras):
         return None
     count = len(cameras)
@@ -118,7 +136,9 @@ def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservatio
     lens_at = [bend_at + 3 + (2 * index if lenses > 1 else 0) for index in range(count)]
     first = np.concatenate([*starts, np.zeros(3 + 2 * lenses)])
     corner_sd = [_corner_sd_px(camera) for camera in cameras]
-    spreads = np.concatenate([np.full(3, BEND_SD_MM), *(_lens_spread(camera) for camera in cameras[:lenses])])
+    spreads = np.concatenate(
+        [np.full(3, BEND_SD_MM), *(_lens_spread(camera) for camera in cameras[:lenses])]
+    )
     # A given camera keeps its lens: these unknowns are left out, and stay zero.
     is_free = np.concatenate([np.full(bend_at + 3, True), spreads[3:] > 0])
 
@@ -131,12 +151,19 @@ def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservatio
         camera = _scaled_lens(cameras[index], *unknowns[lens_at[index] : lens_at[index] + 2])
         seen = observations[index]
         points = seen.seen_of(bent_points(seen.spec, unknowns[bend_at : bend_at + 3]))
-        return (project(camera, points, unknowns[6 * index : 6 * index + 6]) - seen.corners_px).ravel()
+        return (
+            project(camera, points, unknowns[6 * index : 6 * index + 6]) - seen.corners_px
+        ).ravel()
 
     def residual(free: Float64Array) -> Float64Array:
         unknowns = unpack(free)
         prior = unknowns[bend_at:][is_free[bend_at:]] / spreads[is_free[bend_at:]]
-        return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in range(count))])
+        return np.concatenate(
+            [
+                prior,
+                *(corner_residual(index, unknowns) / corner_sd[index] for index in range(count)),
+            ]
+        )
 
     solved = unpack(minimise(residual, first[is_free])[0])
     placed = [
@@ -146,7 +173,10 @@ def fit_board(cameras: Sequence[Camera], observations: Sequence[MarkerObservatio
     if not all(_is_above_table(rotation, translation) for rotation, translation in placed):
         return None
     return BoardFit(
-        cameras=tuple(_scaled_lens(camera, *solved[at : at + 2]) for camera, at in zip(cameras, lens_at, strict=True)),
+        cameras=tuple(
+            _scaled_lens(camera, *solved[at : at + 2])
+            for camera, at in zip(cameras, lens_at, strict=True)
+        ),
         poses=tuple(placed),
         bend_mm=solved[bend_at : bend_at + 3],
         rms_px=tuple(_rms_px(corner_residual(index, solved)) for index in range(count)),
@@ -157,7 +187,9 @@ def _lens_spread(camera: Camera) -> Float64Array:
     """(2,) prior spreads of log f and k1; 0 where the camera is given and nothing is to be refined."""
     if camera.source == "given":
         return np.zeros(2)
-    return np.array([FOCAL_SPREAD_EXIF if camera.source == "exif" else FOCAL_SPREAD_UNKNOWN, RADIAL_SPREAD])
+    return np.array(
+        [FOCAL_SPREAD_EXIF if camera.source == "exif" else FOCAL_SPREAD_UNKNOWN, RADIAL_SPREAD]
+    )
 
 
 def _scaled_lens(camera: Camera, log_scale: float, radial: float) -> Camera:

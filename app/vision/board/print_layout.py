@@ -45,7 +45,9 @@ def common_points(first: MarkerObservation, second: MarkerObservation) -> Common
     """The points that both observations of one print have."""
     if first.point_ids is None or second.point_ids is None:
         return CommonPoints(first.corners_px, second.corners_px, None)
-    shared, at_first, at_second = np.intersect1d(first.point_ids, second.point_ids, return_indices=True)
+    shared, at_first, at_second = np.intersect1d(
+        first.point_ids, second.point_ids, return_indices=True
+    )
     return CommonPoints(first.corners_px[at_first], second.corners_px[at_second], shared)
 
 
@@ -118,7 +120,9 @@ def seen_print_mm(marker: MarkerObservation) -> list[PrintRectangle]:
     for row in range(spec.rows):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], is_seen[row].view(np.int8), [0]])))
         for start, end in edges.reshape(-1, 2).tolist():
-            above = next((block for block in blocks if block[1:] == (row - 1, start, end - 1)), None)
+            above = next(
+                (block for block in blocks if block[1:] == (row - 1, start, end - 1)), None
+            )
             if above is not None:
                 blocks.remove(above)
             blocks.append((above[0] if above is not None else row, row, start, end - 1))
@@ -133,8 +137,14 @@ def _rectangle(spec: MarkerSpec, top: int, bottom: int, left: int, right: int) -
 
     return PrintRectangle(
         low_x=left * spec.pitch_mm - spec.width_mm / 2 - beyond(left == 0),
-        low_y=spec.height_mm / 2 - bottom * spec.pitch_mm - spec.square_mm - beyond(bottom == spec.rows - 1),
-        high_x=right * spec.pitch_mm + spec.square_mm - spec.width_mm / 2 + beyond(right == spec.columns - 1),
+        low_y=spec.height_mm / 2
+        - bottom * spec.pitch_mm
+        - spec.square_mm
+        - beyond(bottom == spec.rows - 1),
+        high_x=right * spec.pitch_mm
+        + spec.square_mm
+        - spec.width_mm / 2
+        + beyond(right == spec.columns - 1),
         high_y=spec.height_mm / 2 - top * spec.pitch_mm + beyond(top == 0),
     )
 

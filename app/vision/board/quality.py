@@ -12,13 +12,21 @@ from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.model import Float64Array, ImageArray
 
 DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
-MAX_EDGE_WIDTH = 1 / 250  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
-MAX_EDGE_WIDTH_SQUARES = 0.4  # of a square: beyond, the blurs of neighbouring edges mix and corners move
-MIN_EDGE_WIDTH_LIMIT_PX = 8.0  # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
+MAX_EDGE_WIDTH = (
+    1 / 250
+)  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
+MAX_EDGE_WIDTH_SQUARES = (
+    0.4  # of a square: beyond, the blurs of neighbouring edges mix and corners move
+)
+MIN_EDGE_WIDTH_LIMIT_PX = (
+    8.0  # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
+)
 CLIPPED_LEVEL = 252  # of 255: JPEG moves full white by a few levels
 MIN_EDGE_CONTRAST = 25.0  # grey levels across an edge for its width to be measured
 
-DARK_ADVICE = "Turn on a light or move the plate to a brighter place, then take both photographs again."
+DARK_ADVICE = (
+    "Turn on a light or move the plate to a brighter place, then take both photographs again."
+)
 BLUR_ADVICE = "Hold the phone still with both hands, wait until it has focused, then take the photograph again."
 
 
@@ -29,7 +37,9 @@ def judge_photograph(grey: ImageArray, where: str) -> Failure | None:
     width = sharpest_edge_width_px(grey)
     if width > edge_width_limit_px(max(grey.shape)):
         return Failure(
-            "image_blurred", f"Everything is blurred {where}: no edge is sharper than {width:.0f} px.", BLUR_ADVICE
+            "image_blurred",
+            f"Everything is blurred {where}: no edge is sharper than {width:.0f} px.",
+            BLUR_ADVICE,
         )
     return None
 
@@ -38,28 +48,41 @@ def judge_marker(contrast: ImageArray, grid: Float64Array, where: str) -> Failur
     """Dark or blurred by the marker's own squares; None if it is neither. grid: (r, c, 2) inner corners, px."""
     if np.nanmax(square_means(contrast, grid)) < DARK_LEVEL:
         return Failure(
-            "image_too_dark", f"It is too dark {where}: the marker's white paper is almost black.", DARK_ADVICE
+            "image_too_dark",
+            f"It is too dark {where}: the marker's white paper is almost black.",
+            DARK_ADVICE,
         )
     width = marker_edge_width_px(contrast, grid)
     diagonal = np.linalg.norm(grid[1:, 1:] - grid[:-1, :-1], axis=-1).mean() / np.sqrt(2.0)
-    if width > edge_width_limit_px(max(contrast.shape)) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
+    if (
+        width > edge_width_limit_px(max(contrast.shape))
+        or width > MAX_EDGE_WIDTH_SQUARES * diagonal
+    ):
         return Failure(
-            "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
+            "image_blurred",
+            f"The marker is blurred {where}: its edges are {width:.0f} px wide.",
+            BLUR_ADVICE,
         )
     return None
 
 
-def judge_tags(grey: ImageArray, corners_px: Float64Array, border_share: float, where: str) -> Failure | None:
+def judge_tags(
+    grey: ImageArray, corners_px: Float64Array, border_share: float, where: str
+) -> Failure | None:
     """Dark or blurred by the borders of a board's tags, (n, 4, 2) px; None if it is neither. As tag_edges."""
     profiles = edge_profiles(grey, corners_px, border_share)
     if profiles.light.max() < DARK_LEVEL:
         return Failure(
-            "image_too_dark", f"It is too dark {where}: the marker's white paper is almost black.", DARK_ADVICE
+            "image_too_dark",
+            f"It is too dark {where}: the marker's white paper is almost black.",
+            DARK_ADVICE,
         )
     width = edge_width_px(profiles)
     if width > edge_width_limit_px(max(grey.shape)):
         return Failure(
-            "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
+            "image_blurred",
+            f"The marker is blurred {where}: its edges are {width:.0f} px wide.",
+            BLUR_ADVICE,
         )
     return None
 
@@ -74,7 +97,10 @@ def sharpest_edge_width_px(grey: ImageArray) -> float:
     rows, columns = (side // block for side in grey.shape)
     tiles = _blocks(smooth, rows, columns, block)
     contrast = tiles.max(axis=(1, 3)).astype(np.float64) - tiles.min(axis=(1, 3))
-    steps = np.maximum(cv2.absdiff(smooth[:, 1:], smooth[:, :-1])[:-1], cv2.absdiff(smooth[1:], smooth[:-1])[:, :-1])
+    steps = np.maximum(
+        cv2.absdiff(smooth[:, 1:], smooth[:, :-1])[:-1],
+        cv2.absdiff(smooth[1:], smooth[:-1])[:, :-1],
+    )
     steps = cv2.copyMakeBorder(steps, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     steepest = _blocks(steps, rows, columns, block).max(axis=(1, 3)).astype(np.float64)
     edged = contrast >= MIN_EDGE_CONTRAST
@@ -107,4 +133,6 @@ def clipped_share(pixels_bgr: ImageArray) -> float:
 
 def _blocks(image: np.ndarray, rows: int, columns: int, block: int) -> ImageArray:
     """(rows, block, columns, block) view of an image cut to whole blocks."""
-    return np.asarray(image[: rows * block, : columns * block].reshape(rows, block, columns, block), np.uint8)
+    return np.asarray(
+        image[: rows * block, : columns * block].reshape(rows, block, columns, block), np.uint8
+    )

@@ -27,7 +27,9 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, Photo, PhotoPair
 from app.vision.rig import MAX_BASELINE_MM, MIN_BASELINE_MM, StereoRig
 
-MIN_COMMON_POINTS = 8  # of a partly covered board; the pose of a plane is well determined by twice its four corners
+MIN_COMMON_POINTS = (
+    8  # of a partly covered board; the pose of a plane is well determined by twice its four corners
+)
 RIG_ADVICE = (
     "Photograph the board ten times or so with both cameras at the same moment: from different sides, tilted by 30 to"
     " 45 degrees, near the middle and near the corners of both pictures."
@@ -47,7 +49,9 @@ class RigCalibration:
     rejected: tuple[RejectedPhoto, ...]
 
 
-def calibrate_rig(left: Sequence[Photo], right: Sequence[Photo], spec: MarkerSpec) -> RigCalibration | Failure:
+def calibrate_rig(
+    left: Sequence[Photo], right: Sequence[Photo], spec: MarkerSpec
+) -> RigCalibration | Failure:
     """The rig whose cameras took these photographs of one board; left[i] and right[i] at the same moment.
 
     Failures: calibration_views_insufficient (one camera, or too few pairs that both see), rig_not_fixed (the cameras
@@ -82,7 +86,10 @@ def calibrate_rig(left: Sequence[Photo], right: Sequence[Photo], spec: MarkerSpe
     if not_fixed is not None:
         return not_fixed
     return RigCalibration(
-        fit.rig, fit.rms_px, tuple(pairs), tuple(RejectedPhoto(index, why) for index, why in sorted(rejected.items()))
+        fit.rig,
+        fit.rms_px,
+        tuple(pairs),
+        tuple(RejectedPhoto(index, why) for index, why in sorted(rejected.items())),
     )
 
 
@@ -155,22 +162,29 @@ class _RigFit:
     pair_rms_px: Float64Array
 
 
-def _fit_rig(pairs: Sequence[CommonPoints], spec: MarkerSpec, calibrations: Sequence[Calibration]) -> _RigFit:
+def _fit_rig(
+    pairs: Sequence[CommonPoints], spec: MarkerSpec, calibrations: Sequence[Calibration]
+) -> _RigFit:
     """Both cameras and the pose between them, refined together from each camera's own calibration."""
     left, right = (each.camera for each in calibrations)
     points = flat_points(spec)
-    rms_px, k_left, d_left, k_right, d_right, rotation, translation, _, _, _, _, pair_rms = cv2.stereoCalibrateExtended(
-        [pair.of(points).astype(np.float32) for pair in pairs],
-        [pair.first_px.astype(np.float32) for pair in pairs],
-        [pair.second_px.astype(np.float32) for pair in pairs],
-        left.matrix,
-        np.array(left.distortion),
-        right.matrix,
-        np.array(right.distortion),
-        (left.width, left.height),  # only where OpenCV makes its own first guess, which it does not here
-        np.eye(3),
-        np.zeros(3),
-        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+    rms_px, k_left, d_left, k_right, d_right, rotation, translation, _, _, _, _, pair_rms = (
+        cv2.stereoCalibrateExtended(
+            [pair.of(points).astype(np.float32) for pair in pairs],
+            [pair.first_px.astype(np.float32) for pair in pairs],
+            [pair.second_px.astype(np.float32) for pair in pairs],
+            left.matrix,
+            np.array(left.distortion),
+            right.matrix,
+            np.array(right.distortion),
+            (
+                left.width,
+                left.height,
+            ),  # only where OpenCV makes its own first guess, which it does not here
+            np.eye(3),
+            np.zeros(3),
+            flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+        )
     )
     rows = [(float(a), float(b), float(c)) for a, b, c in np.asarray(rotation, np.float64)]
     x, y, z = (float(value) for value in np.ravel(translation))
@@ -180,12 +194,16 @@ def _fit_rig(pairs: Sequence[CommonPoints], spec: MarkerSpec, calibrations: Sequ
         (rows[0], rows[1], rows[2]),
         (x, y, z),
     )
-    by_pair = np.sqrt(np.mean(np.square(np.asarray(pair_rms, np.float64).reshape(len(pairs), 2)), axis=1))
+    by_pair = np.sqrt(
+        np.mean(np.square(np.asarray(pair_rms, np.float64).reshape(len(pairs), 2)), axis=1)
+    )
     return _RigFit(rig, float(rms_px), np.asarray(by_pair, np.float64))
 
 
 def _insufficient(count: int, given: int, rejected: Mapping[int, Failure]) -> Failure:
-    reasons = "".join(f" Pair {index + 1}: {why.message}" for index, why in sorted(rejected.items())[:3])
+    reasons = "".join(
+        f" Pair {index + 1}: {why.message}" for index, why in sorted(rejected.items())[:3]
+    )
     return Failure(
         "calibration_views_insufficient",
         f"The rig cannot be calibrated: both photographs show the board in {count} of {given} pairs, at least "

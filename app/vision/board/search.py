@@ -22,7 +22,9 @@ from app.vision.board.grid import (
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float64Array, ImageArray
 
-REGION_SIDE_PX = 1000  # long side on which saddle points are sought: squares of 5 px and more have them
+REGION_SIDE_PX = (
+    1000  # long side on which saddle points are sought: squares of 5 px and more have them
+)
 SADDLE_BLUR_PX = 1.5
 MIN_SADDLE_STEP = 6.0  # grey levels between dark and light squares; board_grid.MIN_SQUARE_STEP for a sharp corner is 8
 MIN_SADDLE_SHARE = 0.2  # of the strong ones' step: the part of a board that lies in a shadow
@@ -30,13 +32,19 @@ MIN_SADDLES = 9  # in a region: 4 x 4 squares have as many
 # Of the long side: saddle points nearer than twice that belong to one region. A board beside a plate has squares of a
 # fortieth and less; one that fills the photograph, as for calibration, of a tenth.
 JOINED_SHARES = (1 / 40, 1 / 12)
-MAX_REGIONS = 2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
+MAX_REGIONS = (
+    2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
+)
 SAME_REGION = 0.8  # of the larger one's area
 ALL_OF_IT = 0.5  # of the photograph: a region beyond it saves nothing, and a shadow may hide the rest of the board
-CROP_SIDE_PX = 500  # long side of a region for the detectors; twice that where it is the whole photograph
+CROP_SIDE_PX = (
+    500  # long side of a region for the detectors; twice that where it is the whole photograph
+)
 # Local thresholds find quadrangles in uneven light: 5 ms a crop; up to a second where the whole photograph has texture.
 QUICK_ON_CROPS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-MIN_ALTERNATING_EDGE = 0.8  # of the squares of an outermost row; beside a white margin half of them step
+MIN_ALTERNATING_EDGE = (
+    0.8  # of the squares of an outermost row; beside a white margin half of them step
+)
 MAX_GROWTH = 80  # rows and columns
 GROWN_CORNER_SQUARES = 0.3  # of a square: how far a corner may lie from where the others expect it
 
@@ -71,7 +79,9 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
     regions = _regions(contrast)
     crops = [_crop(contrast, region.box, CROP_SIDE_PX) for region in regions]
     wide = [
-        _crop(contrast, region.box, 2 * CROP_SIDE_PX) for region in regions if region.box[2:] == contrast.shape[::-1]
+        _crop(contrast, region.box, 2 * CROP_SIDE_PX)
+        for region in regions
+        if region.box[2:] == contrast.shape[::-1]
     ]
     likely = [crop for crop, region in zip(crops, regions, strict=True) if region.is_likely]
     attempts: list[tuple[_Crop, tuple[int, int] | None, int]] = []
@@ -120,19 +130,25 @@ def _regions(contrast: ImageArray) -> list[_Region]:
         for place, index in enumerate(np.argsort(-crowd)[:MAX_REGIONS]):
             left, top, width, height = (int(value) for value in stats[index, :4])
             box = _enlarged((left, top, width, height), 1.0 / scale, contrast.shape)
-            if crowd[index] >= MIN_SADDLES and not any(_is_same(box, region.box) for region in regions):
+            if crowd[index] >= MIN_SADDLES and not any(
+                _is_same(box, region.box) for region in regions
+            ):
                 regions.append(_Region(box, place == 0))
     return regions
 
 
 def _is_same(box: tuple[int, ...], other: tuple[int, ...]) -> bool:
     """Whether two boxes (x, y, width, height) share most of the larger one."""
-    width, height = (min(box[i] + box[i + 2], other[i] + other[i + 2]) - max(box[i], other[i]) for i in (0, 1))
+    width, height = (
+        min(box[i] + box[i + 2], other[i] + other[i + 2]) - max(box[i], other[i]) for i in (0, 1)
+    )
     larger = max(box[2] * box[3], other[2] * other[3])
     return max(width, 0) * max(height, 0) >= SAME_REGION * larger
 
 
-def _enlarged(box: tuple[int, int, int, int], factor: float, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+def _enlarged(
+    box: tuple[int, int, int, int], factor: float, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
     """The box in px of the whole image of this shape; all of it where the box takes up most of it."""
     if box[2] * box[3] * factor**2 > ALL_OF_IT * shape[0] * shape[1]:
         return 0, 0, shape[1], shape[0]
@@ -148,7 +164,10 @@ def _saddle_step(image: ImageArray) -> np.ndarray:
     Hessian's negative determinant, which does not depend on how the corner is turned.
     """
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SADDLE_BLUR_PX)
-    xx, yy, xy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=0.25) for order in ((2, 0), (0, 2), (1, 1)))
+    xx, yy, xy = (
+        cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=0.25)
+        for order in ((2, 0), (0, 2), (1, 1))
+    )
     return np.sqrt(np.maximum(xy * xy - xx * yy, 0.0)) * np.float32(np.pi * SADDLE_BLUR_PX**2)
 
 
@@ -159,18 +178,28 @@ def _detect(image: ImageArray, size: tuple[int, int] | None, flags: int) -> Floa
     """
     cv2.setRNGSeed(0)
     if size is None:
-        is_found, corners, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags | cv2.CALIB_CB_LARGER)
-        return np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2) if is_found else None
+        is_found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+            image, (3, 3), flags | cv2.CALIB_CB_LARGER
+        )
+        return (
+            np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2)
+            if is_found
+            else None
+        )
     is_found, exact = cv2.findChessboardCornersSB(image, size, flags=flags)
     return np.asarray(exact, np.float64).reshape(size[1], size[0], 2) if is_found else None
 
 
-def _detect_by_quadrangles(image: ImageArray, size: tuple[int, int], flags: int) -> Float64Array | None:
+def _detect_by_quadrangles(
+    image: ImageArray, size: tuple[int, int], flags: int
+) -> Float64Array | None:
     """(r, c, 2) px by OpenCV's older detector, which joins dark quadrangles.
 
     It reads a board among other squares (ArUco tags, print), where the sector-based one locks on wrong corners.
     """
-    is_found, corners = cv2.findChessboardCorners(image, size, flags=flags | cv2.CALIB_CB_FAST_CHECK)
+    is_found, corners = cv2.findChessboardCorners(
+        image, size, flags=flags | cv2.CALIB_CB_FAST_CHECK
+    )
     return np.asarray(corners, np.float64).reshape(size[1], size[0], 2) if is_found else None
 
 
@@ -188,7 +217,10 @@ def _without_margin(contrast: ImageArray, grid: Float64Array) -> Float64Array:
 def _is_margin(means: Float64Array) -> bool:
     """Whether of the squares of the top row that are in the image too few differ from their neighbours below."""
     seen = np.isfinite(means[0])
-    return int(np.count_nonzero(seen)) >= 4 and _alternating_share(means[0], means[1]) < MIN_ALTERNATING_EDGE
+    return (
+        int(np.count_nonzero(seen)) >= 4
+        and _alternating_share(means[0], means[1]) < MIN_ALTERNATING_EDGE
+    )
 
 
 def _with_all_squares(contrast: ImageArray, grid: Float64Array) -> Float64Array:
@@ -211,7 +243,9 @@ def _grown(contrast: ImageArray, grid: Float64Array) -> Float64Array | None:
             if fitted is None:
                 return None
             columns = np.arange(turned.shape[1], dtype=np.float64)
-            expected = map_points(fitted[0], np.column_stack([columns, np.full_like(columns, -1.0)]))
+            expected = map_points(
+                fitted[0], np.column_stack([columns, np.full_like(columns, -1.0)])
+            )
             edge = np.stack([expected, turned[0]])
             added = cross_edges(contrast, edge, GROWN_CORNER_SQUARES * shortest_step_px(edge))[:1]
             return np.rot90(np.concatenate([added, turned]), -turn)

@@ -13,7 +13,9 @@ from app.vision.geometry.projective import map_points
 from app.vision.marker_spec import DICTIONARIES, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-IN_CELL = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), -1).reshape(-1, 2)  # cells from a cell's middle
+IN_CELL = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), -1).reshape(
+    -1, 2
+)  # cells from a cell's middle
 
 
 @functools.lru_cache(maxsize=4096)
@@ -36,11 +38,15 @@ def read_tag_cells(
     is_black = black_cells(str(spec.dictionary), tag)
     cells = len(is_black)
     frame = np.array([[0.0, 0.0], [cells, 0.0], [cells, cells], [0.0, cells]], np.float32)
-    homography = np.asarray(cv2.getPerspectiveTransform(frame, corners_px.astype(np.float32)), np.float64)
+    homography = np.asarray(
+        cv2.getPerspectiveTransform(frame, corners_px.astype(np.float32)), np.float64
+    )
 
     def pixels(mask: MaskArray) -> ImageArray:
         rows, columns = np.nonzero(mask)
         places = (np.stack([columns, rows], axis=1)[:, None] + 0.5 + IN_CELL).reshape(-1, 2)
-        return np.asarray(sampled(image, map_points(homography, places)[:, None], cv2.INTER_NEAREST, beyond=None))[:, 0]
+        return np.asarray(
+            sampled(image, map_points(homography, places)[:, None], cv2.INTER_NEAREST, beyond=None)
+        )[:, 0]
 
     return pixels(is_black), pixels(~is_black)

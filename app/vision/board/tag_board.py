@@ -20,21 +20,39 @@ from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import map_points
 from app.vision.marker_spec import DICTIONARIES, MarkerSpec
-from app.vision.model import Float64Array, ImageArray, Int64Array, MarkerObservation, MaskArray, Photo
+from app.vision.model import (
+    Float64Array,
+    ImageArray,
+    Int64Array,
+    MarkerObservation,
+    MaskArray,
+    Photo,
+)
 
-MIN_PERIMETER_SHARE = 0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
+MIN_PERIMETER_SHARE = (
+    0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
+)
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
-LONGER_THAN_ALIKE = 1.1  # than the outlines of which there are too many: a cloth's squares are all alike
+LONGER_THAN_ALIKE = (
+    1.1  # than the outlines of which there are too many: a cloth's squares are all alike
+)
 QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
 QUICK_TAGS = 100  # in a dictionary: of more, the detector is given those alone that are possible, to save time
-FOREIGN_SIDE_PX = 2016  # long side on which tags that were not announced are sought: they only explain a refusal
+FOREIGN_SIDE_PX = (
+    2016  # long side on which tags that were not announced are sought: they only explain a refusal
+)
 MIN_TAGS = 4
 MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two by half
 # With so many points that spread so much, as a share of the whole board's spread along its narrower axis, corners that
 # are 0.12 px off leave the distance right to 0.25 % and the slant to some degree, in nine of ten.
 MIN_POINTS, MIN_SPREAD = 8, 0.4
-MAX_STRAY_TAG = 0.2  # of a tag's side, from where the others put it; lenses and curled paper move it by less
-MAX_STRAYS = (1, 0.1)  # tags that are not where the announced board has them: so many, and as a share of those that are
+MAX_STRAY_TAG = (
+    0.2  # of a tag's side, from where the others put it; lenses and curled paper move it by less
+)
+MAX_STRAYS = (
+    1,
+    0.1,
+)  # tags that are not where the announced board has them: so many, and as a share of those that are
 MAX_INK_GAIN = 0.02  # of a tag's side, at either end: more, and the print has other proportions
 MIN_INK_GAIN_PX = 1.0  # as much as blur and a tone curve take off small tags
 LARGEST_OF_FAMILY = (  # the smaller dictionaries are their first tags
@@ -63,7 +81,9 @@ class Tags:
         return Tags(self.ids[mask], self.corners_px[mask])
 
 
-def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservation | Failure | None:
+def find_tag_board(
+    photo: Photo, spec: MarkerSpec, where: str
+) -> MarkerObservation | Failure | None:
     """The announced board's points in view, or why they cannot be had; None where no tag at all is seen.
 
     Failures: marker_mismatch, marker_covered, image_too_dark, image_blurred. where: such as "in the left photograph".
@@ -85,7 +105,9 @@ def find_tag_board(photo: Photo, spec: MarkerSpec, where: str) -> MarkerObservat
     return _covered(len(on_board), where) if seen is None and len(on_board) else seen
 
 
-def _read_board(grey: ImageArray, on_board: Tags, spec: MarkerSpec, where: str) -> MarkerObservation | Failure:
+def _read_board(
+    grey: ImageArray, on_board: Tags, spec: MarkerSpec, where: str
+) -> MarkerObservation | Failure:
     """The points of MIN_TAGS tags or more that lie where the announced board has them."""
     corners_mm = tag_corners_mm(spec)[on_board.ids]
     if _spread_mm(corners_mm.mean(axis=1)) < MIN_ROWS_SPREAD * spec.pitch_mm:
@@ -96,9 +118,15 @@ def _read_board(grey: ImageArray, on_board: Tags, spec: MarkerSpec, where: str) 
     side_px = float(np.median(np.linalg.norm(refined[:, 1] - refined[:, 0], axis=-1)))
     if abs(gain_px) > max(MIN_INK_GAIN_PX, MAX_INK_GAIN * side_px):
         larger = "smaller" if gain_px > 0 else "larger"
-        return _mismatch(spec, where, f"a board whose tags are {larger} for their distances than the announced ones")
+        return _mismatch(
+            spec,
+            where,
+            f"a board whose tags are {larger} for their distances than the announced ones",
+        )
     grown = Tags(on_board.ids, grow_tags(refined, gain_px))
-    observation = _tag_points(grown, spec) if spec.kind == "aruco" else _square_corners(grey, grown, spec)
+    observation = (
+        _tag_points(grown, spec) if spec.kind == "aruco" else _square_corners(grey, grown, spec)
+    )
     if not _is_enough(observation):
         return _covered(len(on_board), where)
     unfit = judge_tags(grey, grown.corners_px, share, where)
@@ -131,11 +159,15 @@ def _detect_possible(
     """Tags with these numbers."""
     if len(possible) == 0:
         return _largest((), ())
-    corners, ids, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(grey)
+    corners, ids, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(
+        grey
+    )
     return _largest(possible[np.ravel(ids)] if ids is not None else (), corners)
 
 
-def _detect_of_any(grey: ImageArray, names: Sequence[str], quads: TagQuads) -> tuple[str, Tags] | None:
+def _detect_of_any(
+    grey: ImageArray, names: Sequence[str], quads: TagQuads
+) -> tuple[str, Tags] | None:
     """The dictionary of most of the tags that show their bits without an error, and its tags; None if these are few."""
     possible = {name: quads.possible_tags(name, 0) for name in names}
     likely = [name for name in names if len(possible[name]) >= MIN_TAGS]
@@ -143,9 +175,14 @@ def _detect_of_any(grey: ImageArray, names: Sequence[str], quads: TagQuads) -> t
         return None
     parameters = _parameters(quads.parameters.minMarkerPerimeterRate)
     parameters.errorCorrectionRate = 0.0
-    detector = cv2.aruco.ArucoDetector([tags_of(name, possible[name]) for name in likely], parameters)
+    detector = cv2.aruco.ArucoDetector(
+        [tags_of(name, possible[name]) for name in likely], parameters
+    )
     corners, ids, _, of_dictionary = detector.detectMarkersMultiDict(grey)
-    numbers, places = (np.ravel(each) if each is not None else np.empty(0, np.int64) for each in (ids, of_dictionary))
+    numbers, places = (
+        np.ravel(each) if each is not None else np.empty(0, np.int64)
+        for each in (ids, of_dictionary)
+    )
     tags = [
         _largest(
             possible[name][numbers[places == place]],
@@ -176,7 +213,10 @@ def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
         if int(number) not in largest_tags or np.ptp(tag) > np.ptp(largest_tags[int(number)]):
             largest_tags[int(number)] = tag
     numbers = sorted(largest_tags)
-    return Tags(np.array(numbers, np.int64), np.array([largest_tags[number] for number in numbers]).reshape(-1, 4, 2))
+    return Tags(
+        np.array(numbers, np.int64),
+        np.array([largest_tags[number] for number in numbers]).reshape(-1, 4, 2),
+    )
 
 
 def _least_perimeter_share(grey: ImageArray) -> float:
@@ -185,7 +225,9 @@ def _least_perimeter_share(grey: ImageArray) -> float:
     The detector compares each with each: a chequered tablecloth of 9,000 squares would hold it for minutes.
     """
     image, _ = reduced(grey, max(grey.shape) // 2)
-    dark = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, QUAD_WINDOW_PX, 7)
+    dark = cv2.adaptiveThreshold(
+        image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, QUAD_WINDOW_PX, 7
+    )
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     # The detector sees the same outlines in the whole photograph, where a perimeter may be some px longer.
     shares = (np.sort(list(map(len, contours)))[::-1] + 4.0) / max(image.shape)
@@ -201,14 +243,22 @@ def _placed(tags: Tags, spec: MarkerSpec, *, is_legacy: bool = False) -> MaskArr
     if not placed.any():
         return placed
     own = tags.chosen(placed)
-    side_px = np.linalg.norm(own.corners_px - np.roll(own.corners_px, 1, axis=1), axis=-1).mean(axis=1)
+    side_px = np.linalg.norm(own.corners_px - np.roll(own.corners_px, 1, axis=1), axis=-1).mean(
+        axis=1
+    )
     limit_px = MAX_STRAY_TAG * float(np.median(side_px))
     corners_mm = layout[own.ids].reshape(-1, 2)
-    matrices = [cv2.findHomography(corners_mm, own.corners_px.reshape(-1, 2), cv2.RANSAC, limit_px)[0]]
-    homography = next((np.asarray(matrix, np.float64) for matrix in matrices if matrix is not None), None)
+    matrices = [
+        cv2.findHomography(corners_mm, own.corners_px.reshape(-1, 2), cv2.RANSAC, limit_px)[0]
+    ]
+    homography = next(
+        (np.asarray(matrix, np.float64) for matrix in matrices if matrix is not None), None
+    )
     if homography is None:
         return np.zeros_like(placed)
-    off = np.linalg.norm(map_points(homography, corners_mm).reshape(-1, 4, 2) - own.corners_px, axis=-1).max(axis=1)
+    off = np.linalg.norm(
+        map_points(homography, corners_mm).reshape(-1, 4, 2) - own.corners_px, axis=-1
+    ).max(axis=1)
     placed[placed] = off < 2 * limit_px
     return placed
 
@@ -219,7 +269,9 @@ def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Fai
     fewest, share = MAX_STRAYS
     if len(tags) < MIN_TAGS or strays <= max(fewest, share * on_board):
         return None
-    if spec.kind == "charuco" and np.count_nonzero(_placed(tags, spec, is_legacy=True)) > max(on_board, strays):
+    if spec.kind == "charuco" and np.count_nonzero(_placed(tags, spec, is_legacy=True)) > max(
+        on_board, strays
+    ):
         return _mismatch(
             spec,
             where,
@@ -228,7 +280,9 @@ def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Fai
     return _mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
 
 
-def _foreign_tags(grey: ImageArray, quads: TagQuads, spec: MarkerSpec, where: str) -> Failure | None:
+def _foreign_tags(
+    grey: ImageArray, quads: TagQuads, spec: MarkerSpec, where: str
+) -> Failure | None:
     """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any.
 
     quads: of grey.
@@ -243,7 +297,9 @@ def _foreign_tags(grey: ImageArray, quads: TagQuads, spec: MarkerSpec, where: st
     if other is None:
         return None
     name, tags = other
-    return _mismatch(spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,")
+    return _mismatch(
+        spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,"
+    )
 
 
 def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
@@ -254,21 +310,27 @@ def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
 def _square_corners(grey: ImageArray, tags: Tags, spec: MarkerSpec) -> MarkerObservation:
     """The inner corners of a ChArUco board both of whose tags are seen, refined where four squares meet."""
     size = (spec.columns, spec.rows)
-    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.tag_mm, dictionary_of(str(spec.dictionary)))
+    board = cv2.aruco.CharucoBoard(
+        size, spec.square_mm, spec.tag_mm, dictionary_of(str(spec.dictionary))
+    )
     quads = [quad.astype(np.float32).reshape(1, 4, 2) for quad in tags.corners_px]
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(
         grey, markerCorners=quads, markerIds=tags.ids.astype(np.int32).reshape(-1, 1)
     )
     numbers = np.array([] if len(corners) == 0 else np.ravel(ids), np.int64)
     order = np.argsort(numbers)
-    return MarkerObservation(spec, np.array(corners, np.float64).reshape(-1, 2)[order], numbers[order])
+    return MarkerObservation(
+        spec, np.array(corners, np.float64).reshape(-1, 2)[order], numbers[order]
+    )
 
 
 def _is_enough(observation: MarkerObservation) -> bool:
     """Whether what is seen tells scale and pose: so many points, spread over enough of the board."""
     whole = print_points_mm(observation.spec)
     seen = observation.seen_of(whole)
-    return len(seen) >= min(MIN_POINTS, len(whole)) and _spread_mm(seen) >= MIN_SPREAD * _spread_mm(whole)
+    return len(seen) >= min(MIN_POINTS, len(whole)) and _spread_mm(seen) >= MIN_SPREAD * _spread_mm(
+        whole
+    )
 
 
 def _spread_mm(points: Float64Array) -> float:
@@ -285,4 +347,8 @@ def _covered(tags: int, where: str) -> Failure:
 
 
 def _mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:
-    return Failure("marker_mismatch", f"The marker {spec} was announced, but {seen} is seen {where}.", USE_ANNOUNCED)
+    return Failure(
+        "marker_mismatch",
+        f"The marker {spec} was announced, but {seen} is seen {where}.",
+        USE_ANNOUNCED,
+    )

@@ -14,7 +14,9 @@ from app.vision.geometry.pictures import sampled
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-ALONG = np.linspace(0.12, 0.88, 15)  # of a side, where it is crossed: blur reaches in from the other sides
+ALONG = np.linspace(
+    0.12, 0.88, 15
+)  # of a side, where it is crossed: blur reaches in from the other sides
 ACROSS_STEPS = 25  # of a profile across a side
 REACH_SHARE = 0.75  # of the narrower of border and gap: farther out are bits, or the next tag
 MIN_REACH_PX = 1.5
@@ -66,7 +68,9 @@ def ink_gain_px(corners_px: Float64Array, corners_mm: Float64Array) -> float:
     """
     middle_px, middle_mm = corners_px.mean(axis=1), corners_mm.mean(axis=1)
     homography = cv2.findHomography(middle_mm, middle_px)[0]
-    expected = map_points(np.asarray(homography, np.float64), corners_mm.reshape(-1, 2)).reshape(corners_px.shape)
+    expected = map_points(np.asarray(homography, np.float64), corners_mm.reshape(-1, 2)).reshape(
+        corners_px.shape
+    )
     return float(np.median(_side_lengths(expected) - _side_lengths(corners_px)) / 2)
 
 
@@ -82,7 +86,9 @@ def edge_profiles(grey: ImageArray, corners_px: Float64Array, border_share: floa
     length = np.linalg.norm(ends - corners_px, axis=-1, keepdims=True)  # (n, 4, 1)
     reach = np.maximum(REACH_SHARE * border_share * length, MIN_REACH_PX)
     outwards = reach * np.linspace(-1.0, 1.0, ACROSS_STEPS)  # (n, 4, m)
-    on_side = corners_px[:, :, None] + (ends - corners_px)[:, :, None] * ALONG[:, None]  # (n, 4, k, 2)
+    on_side = (
+        corners_px[:, :, None] + (ends - corners_px)[:, :, None] * ALONG[:, None]
+    )  # (n, 4, k, 2)
     across = _normals(corners_px)[:, :, None] * outwards[..., None]  # (n, 4, m, 2)
     places = on_side[:, :, :, None] + across[:, :, None]
     flat = sampled(grey.astype(np.float32), places.reshape(4 * len(places), -1, 2), beyond=None)
@@ -130,7 +136,9 @@ def _fit_offsets(offset_px: Float64Array, is_found: MaskArray) -> tuple[Float64A
     return line[..., 0], line.sum(axis=-1)
 
 
-def _corners_of_sides(corners_px: Float64Array, start_px: Float64Array, end_px: Float64Array) -> Float64Array:
+def _corners_of_sides(
+    corners_px: Float64Array, start_px: Float64Array, end_px: Float64Array
+) -> Float64Array:
     """(n, 4, 2) where neighbouring sides meet, each moved outwards by (n, 4) px at its start and at its end."""
     normals, ends = _normals(corners_px), np.roll(corners_px, -1, axis=1)
     ones = np.ones((*corners_px.shape[:2], 1))
@@ -153,4 +161,6 @@ def _normals(corners_px: Float64Array) -> Float64Array:
 
 def _side_lengths(corners_px: Float64Array) -> Float64Array:
     """(n, 4) px."""
-    return np.asarray(np.linalg.norm(np.roll(corners_px, -1, axis=1) - corners_px, axis=-1), np.float64)
+    return np.asarray(
+        np.linalg.norm(np.roll(corners_px, -1, axis=1) - corners_px, axis=-1), np.float64
+    )

@@ -41,7 +41,9 @@ class TagQuads:
         for start in range(0, len(not_black), PATTERNS_AT_ONCE):
             at = slice(start, start + PATTERNS_AT_ONCE)
             black, unsure = not_black[at, None, None], (not_black ^ not_white)[at, None, None]
-            wrong = np.bitwise_count(black ^ (unsure & tags))  # a cell that is neither is wrong either way
+            wrong = np.bitwise_count(
+                black ^ (unsure & tags)
+            )  # a cell that is neither is wrong either way
             is_possible |= (wrong <= errors).any(axis=(0, 2))
         return np.flatnonzero(is_possible)
 
@@ -81,14 +83,19 @@ def _all_quads(grey: ImageArray, parameters: cv2.aruco.DetectorParameters) -> li
     alone.minMarkerDistanceRate = 0.0
     alone.minDistanceToBorder = 0
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    unseen = cv2.aruco.Dictionary(np.ascontiguousarray(dictionary.bytesList[:1]), dictionary.markerSize, -1)
+    unseen = cv2.aruco.Dictionary(
+        np.ascontiguousarray(dictionary.bytesList[:1]), dictionary.markerSize, -1
+    )
     alone.errorCorrectionRate = 1.0
     _, _, rejected = cv2.aruco.ArucoDetector(unseen, alone).detectMarkers(grey)
     return [np.asarray(quad, np.float32).reshape(4, 2) for quad in rejected]
 
 
 def _framed_cells(
-    grey: ImageArray, quads_px: list[Float32Array], side: int, parameters: cv2.aruco.DetectorParameters
+    grey: ImageArray,
+    quads_px: list[Float32Array],
+    side: int,
+    parameters: cv2.aruco.DetectorParameters,
 ) -> Iterator[Int64Array]:
     """(side, side) white pixels in each cell of the quadrangles whose frame is black, as the detector counts them."""
     step = parameters.perspectiveRemovePixelPerCell
@@ -119,7 +126,9 @@ def _tag_bits(name: str) -> BitsArray:
     """(n, 4) bits of each tag in its four turns."""
     dictionary = dictionary_of(name)
     bits = dictionary.markerSize**2
-    turned = np.asarray(dictionary.bytesList).reshape(len(dictionary.bytesList), 4, -1)  # the last byte is not filled
+    turned = np.asarray(dictionary.bytesList).reshape(
+        len(dictionary.bytesList), 4, -1
+    )  # the last byte is not filled
     packed = np.zeros(turned.shape[:2], np.uint64)
     for at in range(turned.shape[2]):
         packed = (packed << np.uint64(min(8, bits - 8 * at))) | turned[:, :, at].astype(np.uint64)
@@ -137,4 +146,6 @@ def _mirrored(patterns: BitsArray, side: int) -> BitsArray:
     """The patterns of side x side cells as a mirror shows them."""
     places = np.arange(side * side, dtype=np.uint64)[::-1]
     cells = (patterns[:, None] >> places) & np.uint64(1)
-    return _packed(cells.reshape(-1, side, side)[:, :, ::-1].reshape(-1, side * side).astype(np.bool_))
+    return _packed(
+        cells.reshape(-1, side, side)[:, :, ::-1].reshape(-1, side * side).astype(np.bool_)
+    )

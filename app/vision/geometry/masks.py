@@ -15,8 +15,14 @@ def labelled(
     mask: MaskArray, connectivity: Literal[4, 8] = 8
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Float64Array]:
     """(H, W) number of each pixel's connected part, from 1 on; by number x, y, width, height, area; and the middles."""
-    _, labels, stats, middles = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=connectivity)
-    return np.asarray(labels, np.int32), np.asarray(stats, np.int32), np.asarray(middles, np.float64)
+    _, labels, stats, middles = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=connectivity
+    )
+    return (
+        np.asarray(labels, np.int32),
+        np.asarray(stats, np.int32),
+        np.asarray(middles, np.float64),
+    )
 
 
 def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
@@ -29,7 +35,12 @@ def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
 
 def opened(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask without what is narrower than a square of this side."""
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)) > 0
+    return (
+        cv2.morphologyEx(
+            mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)
+        )
+        > 0
+    )
 
 
 def dilated(mask: MaskArray, size_px: int) -> MaskArray:
@@ -47,7 +58,10 @@ def window_around(mask: MaskArray, margin_px: int) -> tuple[slice, slice]:
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return (
         slice(max(0, int(rows[0]) - margin_px), min(mask.shape[0], int(rows[-1]) + 1 + margin_px)),
-        slice(max(0, int(columns[0]) - margin_px), min(mask.shape[1], int(columns[-1]) + 1 + margin_px)),
+        slice(
+            max(0, int(columns[0]) - margin_px),
+            min(mask.shape[1], int(columns[-1]) + 1 + margin_px),
+        ),
     )
 
 

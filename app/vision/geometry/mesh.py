@@ -57,7 +57,9 @@ def sphere(cells: int) -> Topology:
             side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, u, v
             points.append(side)
             faces.append(_grid_faces(cells)[:, :: int(sign)] + (len(points) - 1) * len(u))
-    merged, index = np.unique(np.round(np.concatenate(points), 9) + 0.0, axis=0, return_inverse=True)
+    merged, index = np.unique(
+        np.round(np.concatenate(points), 9) + 0.0, axis=0, return_inverse=True
+    )
     directions = merged / np.linalg.norm(merged, axis=1, keepdims=True)
     return _topology(directions, index.ravel()[np.concatenate(faces)])
 
@@ -70,7 +72,9 @@ def ring(around: int, across: int) -> Topology:
     a, b = index, np.roll(index, -1, axis=0)
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
     quads = [each.ravel() for each in (a, b, c, d)]
-    faces = np.concatenate([np.column_stack([quads[i] for i in corners]) for corners in ((0, 1, 2), (0, 2, 3))])
+    faces = np.concatenate(
+        [np.column_stack([quads[i] for i in corners]) for corners in ((0, 1, 2), (0, 2, 3))]
+    )
     return _topology(2 * np.pi * np.column_stack([turn.ravel(), tube.ravel()]), faces)
 
 
@@ -88,7 +92,9 @@ def stacked_loops(loops: int, around: int) -> Topology:
     triangles = [(a, b, c), (a, c, d), (below, beside[0], index[0]), (above, index[-1], beside[-1])]
     faces = np.concatenate([np.column_stack(each) for each in triangles])
     loop, vertex = np.divmod(np.arange(loops * around), around)
-    places = np.concatenate([np.column_stack([loop, vertex]), [[-1, 0], [loops, 0]]]).astype(np.float64)
+    places = np.concatenate([np.column_stack([loop, vertex]), [[-1, 0], [loops, 0]]]).astype(
+        np.float64
+    )
     return _topology(places, faces)
 
 
@@ -105,7 +111,9 @@ def _grid_faces(cells: int) -> IntArray:
 
 def _topology(places: Float64Array, faces: IntArray) -> Topology:
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    order = np.lexsort(pairs.T[::-1])  # each edge stands twice, once for the triangle on either side
+    order = np.lexsort(
+        pairs.T[::-1]
+    )  # each edge stands twice, once for the triangle on either side
     corners = np.argsort(faces, axis=None, kind="stable")
     around_from = np.searchsorted(faces.ravel()[corners], np.arange(len(places)))
     return Topology(
@@ -131,7 +139,9 @@ def vertex_normals(vertices: Float64Array, mesh: Topology) -> Float64Array:
 
 def summed_around(of_faces: Float64Array, mesh: Topology) -> Float64Array:
     """(n, k) sum over the triangles around each vertex of what each triangle has, (m, k)."""
-    return np.asarray(np.add.reduceat(of_faces.take(mesh.around, axis=0), mesh.around_from), np.float64)
+    return np.asarray(
+        np.add.reduceat(of_faces.take(mesh.around, axis=0), mesh.around_from), np.float64
+    )
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
@@ -162,12 +172,16 @@ def faces_towards(vertices: Float64Array, faces: IntArray, camera_mm: Float64Arr
     return normals_towards(face_normals(vertices, faces), vertices[faces[:, 0]], camera_mm)
 
 
-def normals_towards(normals: Float64Array, corners: Float64Array, camera_mm: Float64Array) -> MaskArray:
+def normals_towards(
+    normals: Float64Array, corners: Float64Array, camera_mm: Float64Array
+) -> MaskArray:
     """(m,) the same of triangles whose face_normals are known. corners: (m, 3) any corner of each."""
     return np.asarray(np.einsum("ij,ij->i", normals, corners - camera_mm) < 0, np.bool_)
 
 
-def outline_vertices(vertices: Float64Array, mesh: Topology, is_facing: MaskArray) -> tuple[IntArray, Float64Array]:
+def outline_vertices(
+    vertices: Float64Array, mesh: Topology, is_facing: MaskArray
+) -> tuple[IntArray, Float64Array]:
     """Vertices on the outline (contour generator) towards a camera, (k,), and each one's share of its length, (k,).
 
     is_facing: (m,) see faces_towards. The outline runs along the edges between a triangle that is seen from outside

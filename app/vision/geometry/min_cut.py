@@ -14,7 +14,9 @@ LIMIT_NATS = 10.0  # ratios beyond are as good as certain
 WIDE = 1e6  # variance that makes the feature channels mute in the data term
 
 
-def cut_in_two(ratio_nats: Float32Array, features: ImageArray, is_never: MaskArray, is_always: MaskArray) -> MaskArray:
+def cut_in_two(
+    ratio_nats: Float32Array, features: ImageArray, is_never: MaskArray, is_always: MaskArray
+) -> MaskArray:
     """(H, W) where the first label wins.
 
     ratio_nats: (H, W) log likelihood of the first label over the second. features: (H, W, 2) uint8, whose contrast

@@ -15,7 +15,10 @@ class Nearest:
     def __init__(self, points_px: Float64Array) -> None:
         self._origin_px = points_px[0].copy()
         self._points_px = self._relative(points_px)  # the tree may look at them
-        params: dict[str, bool | int | float | str] = {"algorithm": KDTREE_SINGLE, "leaf_max_size": LEAF_POINTS}
+        params: dict[str, bool | int | float | str] = {
+            "algorithm": KDTREE_SINGLE,
+            "leaf_max_size": LEAF_POINTS,
+        }
         self._index = cv2.flann.Index(self._points_px, params)
 
     def query(self, points_px: Float64Array) -> tuple[Float64Array, IntArray]:

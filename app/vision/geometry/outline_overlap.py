@@ -20,18 +20,26 @@ def overlaps(first: Sequence[Rings], second: Sequence[Rings]) -> Float64Array:
 
     Equal outlines have exactly 1. Rasterised, so outlines that differ by less than the raster's pixel may have 1 too.
     """
-    corners = [np.asarray(ring, np.float64) for outline in (*first, *second) for ring in outline if len(ring)]
+    corners = [
+        np.asarray(ring, np.float64)
+        for outline in (*first, *second)
+        for ring in outline
+        if len(ring)
+    ]
     if not corners:
         return np.zeros((len(first), len(second)))
     low, high = np.vstack(corners).min(axis=0), np.vstack(corners).max(axis=0)
     scale = (LONGEST_PX - 1) / max(float((high - low).max()), 1.0)
     masks = [_mask(outline, low, scale) for outline in (*first, *second)]
     return np.array(
-        [[_iou(one, other) for other in masks[len(first) :]] for one in masks[: len(first)]], np.float64
+        [[_iou(one, other) for other in masks[len(first) :]] for one in masks[: len(first)]],
+        np.float64,
     ).reshape(len(first), len(second))
 
 
-def matching_outlines(first: Sequence[Rings], second: Sequence[Rings], *, above: float) -> list[tuple[int, int]]:
+def matching_outlines(
+    first: Sequence[Rings], second: Sequence[Rings], *, above: float
+) -> list[tuple[int, int]]:
     """Match outlines one to one so that the sum of their IoU is greatest; pairs up to `above` are left out.
 
     Returns (place in first, place in second), in the order of first. Of equally good matches, equal places win.

@@ -11,9 +11,13 @@ from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, Float64Array, ImageArray
 
 HALF_PATCH_PX = 7
-WINDOW_SD_PX = 4.0  # the patch's rim counts little: there the surface is no longer the plane that is fitted
+WINDOW_SD_PX = (
+    4.0  # the patch's rim counts little: there the surface is no longer the plane that is fitted
+)
 STEPS = 6
-WARP_SPREAD = 0.3  # prior of stretch and shear beyond what the guess has: a surface tilted by some 30 degrees
+WARP_SPREAD = (
+    0.3  # prior of stretch and shear beyond what the guess has: a surface tilted by some 30 degrees
+)
 MIN_CORRELATION = 0.7
 MAX_LAST_STEP_PX = 0.1  # not settled by then: there is no optimum there
 MAX_SD_PX = 0.2
@@ -42,11 +46,21 @@ def align_patches(
     weight = np.exp(-0.5 * (u * u + v * v) / WINDOW_SD_PX**2).astype(np.float32)
     template = _sample(first, first_px[:, None] + offsets)
     slope_x, slope_y = (
-        _sample(first, first_px[:, None] + offsets + step) - _sample(first, first_px[:, None] + offsets - step)
+        _sample(first, first_px[:, None] + offsets + step)
+        - _sample(first, first_px[:, None] + offsets - step)
         for step in np.diag([0.5, 0.5])
     )
     design = np.stack(
-        [np.ones_like(template), template, slope_x, slope_y, slope_x * u, slope_x * v, slope_y * u, slope_y * v],
+        [
+            np.ones_like(template),
+            template,
+            slope_x,
+            slope_y,
+            slope_x * u,
+            slope_x * v,
+            slope_y * u,
+            slope_y * v,
+        ],
         axis=-1,
     )
     weighted = design * weight[:, None]
@@ -59,7 +73,9 @@ def align_patches(
     last = np.full(len(first_px), np.inf)
     for _ in range(STEPS):
         seen = _sample(
-            second, second_px[:, None] + (offsets @ np.swapaxes(warp, 1, 2) + shift[:, None]) @ jacobians.swapaxes(1, 2)
+            second,
+            second_px[:, None]
+            + (offsets @ np.swapaxes(warp, 1, 2) + shift[:, None]) @ jacobians.swapaxes(1, 2),
         )
         solved = (inverse @ (np.swapaxes(weighted, 1, 2) @ seen[..., None]))[..., 0]
         gain = np.where(np.abs(solved[:, 1]) > 1e-3, solved[:, 1], np.nan)[:, None]
@@ -69,7 +85,11 @@ def align_patches(
         warp = warp @ (np.eye(2) - stretch)
         last = np.linalg.norm(step, axis=1)
     noise, correlation = _residual(design, weight, seen, solved)
-    sd = np.maximum(noise, MIN_NOISE) * np.sqrt(np.maximum(inverse[:, 2, 2], inverse[:, 3, 3])) / np.abs(solved[:, 1])
+    sd = (
+        np.maximum(noise, MIN_NOISE)
+        * np.sqrt(np.maximum(inverse[:, 2, 2], inverse[:, 3, 3]))
+        / np.abs(solved[:, 1])
+    )
     is_good = (
         (solved[:, 1] > 0)
         & (correlation > MIN_CORRELATION)
@@ -91,7 +111,9 @@ def _residual(
     mean = (seen * share).sum(axis=1)
     variance = ((seen - mean[:, None]) ** 2 * share).sum(axis=1)
     unexplained = (left**2 * share).sum(axis=1)
-    return np.sqrt(unexplained), np.sqrt(np.clip(1.0 - unexplained / np.maximum(variance, 1e-3), 0.0, 1.0))
+    return np.sqrt(unexplained), np.sqrt(
+        np.clip(1.0 - unexplained / np.maximum(variance, 1e-3), 0.0, 1.0)
+    )
 
 
 def _sample(image: ImageArray, places_px: Float64Array) -> Float32Array:

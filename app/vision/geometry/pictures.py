@@ -16,7 +16,10 @@ def grey_of(image_bgr: ImageArray) -> ImageArray:
 
 def lab_of(image_bgr: cv2.typing.MatLike) -> Float32Array:
     """(H, W, 3) CIE L*a*b*."""
-    return np.asarray(cv2.cvtColor(image_bgr.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LAB), np.float32)
+    return np.asarray(
+        cv2.cvtColor(image_bgr.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LAB),
+        np.float32,
+    )
 
 
 class LabPicture:

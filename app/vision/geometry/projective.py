@@ -29,7 +29,9 @@ def rotation_along(baseline: Float64Array, forward: Float64Array) -> Float64Arra
     return np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
 
 
-def pixel_gradient(points_camera: Float64Array, rotation: Float64Array, focal_px: float) -> Float64Array:
+def pixel_gradient(
+    points_camera: Float64Array, rotation: Float64Array, focal_px: float
+) -> Float64Array:
     """(n, 2, 3) derivative of a pinhole's pixel by the point, px/mm.
 
     points_camera: (n, 3) mm, camera frame. rotation: (3, 3) from the frame that the derivative is by.

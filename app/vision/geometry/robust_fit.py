@@ -8,7 +8,9 @@ from app.vision.model import Float64Array
 
 OUTLIER_SD = 3.0  # beyond, a residual pulls only linearly
 MAX_STEPS = 20
-LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
+LEAST_PROGRESS = (
+    0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
+)
 DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
 
 
@@ -30,14 +32,18 @@ def minimise(
     cost = _soft_cost(now)
     steps = 1e-6 * np.maximum(1.0, np.abs(start))
     for _ in range(MAX_STEPS):
-        jacobian = np.stack([(residual(unknowns + step) - now) / step.sum() for step in np.diag(steps)], axis=1)
+        jacobian = np.stack(
+            [(residual(unknowns + step) - now) / step.sum() for step in np.diag(steps)], axis=1
+        )
         weight = 1.0 / np.sqrt(1.0 + (now / OUTLIER_SD) ** 2)
         normal = jacobian.T @ (jacobian * weight[:, None])
         gradient = jacobian.T @ (now * weight)
         promised = 0.5 * float(gradient @ np.linalg.solve(normal, gradient))
         progress = 0.0
         for damping in DAMPINGS:
-            trial = unknowns - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            trial = unknowns - np.linalg.solve(
+                normal + damping * np.diag(np.diag(normal)), gradient
+            )
             then = residual(trial)
             progress = cost - _soft_cost(then)
             if progress >= 0:

@@ -43,7 +43,9 @@ def cut_sections(vertices: Float64Array, faces: IntArray, support_mm: float) -> 
     return tuple(slices)
 
 
-def _segments(vertices: Float64Array, faces: IntArray, height_mm: float) -> tuple[Float64Array, Float64Array]:
+def _segments(
+    vertices: Float64Array, faces: IntArray, height_mm: float
+) -> tuple[Float64Array, Float64Array]:
     """(k, 2), (k, 2) where the triangles cross a height, each with the inside to its left."""
     above = vertices[:, 2] > height_mm
     crossing = faces[above[faces].any(axis=1) & ~above[faces].all(axis=1)]
@@ -62,4 +64,6 @@ def _segments(vertices: Float64Array, faces: IntArray, height_mm: float) -> tupl
 
 def _crossing(vertices: Float64Array, a: IntArray, b: IntArray, height_mm: float) -> Float64Array:
     share = (height_mm - vertices[a, 2]) / (vertices[b, 2] - vertices[a, 2])
-    return np.asarray(vertices[a, :2] + share[:, None] * (vertices[b, :2] - vertices[a, :2]), np.float64)
+    return np.asarray(
+        vertices[a, :2] + share[:, None] * (vertices[b, :2] - vertices[a, :2]), np.float64
+    )

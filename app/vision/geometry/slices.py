@@ -18,7 +18,9 @@ SLICES = 32  # over the food's height, so that a step of a sphere's outline is a
 MIN_THICKNESS_MM = 1.0  # thinner, depth noise moves points between slices
 CELLS_ACROSS = 96  # of a slice's binary picture
 CLOSING_CELLS = 3  # gaps of the outline that morphology closes
-MIN_FREE_SHARE = 0.6  # of the sectors with points, for a slice's own form; else the common shape is scaled
+MIN_FREE_SHARE = (
+    0.6  # of the sectors with points, for a slice's own form; else the common shape is scaled
+)
 MIN_SHARE = 0.12  # of the sectors; below, a slice counts as not seen
 PAD_CELLS = 2
 WIDEST_SHARE = 0.95  # of the greatest area: the slices whose mean height is the mirror's, steadier than the greatest
@@ -67,7 +69,11 @@ def slice_thickness_mm(height_mm: float) -> float:
 
 
 def cut_slices(
-    points_mm: Float64Array, thickness_mm: float, axis: SymmetryAxis, form: SliceForm, towards_camera: Float64Array
+    points_mm: Float64Array,
+    thickness_mm: float,
+    axis: SymmetryAxis,
+    form: SliceForm,
+    towards_camera: Float64Array,
 ) -> list[Slice]:
     """Slices from the support to the top; those that show too little take their form from the others.
 
@@ -83,10 +89,16 @@ def cut_slices(
         if share < MIN_SHARE:
             continue
         place = (number * thickness_mm, (number + 1) * thickness_mm)
-        seen[number] = _fit_form(ring, place, axis, form) if share >= MIN_FREE_SHARE else _scale(ring, place, axis)
+        seen[number] = (
+            _fit_form(ring, place, axis, form)
+            if share >= MIN_FREE_SHARE
+            else _scale(ring, place, axis)
+        )
     if not seen:
         return []
-    return [seen.get(number) or _unseen(number, thickness_mm, seen) for number in range(max(seen) + 1)]
+    return [
+        seen.get(number) or _unseen(number, thickness_mm, seen) for number in range(max(seen) + 1)
+    ]
 
 
 def section_of(ring_mm: Float64Array, axis: SymmetryAxis) -> tuple[ImageArray, Float64Array, float]:
@@ -101,7 +113,10 @@ def section_of(ring_mm: Float64Array, axis: SymmetryAxis) -> tuple[ImageArray, F
     every = (np.arange(SECTORS * 4) + 0.5) / (SECTORS * 4) * 2 * np.pi - np.pi
     scaled = np.interp(every, angles[order], axis.scaled_radius(ring_mm)[order], period=2 * np.pi)
     directions = np.column_stack([np.cos(every), np.sin(every)])
-    polygon = axis.centre_mm + directions * (scaled / axis.scaled_radius(axis.centre_mm + directions))[:, None]
+    polygon = (
+        axis.centre_mm
+        + directions * (scaled / axis.scaled_radius(axis.centre_mm + directions))[:, None]
+    )
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     cell = max(float((high - low).max()) / CELLS_ACROSS, 0.05)
     pad = PAD_CELLS + CLOSING_CELLS
@@ -109,18 +124,24 @@ def section_of(ring_mm: Float64Array, axis: SymmetryAxis) -> tuple[ImageArray, F
     picture = np.zeros((int(shape[1]), int(shape[0])), np.uint8)
     corners = np.rint(((polygon - low) / cell + pad) * 2**SUBCELL_BITS).astype(np.int32)
     cv2.polylines(picture, [corners], True, 1, shift=SUBCELL_BITS)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * CLOSING_CELLS + 1, 2 * CLOSING_CELLS + 1))
+    kernel = cv2.getStructuringElement(
+        cv2.MORPH_ELLIPSE, (2 * CLOSING_CELLS + 1, 2 * CLOSING_CELLS + 1)
+    )
     closed = np.asarray(cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel), np.uint8)
     return filled(closed), low - pad * cell, cell
 
 
-def carve(slices: Sequence[Slice], is_in_outline: Callable[[Float64Array], MaskArray]) -> list[Slice]:
+def carve(
+    slices: Sequence[Slice], is_in_outline: Callable[[Float64Array], MaskArray]
+) -> list[Slice]:
     """Slices without what would be seen beside the food if it were there.
 
     is_in_outline: (n, 3) points over the support, mm -> (n,) whether they project into the food's mask. Completion by
     symmetry may reach out of the outline; its form is then refitted to what lies inside, in area and centre.
     """
-    unit = np.stack(np.meshgrid(*[(np.arange(CARVE_CELLS) + 0.5) / CARVE_CELLS * 2 - 1] * 2), -1).reshape(-1, 2)
+    unit = np.stack(
+        np.meshgrid(*[(np.arange(CARVE_CELLS) + 0.5) / CARVE_CELLS * 2 - 1] * 2), -1
+    ).reshape(-1, 2)
     unit = unit[np.hypot(*unit.T) < 1]
     cells = []
     for each in slices:
@@ -137,7 +158,9 @@ def carve(slices: Sequence[Slice], is_in_outline: Callable[[Float64Array], MaskA
         elif share > 0.0:
             root = float(np.sqrt(share))
             half_axes = (each.half_axes_mm[0] * root, each.half_axes_mm[1] * root)
-            carved.append(replace(each, half_axes_mm=half_axes, centre_mm=points[kept, :2].mean(axis=0)))
+            carved.append(
+                replace(each, half_axes_mm=half_axes, centre_mm=points[kept, :2].mean(axis=0))
+            )
     return carved
 
 
@@ -148,7 +171,9 @@ def filled(picture: ImageArray) -> ImageArray:
     return np.asarray(flooded != 2, np.uint8)
 
 
-def _fit_form(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis, form: SliceForm) -> Slice:
+def _fit_form(
+    ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis, form: SliceForm
+) -> Slice:
     """The circle or ellipse of the section's area; an ellipse with the section's centre and second moments' axes.
 
     Radius, or major and minor axis, from a filled region's area and moments, as image libraries define them: unlike a
@@ -165,14 +190,18 @@ def _fit_form(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis
     centre = origin + cell * np.array([moments["m10"], moments["m01"]]) / moments["m00"]
     aspect, heading = 1.0, 0.0
     if form == "ellipse":
-        covariance = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]])
+        covariance = np.array(
+            [[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]
+        )
         variances, directions = np.linalg.eigh(covariance)
         aspect = float(np.sqrt(variances[1] / max(variances[0], 1e-12)))
         heading = float(np.arctan2(directions[1, 1], directions[0, 1]))
     radius = float(np.sqrt(area / np.pi))
     half_axes = (radius * float(np.sqrt(aspect)), radius / float(np.sqrt(aspect)))
     radii = SymmetryAxis(centre, heading, aspect).scaled_radius(ring)
-    return Slice(*place, centre, half_axes, heading, float(np.std(radii) / np.mean(radii)), "fitted")
+    return Slice(
+        *place, centre, half_axes, heading, float(np.std(radii) / np.mean(radii)), "fitted"
+    )
 
 
 def _scale(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis) -> Slice:

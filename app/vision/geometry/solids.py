@@ -28,7 +28,10 @@ def stack_of_slices(slices: Sequence[Slice]) -> ClosedShape:
         if not stacks or each.low_mm > stacks[-1][-1].high_mm + SAME_MM:
             stacks.append([])
         stacks[-1].append(each)
-    shapes = [_closed([ring for each in stack for ring in (_ring(each, 0), _ring(each, 1))]) for stack in stacks]
+    shapes = [
+        _closed([ring for each in stack for ring in (_ring(each, 0), _ring(each, 1))])
+        for stack in stacks
+    ]
     starts = np.cumsum([0, *(len(shape.vertices_mm) for shape in shapes)])
     return ClosedShape(
         np.concatenate([np.empty((0, 3)), *(shape.vertices_mm for shape in shapes)]),
@@ -41,7 +44,9 @@ def stack_of_slices(slices: Sequence[Slice]) -> ClosedShape:
     )
 
 
-def turned(centre_mm: Float64Array, radii_mm: Float64Array, heights_mm: Float64Array, heap_mm: float) -> ClosedShape:
+def turned(
+    centre_mm: Float64Array, radii_mm: Float64Array, heights_mm: Float64Array, heap_mm: float
+) -> ClosedShape:
     """A turned solid with a vault on it, or a hollow in it, of this mean height: a paraboloid, flat in the middle.
 
     centre_mm: (2,) of its axis. radii_mm, heights_mm: (n,) from below. A hollow ends above the lowest height.
@@ -50,7 +55,9 @@ def turned(centre_mm: Float64Array, radii_mm: Float64Array, heights_mm: Float64A
     depth, radius, level = heights_mm[-1] - heights_mm[0], float(radii_mm[-1]), heights_mm[-1]
     rise = max(2.0 * heap_mm, -DEEPEST_SHARE * depth)  # of a paraboloid's middle: twice its mean
     shares = np.linspace(1.0, 0.0, VAULT_RINGS + 1)[1:-1]
-    rings += [_circle(centre_mm, share * radius, level + rise * (1.0 - share**2)) for share in shares]
+    rings += [
+        _circle(centre_mm, share * radius, level + rise * (1.0 - share**2)) for share in shares
+    ]
     shape = _closed(rings)
     shape.vertices_mm[-1, 2] = level + rise
     return shape

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from app.vision.model import Float64Array, SliceForm
 
 SECTORS = 48
-OUTER_QUANTILE = 0.9  # of the radii in a sector: its outline, on a flat top too, less a stray point or two
+OUTER_QUANTILE = (
+    0.9  # of the radii in a sector: its outline, on a flat top too, less a stray point or two
+)
 MIN_POINTS = 3  # in a sector of a slice; one or two may be strays
 ELLIPSE_FROM_ASPECT = 1.15  # below, noise of the outline makes an ellipse of a circle
 MAX_LOG_ASPECT = float(np.log(6.0))
@@ -66,7 +68,9 @@ def main_body(points_mm: Float64Array) -> Float64Array:
     counts = np.zeros((3 * BODY_CELLS + 2, 3 * BODY_CELLS + 2), np.float32)
     np.add.at(counts, (cells[:, 1], cells[:, 0]), 1.0)
     enough = BODY_DENSITY * float(np.median(counts[counts > 0]))
-    occupied = cv2.morphologyEx((counts >= enough).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    occupied = cv2.morphologyEx(
+        (counts >= enough).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )
     _, labels = cv2.connectedComponents(occupied)
     label = labels[cells[:, 1], cells[:, 0]]
     if not (label > 0).any():
@@ -76,7 +80,10 @@ def main_body(points_mm: Float64Array) -> Float64Array:
 
 
 def fit_axis(
-    points_mm: Float64Array, thickness_mm: float, form: SliceForm | None, towards_camera: Float64Array
+    points_mm: Float64Array,
+    thickness_mm: float,
+    form: SliceForm | None,
+    towards_camera: Float64Array,
 ) -> SymmetryAxis:
     """Centre, and for ellipses heading and aspect, that make the radii of each slice's outline most alike.
 
@@ -89,21 +96,33 @@ def fit_axis(
         raise ValueError("An axis needs 8 points.")
     footprint = _footprint(points_mm[:, :2])
     middle = footprint.deepest_mm
-    circle = _fit(points_mm, thickness_mm, SymmetryAxis(middle, 0.0, 1.0), footprint, towards_camera, is_ellipse=False)
+    circle = _fit(
+        points_mm,
+        thickness_mm,
+        SymmetryAxis(middle, 0.0, 1.0),
+        footprint,
+        towards_camera,
+        is_ellipse=False,
+    )
     if form == "circle":
         return circle
     variances, directions = np.linalg.eigh(np.cov(points_mm[:, :2].T))
     start = SymmetryAxis(
         middle,
         float(np.arctan2(directions[1, 1], directions[0, 1])),
-        float(np.clip(np.sqrt(variances[1] / max(variances[0], 1e-9)), 1.05, np.exp(MAX_LOG_ASPECT))),
+        float(
+            np.clip(np.sqrt(variances[1] / max(variances[0], 1e-9)), 1.05, np.exp(MAX_LOG_ASPECT))
+        ),
     )
     ellipse = _fit(points_mm, thickness_mm, start, footprint, towards_camera, is_ellipse=True)
     return ellipse if form == "ellipse" or ellipse.aspect >= ELLIPSE_FROM_ASPECT else circle
 
 
 def outline(
-    points_mm: Float64Array, thickness_mm: float, centre_mm: Float64Array, towards_camera: Float64Array
+    points_mm: Float64Array,
+    thickness_mm: float,
+    centre_mm: Float64Array,
+    towards_camera: Float64Array,
 ) -> NDArray[np.int64]:
     """(m,) indices of the points on each slice's outline, one a sector in which there are enough.
 
@@ -169,7 +188,9 @@ class _Footprint:
         column, row = np.floor(inside).astype(np.int64)
         u, v = inside - [column, row]
         corner = self.depth_mm[row : row + 2, column : column + 2]
-        value = (corner[0, 0] * (1 - u) + corner[0, 1] * u) * (1 - v) + (corner[1, 0] * (1 - u) + corner[1, 1] * u) * v
+        value = (corner[0, 0] * (1 - u) + corner[0, 1] * u) * (1 - v) + (
+            corner[1, 0] * (1 - u) + corner[1, 1] * u
+        ) * v
         return float(value - np.hypot(*(place - inside)) * self.cell_mm)
 
 
@@ -185,10 +206,15 @@ def _footprint(xy_mm: Float64Array) -> _Footprint:
     picture[cells[:, 1], cells[:, 0]] = 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
     closed = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel)
-    depth = (cv2.distanceTransform(closed, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)) * cell
+    depth = (
+        cv2.distanceTransform(closed, cv2.DIST_L2, 5)
+        - cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)
+    ) * cell
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     origin = low - pad * cell
-    return _Footprint(depth.astype(np.float32), origin, cell, origin + np.array([column, row]) * cell)
+    return _Footprint(
+        depth.astype(np.float32), origin, cell, origin + np.array([column, row]) * cell
+    )
 
 
 def _fit(
@@ -238,7 +264,9 @@ def _fit_outline(
         if not is_ellipse:
             return SymmetryAxis(centre, 0.0, 1.0)
         log_aspect = float(min(np.hypot(*unknowns[2:]), MAX_LOG_ASPECT))
-        return SymmetryAxis(centre, 0.5 * float(np.arctan2(unknowns[3], unknowns[2])), float(np.exp(log_aspect)))
+        return SymmetryAxis(
+            centre, 0.5 * float(np.arctan2(unknowns[3], unknowns[2])), float(np.exp(log_aspect))
+        )
 
     def residual(unknowns: Float64Array) -> Float64Array:
         # Not relative to each slice's own radius: that would draw the centre away, where all radii are alike.
@@ -258,5 +286,7 @@ def _fit_outline(
     first = np.zeros(2)
     if is_ellipse:  # aspect and heading as a vector of twice the angle: smooth through the circle
         log_aspect = max(float(np.log(start.aspect)), 0.05)
-        first = np.concatenate([first, log_aspect * np.array([np.cos(2 * start.heading), np.sin(2 * start.heading)])])
+        first = np.concatenate(
+            [first, log_aspect * np.array([np.cos(2 * start.heading), np.sin(2 * start.heading)])]
+        )
     return read(scipy.optimize.least_squares(residual, first, loss="soft_l1", f_scale=LOSS_SCALE).x)

@@ -26,7 +26,14 @@ TREND_LIMIT = 2.5  # units; the trend is not carried on beyond
 TREND_MM = (-0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
 TREND_SD_MM = (0.7, 1.5, 1.5, 0.7, 0.7, 0.7)
 CELLS_PER_FACT = 150.0  # neighbouring cells err alike, so many count as one measurement
-INLIER_MM = (6.0, 6.0, 5.0, 5.0, 4.0, 4.0)  # narrowing: what lies farther from the trend is no table
+INLIER_MM = (
+    6.0,
+    6.0,
+    5.0,
+    5.0,
+    4.0,
+    4.0,
+)  # narrowing: what lies farther from the trend is no table
 TABLE_RANGE_MM = 40.0
 MIN_TABLE_POINTS = 500
 MIN_POINTS_PER_TABLE_CELL = 4
@@ -68,22 +75,30 @@ class TableTrend:
     def height_mm(self, xy_mm: Float64Array | Float32Array) -> Float64Array:
         """(...,) mm at (..., 2) mm; NaN kept."""
         unit = np.clip(np.asarray(xy_mm, np.float64) / TREND_UNIT_MM, -TREND_LIMIT, TREND_LIMIT)
-        return np.asarray(np.tensordot(self.coefficients, _terms(unit[..., 0], unit[..., 1]), axes=1), np.float64)
+        return np.asarray(
+            np.tensordot(self.coefficients, _terms(unit[..., 0], unit[..., 1]), axes=1), np.float64
+        )
 
 
-def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_mm: float = CELL_MM) -> TopView | None:
+def view_from_above(
+    points_table: Float32Array, heights_mm: Float32Array, cell_mm: float = CELL_MM
+) -> TopView | None:
     """The top view of (n, 3) points with (n,) heights (over the table or the marker); None without points."""
     if len(points_table) == 0:
         return None
     x, y = (np.ascontiguousarray(points_table[:, axis], np.float64) for axis in (0, 1))
     origin = np.array([x.min(), y.min()]) - MARGIN_MM
-    columns, rows = (np.ceil((np.array([x.max(), y.max()]) + MARGIN_MM - origin) / cell_mm)).astype(np.int64)
+    columns, rows = (np.ceil((np.array([x.max(), y.max()]) + MARGIN_MM - origin) / cell_mm)).astype(
+        np.int64
+    )
     # Both are positive, so that cutting off the fraction is rounding down.
     column, row = ((each - least) / cell_mm for each, least in ((x, origin[0]), (y, origin[1])))
     index = row.astype(np.int64) * columns + column.astype(np.int64)
     count = np.bincount(index, minlength=int(rows * columns))
     # One sort of whole numbers, the cell before the height, is several times as fast as sorting by two keys.
-    steps = np.rint(np.clip(heights_mm, -HEIGHT_LIMIT_MM, HEIGHT_LIMIT_MM) / HEIGHT_STEP_MM).astype(np.int64)
+    steps = np.rint(np.clip(heights_mm, -HEIGHT_LIMIT_MM, HEIGHT_LIMIT_MM) / HEIGHT_STEP_MM).astype(
+        np.int64
+    )
     order = np.sort((index << HEIGHT_BITS) + steps + (1 << (HEIGHT_BITS - 1)))
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     median = np.full(int(rows * columns), np.nan, np.float32)
@@ -105,7 +120,9 @@ def fit_table_trend(points_table: Float32Array) -> TableTrend:
     expected = np.array(TREND_MM)
     coefficients: Float64Array = expected
     near = points_table[np.abs(points_table[:, 2]) < TABLE_RANGE_MM]
-    view = view_from_above(near, near[:, 2], TABLE_CELL_MM) if len(near) >= MIN_TABLE_POINTS else None
+    view = (
+        view_from_above(near, near[:, 2], TABLE_CELL_MM) if len(near) >= MIN_TABLE_POINTS else None
+    )
     if view is None:
         return TableTrend(coefficients, 1.0)
     kept = view.count >= MIN_POINTS_PER_TABLE_CELL
@@ -118,7 +135,9 @@ def fit_table_trend(points_table: Float32Array) -> TableTrend:
     for limit in INLIER_MM:
         is_table = np.abs(heights - design @ coefficients) < limit
         rows = design[is_table]
-        solved = np.linalg.solve(rows.T @ rows + prior, rows.T @ heights[is_table] + prior @ expected)
+        solved = np.linalg.solve(
+            rows.T @ rows + prior, rows.T @ heights[is_table] + prior @ expected
+        )
         coefficients = solved
     residuals = np.abs(heights - design @ coefficients)[is_table]
     return TableTrend(coefficients, 1.48 * float(np.median(residuals)) if residuals.size else 1.0)

@@ -34,7 +34,10 @@ COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim li
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
 FOOT_SHARES = (0.78, 0.55, 0.55, 0.92)
 FOOT_SHARE_SDS = (0.1, 0.12, 0.12, 0.05)
-GLASS_FOOT_SHARE, GLASS_POWER = (0.88, 0.05), 0.9  # glasses taper evenly, by some two degrees, to a rounded base
+GLASS_FOOT_SHARE, GLASS_POWER = (
+    (0.88, 0.05),
+    0.9,
+)  # glasses taper evenly, by some two degrees, to a rounded base
 UPRIGHT = ASPECTS[-1]
 # Of the inside's curve: a cone has 1, a cylinder 0. A plate's flat well turns up in a quarter of an ellipse, 0.27.
 POWERS, POWER_SD = (0.3, 0.45, 0.45, 0.45), 0.16
@@ -46,20 +49,41 @@ HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food
 ROUGH_MM = 6.0  # half the height between the surface's 10 and 90 %: a salad, no soup
 BOWL_ASPECT = 1.0  # height by radius of the rim: in narrower vessels windows of the dense match reach the wall
 HEAP_SHARE = 0.3  # of the surface that must be measured to say so
-RIM_INSET_MM = (-1.5, 6.0)  # of the library's inside radius in the circle found, which may be the wall's outer edge
-RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = 5.0, 0.05  # within which a library vessel's rim must lie: poses scale heights
-MODEL_SD_MM = 1.0  # of a library vessel's level: a lip is round, and which of its lines is the brim differs
+RIM_INSET_MM = (
+    -1.5,
+    6.0,
+)  # of the library's inside radius in the circle found, which may be the wall's outer edge
+RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = (
+    5.0,
+    0.05,
+)  # within which a library vessel's rim must lie: poses scale heights
+MODEL_SD_MM = (
+    1.0  # of a library vessel's level: a lip is round, and which of its lines is the brim differs
+)
 STEP_MM, SLICE_MM = 0.5, 4.0
 MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200
 MAX_IGNORED = 0.3  # of a surface's pixels: what stands high leaves the region that both views see of the table
 OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright vessel's rim
-OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = 4.0, 6.0, 0.15  # what may be measured at the rim's height within it
+OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = (
+    4.0,
+    6.0,
+    0.15,
+)  # what may be measured at the rim's height within it
 OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
-BESIDE_MM, BESIDE_LEVEL_MM = (4.0, 20.0), 8.0  # outside a rim, where a vessel's wall falls to the table
-SECTORS, PRINT_SECTORS = 16, 0.75  # around it, and the share in which the surface goes on at its height
-SURE_COVER, TOP_SHARE = 0.7, 0.5  # a rim seen so well may be brimful; of what lies within one that is not
+BESIDE_MM, BESIDE_LEVEL_MM = (
+    (4.0, 20.0),
+    8.0,
+)  # outside a rim, where a vessel's wall falls to the table
+SECTORS, PRINT_SECTORS = (
+    16,
+    0.75,
+)  # around it, and the share in which the surface goes on at its height
+SURE_COVER, TOP_SHARE = (
+    0.7,
+    0.5,
+)  # a rim seen so well may be brimful; of what lies within one that is not
 WINDOW_MM, WINDOW_PX = 5.0, 4  # around a vessel, where the colours beside its surface are taken
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
@@ -80,7 +104,9 @@ class Inside:
 
     def radius_mm(self, height_mm: Float64Array | float) -> Float64Array:
         """Radius at a height over the table."""
-        return np.asarray(np.interp(height_mm, self.profile_mm[:, 1], self.profile_mm[:, 0]), np.float64)
+        return np.asarray(
+            np.interp(height_mm, self.profile_mm[:, 1], self.profile_mm[:, 0]), np.float64
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,12 +195,17 @@ def find_vessels(
     rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
-        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims) or _is_surface(rim, circles):
+        if (
+            rim.height_mm - table_mm < LEAST_RIM_MM
+            or _is_within(rim, rims)
+            or _is_surface(rim, circles)
+        ):
             continue
         if _is_print(rim, points_table) or (rim.cover < SURE_COVER and _has_top(rim, points_table)):
             continue
         first_lab, second_lab = (
-            picture.within(_window(sight, rim, table_mm, view)) for view, picture in enumerate(pictures)
+            picture.within(_window(sight, rim, table_mm, view))
+            for view, picture in enumerate(pictures)
         )
         lab = first_lab, second_lab
         is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
@@ -190,7 +221,11 @@ def find_vessels(
             continue
         silhouette, content = _masks(sight, rim, level, table_mm)
         is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
-        if not content.any() or is_hidden or _is_heaped(points_table, content, rim, level, table_mm):
+        if (
+            not content.any()
+            or is_hidden
+            or _is_heaped(points_table, content, rim, level, table_mm)
+        ):
             continue
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
@@ -217,12 +252,15 @@ def measure_liquid(
         inside = inside_of_model(model)
         height_sd = float(np.hypot(level.sd_mm[0], MODEL_SD_MM))
         volume = inside.volume_ml(height)
-        changes = [0.5 * (inside.volume_ml(height + height_sd) - inside.volume_ml(height - height_sd))]
+        changes = [
+            0.5 * (inside.volume_ml(height + height_sd) - inside.volume_ml(height - height_sd))
+        ]
     else:
         height = level.height_mm - table_mm
         aspect = (rim.height_mm - table_mm) / rim.radius_mm
         floor, foot, foot_sd, power = (
-            float(np.interp(aspect, ASPECTS, each)) for each in (FLOORS_MM, FOOT_SHARES, FOOT_SHARE_SDS, POWERS)
+            float(np.interp(aspect, ASPECTS, each))
+            for each in (FLOORS_MM, FOOT_SHARES, FOOT_SHARE_SDS, POWERS)
         )
         if level.is_in_glass:
             (foot, foot_sd), power = GLASS_FOOT_SHARE, GLASS_POWER
@@ -256,7 +294,10 @@ def recognise(rim: Circle, table_mm: float, library: Sequence[VesselModel]) -> V
     for model in library:
         inset = rim.radius_mm - model.rim_diameter_mm / 2
         lift = height_mm - model.height_mm
-        if RIM_INSET_MM[0] < inset < RIM_INSET_MM[1] and abs(lift) < RIM_HEIGHT_MM + RIM_HEIGHT_SHARE * model.height_mm:
+        if (
+            RIM_INSET_MM[0] < inset < RIM_INSET_MM[1]
+            and abs(lift) < RIM_HEIGHT_MM + RIM_HEIGHT_SHARE * model.height_mm
+        ):
             scored.append((float(np.hypot(inset - 1.5, lift)), model))
     return min(scored, key=lambda each: each[0])[1] if scored else None
 
@@ -282,7 +323,9 @@ def inside_of_model(model: VesselModel) -> Inside:
     return frustum(float(scipy.optimize.brentq(excess, low, high)))
 
 
-def _usual_inside(level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float) -> Inside:
+def _usual_inside(
+    level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float
+) -> Inside:
     """Return the inside of radius (foot + (1 - foot) u^power), u the share of the way from floor to surface."""
     share = np.linspace(0.0, 1.0, 60)
     radii = radius_mm * (foot + (1 - foot) * share**power)
@@ -290,11 +333,15 @@ def _usual_inside(level_mm: float, radius_mm: float, floor_mm: float, foot: floa
     return Inside(np.column_stack([radii, floor + share * (level_mm - floor)]))
 
 
-def _usual_volume(level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float) -> float:
+def _usual_volume(
+    level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float
+) -> float:
     return _usual_inside(level_mm, radius_mm, floor_mm, min(foot, 1.0), power).volume_ml(level_mm)
 
 
-def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tuple[Slice, ...], ClosedShape]:
+def _form(
+    centre_mm: Float64Array, inside: Inside, level_mm: float
+) -> tuple[tuple[Slice, ...], ClosedShape]:
     """Slices and closed shape of what is filled up to the level over the table; heights from the inside floor."""
     floor_mm = float(inside.profile_mm[0, 1])
     depth = level_mm - floor_mm
@@ -304,7 +351,9 @@ def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tup
         radius = max(float(inside.radius_mm(floor_mm + (low + high) / 2)), 1.0)
         slices.append(disc(low, high, centre_mm, radius))
     rings = np.linspace(0.0, depth, max(int(np.ceil(depth)), 2) + 1)
-    return tuple(slices), turned(centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0)
+    return tuple(slices), turned(
+        centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0
+    )
 
 
 def _is_within(circle: Circle, rims: Sequence[Circle]) -> bool:
@@ -328,7 +377,9 @@ def _is_plausible(rim: Circle, level: Level, table_mm: float) -> bool:
     return not is_upright or level.radius_mm > UPRIGHT_LEAST_SHARE * rim.radius_mm
 
 
-def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, level: Level, table_mm: float) -> bool:
+def _is_heaped(
+    points_table: Float32Array, content: MaskArray, rim: Circle, level: Level, table_mm: float
+) -> bool:
     """Whether what fills a bowl is measured to be no level surface. A mirror image only lies below it."""
     if rim.height_mm - table_mm > BOWL_ASPECT * rim.radius_mm:
         return False
@@ -349,7 +400,9 @@ def _is_print(rim: Circle, points_table: Float32Array) -> bool:
     around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
     sector = sector_of(apart[around, 0], apart[around, 1], SECTORS)
     is_as_high = points[around, 2] > rim.height_mm - BESIDE_LEVEL_MM
-    measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
+    measured, high = (
+        np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high)
+    )
     return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
 
 
@@ -364,7 +417,10 @@ def _is_open(rim: Circle, points_table: Float32Array) -> bool:
     if rim.cover < OPEN_COVER:
         return False
     heights = _heights_within(rim, points_table)
-    return len(heights) == 0 or float(np.mean(np.abs(heights - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
+    return (
+        len(heights) == 0
+        or float(np.mean(np.abs(heights - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
+    )
 
 
 def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
@@ -378,7 +434,9 @@ def _points_near(rim: Circle, points_table: Float32Array, beyond_mm: float = 0.0
     """Return the points (n, 3) within a square about the rim that extends beyond_mm past it."""
     low, high = (rim.centre_mm + side * (rim.radius_mm + beyond_mm + 1.0) for side in (-1, 1))
     x, y = points_table[..., 0], points_table[..., 1]
-    return np.asarray(points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])], np.float32)
+    return np.asarray(
+        points_table[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])], np.float32
+    )
 
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
@@ -388,10 +446,14 @@ def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> M
 
 def _window(sight: Sight, rim: Circle, table_mm: float, view: int) -> tuple[slice, slice]:
     """Rows and columns that hold all circles about a rim's axis, no wider than it, down to the table."""
-    rings = np.vstack([rim.ring(rim.radius_mm + WINDOW_MM, height) for height in (rim.height_mm, table_mm)])
+    rings = np.vstack(
+        [rim.ring(rim.radius_mm + WINDOW_MM, height) for height in (rim.height_mm, table_mm)]
+    )
     pixels = sight.in_view(*sight.project(rings), view)
     sides = []
-    for low, high, size in zip(pixels.min(axis=0)[::-1], pixels.max(axis=0)[::-1], sight.pair.shape, strict=True):
+    for low, high, size in zip(
+        pixels.min(axis=0)[::-1], pixels.max(axis=0)[::-1], sight.pair.shape, strict=True
+    ):
         first = int(np.clip(np.floor(low) - WINDOW_PX, 0, size - 1))
         sides.append(slice(first, int(np.clip(np.ceil(high) + WINDOW_PX, first + 1, size))))
     return sides[0], sides[1]
@@ -409,7 +471,9 @@ def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[Ma
         return silhouette, _hull(sight, surface, floor)
     content = _filled(sight.project(surface)[0], sight.pair.shape)
     if visible(sight, rim, surface, 0).mean() < 1.0:
-        content &= _filled(sight.project(rim.ring(rim.radius_mm, rim.height_mm))[0], sight.pair.shape)
+        content &= _filled(
+            sight.project(rim.ring(rim.radius_mm, rim.height_mm))[0], sight.pair.shape
+        )
     return silhouette, content
 
 

@@ -18,7 +18,9 @@ STEP_MM = 1.0
 BANDS_MM = (-1.5, -0.5, 0.5, 1.5)  # across the surface's edge, where its colours are taken
 SAMPLES, ARCS = 240, 24  # directions, and the arcs over which their noise is averaged
 CLEAR_MM = 4.0  # outside the rim's circle, so that the rim's own edge is not the surface's
-LEAST_HIDDEN = 0.3  # of the near part that must lie behind the wall: else an opaque vessel would look the same
+LEAST_HIDDEN = (
+    0.3  # of the near part that must lie behind the wall: else an opaque vessel would look the same
+)
 MOST_STEP = 10.0  # CIELAB: a stronger step of one arc proves no more
 LEAST_STEP = 5.0  # CIELAB, in the near and the far part; walls, prints and clear water reach 3.7 where no surface is
 LEAST_RATIO = 1.6  # to the next best height: floor and base of a glass are circles as well
@@ -48,16 +50,24 @@ def find_level_in_glass(
     if is_low and radii[column] > rim.radius_mm - NARROWER_MM:
         return None
     # The middle of the peak: bands are wider than a step.
-    beside = np.abs(heights - heights[row])[:, None] + np.abs(radii - radii[column])[None, :] <= PEAK_MM
+    beside = (
+        np.abs(heights - heights[row])[:, None] + np.abs(radii - radii[column])[None, :] <= PEAK_MM
+    )
     weight = np.where(beside, np.maximum(steps - best / 2, 0.0), 0.0)
     height = float((weight.sum(axis=1) @ heights) / weight.sum())
     radius = float((weight.sum(axis=0) @ radii) / weight.sum())
     at = np.array([*rim.centre_mm, radius, height])
-    return Level(height, radius, (HEIGHT_SD_MM, RADIUS_SD_MM), lift_sd_mm(sight, at), is_in_glass=True)
+    return Level(
+        height, radius, (HEIGHT_SD_MM, RADIUS_SD_MM), lift_sd_mm(sight, at), is_in_glass=True
+    )
 
 
 def _steps(
-    sight: Sight, lab: tuple[Float32Array, Float32Array], rim: Circle, height_mm: float, radii_mm: Float64Array
+    sight: Sight,
+    lab: tuple[Float32Array, Float32Array],
+    rim: Circle,
+    height_mm: float,
+    radii_mm: Float64Array,
 ) -> Float64Array:
     """(n,) geometric mean of the CIELAB steps that both views share across the circles' near and far parts."""
     cameras = sight.cameras_mm
@@ -66,7 +76,11 @@ def _steps(
     towards = np.column_stack([np.cos(angle), np.sin(angle)]) @ (away / np.linalg.norm(away))
     by_view = []
     for view in (0, 1):
-        rings = [rim.ring(radius + band, height_mm, SAMPLES) for radius in radii_mm.tolist() for band in BANDS_MM]
+        rings = [
+            rim.ring(radius + band, height_mm, SAMPLES)
+            for radius in radii_mm.tolist()
+            for band in BANDS_MM
+        ]
         colours = colours_at(lab[view], sight.in_view(*sight.project(np.vstack(rings)), view))
         bands = colours.reshape(len(radii_mm), len(BANDS_MM), ARCS, -1, 3).mean(axis=3)
         by_view.append((bands[:, 2] + bands[:, 3] - bands[:, 0] - bands[:, 1]) / 2)

@@ -13,7 +13,9 @@ from app.vision.liquids.rims import SAMPLES, Circle, across, circle_points
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.sight import Sight
 
-LEAST_BELOW_MM = 3.0  # the rim: a surface nearer to the brim is that of something solid, or the rim itself
+LEAST_BELOW_MM = (
+    3.0  # the rim: a surface nearer to the brim is that of something solid, or the rim itself
+)
 LOWEST_SHARE = 0.2  # of the rim's height: lower circles are where a floor begins
 RADIUS_SHARES = (0.4, 1.0)  # of the rim's
 LEVEL_STEP_MM, RADIUS_STEP_MM = 2.0, 1.5
@@ -27,7 +29,9 @@ CENTRE_SD_MM = 0.5  # of the surface's axis about the rim's
 LEAST_SD_MM = 0.4
 PIXEL_SD = 0.5  # of an edge's place, px; neighbouring directions err alike
 DIRECTIONS_PER_FACT = 6.0
-SHARED_SD_PX = 0.4  # of parallax, by poses and by edges that are not quite the same line in both views
+SHARED_SD_PX = (
+    0.4  # of parallax, by poses and by edges that are not quite the same line in both views
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +50,20 @@ class Level:
 
 
 def find_level(
-    sight: Sight, lab: tuple[Float32Array, Float32Array], grey: list[Float32Array], rim: Circle, table_mm: float
+    sight: Sight,
+    lab: tuple[Float32Array, Float32Array],
+    grey: list[Float32Array],
+    rim: Circle,
+    table_mm: float,
 ) -> Level | None:
     """The surface with the greatest contrast to the wall; None where no circle below the rim stands out."""
     lowest = table_mm + LOWEST_SHARE * (rim.height_mm - table_mm)
     best, start = 0.0, None
     for height in np.arange(rim.height_mm - LEAST_BELOW_MM, lowest, -LEVEL_STEP_MM):
-        for radius in np.arange(RADIUS_SHARES[1], RADIUS_SHARES[0], -RADIUS_STEP_MM / rim.radius_mm) * rim.radius_mm:
+        for radius in (
+            np.arange(RADIUS_SHARES[1], RADIUS_SHARES[0], -RADIUS_STEP_MM / rim.radius_mm)
+            * rim.radius_mm
+        ):
             score = _contrast(sight, lab, rim, float(height), float(radius))
             if score > best:
                 best, start = score, np.array([*rim.centre_mm, radius, height])
@@ -75,7 +86,11 @@ def rim_crossing_mm(sight: Sight, rim: Circle, points: Float64Array, view: int) 
 
 
 def _contrast(
-    sight: Sight, lab: tuple[Float32Array, Float32Array], rim: Circle, height_mm: float, radius_mm: float
+    sight: Sight,
+    lab: tuple[Float32Array, Float32Array],
+    rim: Circle,
+    height_mm: float,
+    radius_mm: float,
 ) -> float:
     """CIELAB step across the circle in the view that shows less of one, 0 where too little agrees."""
     scores = []
@@ -96,7 +111,9 @@ def _contrast(
     return min(scores)
 
 
-def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64Array) -> Level | None:
+def _refined(
+    sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64Array
+) -> Level | None:
     """Height, radius and, a little, the axis by Gauss-Newton on the edges in both views."""
     unknowns = start.copy()
     prior = np.diag([1 / CENTRE_SD_MM**2, 1 / CENTRE_SD_MM**2, 1e-4, 1e-4])
@@ -105,8 +122,14 @@ def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64
         normal = prior.copy()
         rest = prior @ (start - unknowns)
         for view in (0, 1):
-            jacobian, offset, step, sign = across(sight, grey[view], unknowns, view, 4 if turn < 2 else 2)
-            is_seen = visible(sight, rim, circle_points(unknowns), view) & np.isfinite(offset) & (step > 0)
+            jacobian, offset, step, sign = across(
+                sight, grey[view], unknowns, view, 4 if turn < 2 else 2
+            )
+            is_seen = (
+                visible(sight, rim, circle_points(unknowns), view)
+                & np.isfinite(offset)
+                & (step > 0)
+            )
             if not is_seen.any():
                 return None
             usual = np.sign(np.sum(sign[is_seen] * step[is_seen]))
@@ -116,7 +139,10 @@ def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64
             rest += jacobian.T @ (np.nan_to_num(offset) * weight)
         unknowns = unknowns + np.clip(np.linalg.solve(normal, rest), -3.0, 3.0)
     radius, height = float(unknowns[2]), float(unknowns[3])
-    if height > rim.height_mm - LEAST_BELOW_MM / 2 or not 0.3 * rim.radius_mm < radius < 1.03 * rim.radius_mm:
+    if (
+        height > rim.height_mm - LEAST_BELOW_MM / 2
+        or not 0.3 * rim.radius_mm < radius < 1.03 * rim.radius_mm
+    ):
         return None
     sd = np.sqrt(np.diag(np.linalg.inv(normal)))
     return Level(

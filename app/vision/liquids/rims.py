@@ -29,8 +29,18 @@ LEAST_STEP = 5.0  # grey levels over a cell, of an edge
 MIN_VOTES = 0.22  # of a circle's cells, in the search
 KEPT_CIRCLES = 60
 TRIED_AT_ONCE = 20  # starts refined together, before it is known which of them others leave out
-NEXT_TO_CIRCLE_MM = (8.0, 8.0, 6.0, 8.0)  # x, y, radius, height: starts that near to one that led to a circle are left
-NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)  # to one that led to none; less than a step of height, for its neighbour may
+NEXT_TO_CIRCLE_MM = (
+    8.0,
+    8.0,
+    6.0,
+    8.0,
+)  # x, y, radius, height: starts that near to one that led to a circle are left
+NEXT_TO_NONE_MM = (
+    5.0,
+    5.0,
+    2.0,
+    5.0,
+)  # to one that led to none; less than a step of height, for its neighbour may
 SAMPLES = 120  # directions of a circle
 SEARCH_PX = 5  # across the circle, at most, for its edge
 ROUNDS = 6
@@ -72,7 +82,11 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
             continue
         if place not in ahead:
             places = _next_apart(starts, place, tried)
-            ahead |= zip(places, _best_near(sight, fine, np.stack([starts[each] for each in places])), strict=True)
+            ahead |= zip(
+                places,
+                _best_near(sight, fine, np.stack([starts[each] for each in places])),
+                strict=True,
+            )
         circle = ahead[place]
         tried.append((start, NEXT_TO_NONE_MM if circle is None else NEXT_TO_CIRCLE_MM))
         if circle is not None and not any(_is_same(circle, other) for other in circles):
@@ -85,7 +99,9 @@ def smoothed_pair(pair: RectifiedPair, sd_px: float) -> list[Float32Array]:
     return [blurred(grey_of(image).astype(np.float32), sd_px) for image in pair.both_bgr]
 
 
-def _candidates(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[tuple[float, Float64Array]]:
+def _candidates(
+    pair: RectifiedPair, sight: Sight, is_usable: MaskArray
+) -> list[tuple[float, Float64Array]]:
     """(share of the circle, (x, y, radius, height)) at all heights, the best first."""
     smooth = smoothed_pair(pair, max(0.4 * CELL_MM / pair.pixel_mm, 0.5))
     usable, middle = is_usable.astype(np.uint8), _middle_mm(sight, is_usable)
@@ -97,7 +113,9 @@ def _candidates(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list
 
 
 def _next_apart(
-    starts: Sequence[Float64Array], begin: int, tried: Sequence[tuple[Float64Array, tuple[float, ...]]]
+    starts: Sequence[Float64Array],
+    begin: int,
+    tried: Sequence[tuple[Float64Array, tuple[float, ...]]],
 ) -> list[int]:
     """Places of the next starts, from begin on, that will be tried: they are near none tried, nor one another.
 
@@ -120,10 +138,16 @@ def _best_near(sight: Sight, grey: list[Float32Array], starts: Float64Array) -> 
     again = [index for index, circle in enumerate(circles) if circle is not None]
     lifts = np.array([[0.0, 0.0, 0.0, lift] for lift in RESTARTS_MM])
     ends = [np.array([*c.centre_mm, c.radius_mm, c.height_mm]) for c in circles if c is not None]
-    others = refine_circles(sight, grey, (np.array(ends)[:, None] + lifts).reshape(-1, 4)) if ends else []
+    others = (
+        refine_circles(sight, grey, (np.array(ends)[:, None] + lifts).reshape(-1, 4))
+        if ends
+        else []
+    )
     for turn, index in enumerate(again):
         near = [circles[index], *others[turn * len(lifts) : (turn + 1) * len(lifts)]]
-        circles[index] = max((circle for circle in near if circle is not None), key=lambda each: each.cover)
+        circles[index] = max(
+            (circle for circle in near if circle is not None), key=lambda each: each.cover
+        )
     return circles
 
 
@@ -144,27 +168,39 @@ def _is_same(circle: Circle, other: Circle) -> bool:
 
 
 def _vote(
-    sight: Sight, grey: list[Float32Array], usable: ImageArray, height_mm: float, middle_mm: Float64Array
+    sight: Sight,
+    grey: list[Float32Array],
+    usable: ImageArray,
+    height_mm: float,
+    middle_mm: Float64Array,
 ) -> list[tuple[float, Float64Array]]:
     """(share of the circle, (x, y, radius, height)) at one height, by the gradients that both views agree on."""
     side = int(2 * REACH_MM / CELL_MM)
     corner_mm = middle_mm - REACH_MM
     # The map is fixed by four places near the middle, which lie before both cameras; cells behind them are left out.
-    cells = (side - 1) / 2 + np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * NEAR_MM / CELL_MM
+    cells = (side - 1) / 2 + np.array(
+        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+    ) * NEAR_MM / CELL_MM
     seen_at = sight.project(np.column_stack([cells * CELL_MM + corner_mm, np.full(4, height_mm)]))
     maps = [
-        cv2.getPerspectiveTransform(cells.astype(np.float32), sight.in_view(*seen_at, view).astype(np.float32))
+        cv2.getPerspectiveTransform(
+            cells.astype(np.float32), sight.in_view(*seen_at, view).astype(np.float32)
+        )
         for view in (0, 1)
     ]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    seen = cv2.warpPerspective(usable, maps[0], (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    seen = cv2.warpPerspective(
+        usable, maps[0], (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    )
     left, top, width, height = cv2.boundingRect(seen)
     if min(width, height) < 3:
         return []
     cut = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
     seen = cv2.erode(seen[top : top + height, left : left + width], np.ones((3, 3), np.uint8))
     above = [
-        np.asarray(cv2.warpPerspective(image, matrix @ cut, (width, height), flags=flags), np.float32)
+        np.asarray(
+            cv2.warpPerspective(image, matrix @ cut, (width, height), flags=flags), np.float32
+        )
         for image, matrix in zip(grey, maps, strict=True)
     ]
     rows, columns, towards = _shared_edges(above, seen > 0)
@@ -182,14 +218,19 @@ def _vote(
     for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
         reach = radius / CELL_MM
         shift_x, shift_y = step_x * np.float32(reach), step_y * np.float32(reach)
-        at_x, at_y = np.concatenate([x + shift_x, x - shift_x]), np.concatenate([y + shift_y, y - shift_y])
+        at_x, at_y = (
+            np.concatenate([x + shift_x, x - shift_x]),
+            np.concatenate([y + shift_y, y - shift_y]),
+        )
         inside = (at_x >= 0) & (at_x < half) & (at_y >= 0) & (at_y < half)
         in_row, in_column = (at[inside].astype(np.int32) for at in (at_y, at_x))
         least = MIN_VOTES * 2 * np.pi * reach
         if _most_in_blocks(in_row, in_column, half) < least:
             continue
         votes = np.bincount(in_row * half + in_column, minlength=half * half)
-        share = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * np.float32(9 * MIN_VOTES / least)
+        share = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * np.float32(
+            9 * MIN_VOTES / least
+        )
         for _ in range(3):
             _, best, _, place = cv2.minMaxLoc(share)
             if best < MIN_VOTES:
@@ -203,7 +244,9 @@ def _vote(
 def _most_in_blocks(rows: NDArray[np.int32], columns: NDArray[np.int32], side: int) -> int:
     """The most votes in four neighbouring blocks of 4 x 4 cells: no 3 x 3 cells have more. side: of the grid, cells."""
     blocks = side // 4 + 2
-    counts = np.bincount((rows // 4) * blocks + columns // 4, minlength=blocks * blocks).reshape(blocks, blocks)
+    counts = np.bincount((rows // 4) * blocks + columns // 4, minlength=blocks * blocks).reshape(
+        blocks, blocks
+    )
     pairs = counts[1:] + counts[:-1]
     return int((pairs[:, 1:] + pairs[:, :-1]).max())
 
@@ -213,11 +256,14 @@ def _shared_edges(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Float64Array]:
     """Rows, columns and (n, 2) unit gradients where both views from above have a like edge, thinned to its crest."""
     x, y = (
-        [cv2.Sobel(image, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for image in above] for order in ((1, 0), (0, 1))
+        [cv2.Sobel(image, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for image in above]
+        for order in ((1, 0), (0, 1))
     )
     size = [cv2.magnitude(*each) for each in zip(x, y, strict=True)]
     rows, columns = np.nonzero((np.minimum(*size) > LEAST_STEP / 2) & is_seen)
-    (x0, x1), (y0, y1), (size0, size1) = ([each[rows, columns] for each in pair] for pair in (x, y, size))
+    (x0, x1), (y0, y1), (size0, size1) = (
+        [each[rows, columns] for each in pair] for pair in (x, y, size)
+    )
     is_like = x0 * x1 + y0 * y1 > SAME_DIRECTION * size0 * size1
     rows, columns = rows[is_like], columns[is_like]
     agreed = np.zeros(is_seen.shape, np.float32)
@@ -233,24 +279,34 @@ def circle_points(unknowns: Float64Array, samples: int = SAMPLES) -> Float64Arra
     """(..., samples, 3) mm on circles (..., 4): x, y, radius, height."""
     angle = np.arange(samples) * (2 * np.pi / samples)
     x, y, radius, height = (unknowns[..., axis, None] for axis in range(4))
-    return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), height + 0.0 * angle], axis=-1)
+    return np.stack(
+        [x + radius * np.cos(angle), y + radius * np.sin(angle), height + 0.0 * angle], axis=-1
+    )
 
 
-def refine_circles(sight: Sight, grey: list[Float32Array], starts: Float64Array) -> list[Circle | None]:
+def refine_circles(
+    sight: Sight, grey: list[Float32Array], starts: Float64Array
+) -> list[Circle | None]:
     """Gauss-Newton of centre, radius and height, (n, 4), on the edges beside the projected circles in both views."""
     unknowns = starts.astype(np.float64).copy()
     places = np.arange(len(starts))  # of those that are still circles that are sought
     for turn in range(ROUNDS):
         design, rest, seen = [], [], []
         for view in (0, 1):
-            jacobian, offset, step, _ = across(sight, grey[view], unknowns[places], view, SEARCH_PX if turn < 3 else 3)
-            weight = np.sqrt(((step > LEAST_STEP) & np.isfinite(offset)) / (1.0 + np.nan_to_num(offset) ** 2))
+            jacobian, offset, step, _ = across(
+                sight, grey[view], unknowns[places], view, SEARCH_PX if turn < 3 else 3
+            )
+            weight = np.sqrt(
+                ((step > LEAST_STEP) & np.isfinite(offset)) / (1.0 + np.nan_to_num(offset) ** 2)
+            )
             seen.append((weight > 0).mean(axis=1))
             design.append(jacobian * weight[..., None])
             rest.append(np.nan_to_num(offset) * weight)
         rows, rests = np.concatenate(design, axis=1), np.concatenate(rest, axis=1)
         normal = rows.mT @ rows + np.diag([1e-4] * 4)
-        unknowns[places] += np.clip(np.linalg.solve(normal, rows.mT @ rests[..., None])[..., 0], -6.0, 6.0)
+        unknowns[places] += np.clip(
+            np.linalg.solve(normal, rows.mT @ rests[..., None])[..., 0], -6.0, 6.0
+        )
         _, _, radius, height = unknowns[places].T
         is_sought = (
             (np.minimum(*seen) > LEAST_SEEN)
@@ -263,7 +319,9 @@ def refine_circles(sight: Sight, grey: list[Float32Array], starts: Float64Array)
         if not len(places):
             break
     circles: list[Circle | None] = [None] * len(starts)
-    for place, cover in zip(places.tolist(), _cover(sight, grey, unknowns[places]).tolist(), strict=True):
+    for place, cover in zip(
+        places.tolist(), _cover(sight, grey, unknowns[places]).tolist(), strict=True
+    ):
         if cover >= MIN_COVER:
             x, y, radius, height = unknowns[place].tolist()
             circles[place] = Circle(np.array([x, y]), radius, height, cover)
@@ -295,13 +353,17 @@ def across(
     pixels = sight.in_view(*sight.project(points), view)
     gradient = sight.pixel_gradient(points, view)
     angle = np.arange(SAMPLES) * (2 * np.pi / SAMPLES)
-    cos, sin = (np.broadcast_to(each, shape).reshape(-1, 1) for each in (np.cos(angle), np.sin(angle)))
+    cos, sin = (
+        np.broadcast_to(each, shape).reshape(-1, 1) for each in (np.cos(angle), np.sin(angle))
+    )
     by_x, by_y, by_height = (gradient[..., axis] for axis in range(3))
     outward, along = by_x * cos + by_y * sin, by_y * cos - by_x * sin
     normal = np.column_stack([along[:, 1], -along[:, 0]])
     normal *= np.where((normal * outward).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     normal /= np.hypot(normal[:, 0], normal[:, 1])[:, None]
-    jacobian = np.column_stack([(normal * each).sum(axis=1) for each in (by_x, by_y, outward, by_height)])
+    jacobian = np.column_stack(
+        [(normal * each).sum(axis=1) for each in (by_x, by_y, outward, by_height)]
+    )
     shifts = np.arange(-reach_px - 1, reach_px + 2)
     where = pixels[:, None] + shifts[None, :, None] * normal[:, None]
     profile = sampled(grey, where, beyond=np.nan)
@@ -318,4 +380,9 @@ def across(
     is_peak = (best == middle) & (np.abs(shift) <= 1.0)
     offset = np.where(is_peak, shifts[1:-1][middle] + np.clip(shift, -1, 1), np.nan)
     step, sign = size[index, best], np.sign(steps[index, best])
-    return jacobian.reshape(*shape, 4), offset.reshape(shape), step.reshape(shape), sign.reshape(shape)
+    return (
+        jacobian.reshape(*shape, 4),
+        offset.reshape(shape),
+        step.reshape(shape),
+        sign.reshape(shape),
+    )

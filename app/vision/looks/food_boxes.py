@@ -27,7 +27,9 @@ def propose_boxes(pixels_bgr: ImageArray) -> list[Box]:
     height, width = pixels_bgr.shape[:2]
     scale = LONG_SIDE_PX / max(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = cv2.GaussianBlur(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_SD_PX)
+    small = cv2.GaussianBlur(
+        cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_SD_PX
+    )
     lab = lab_of(small)
     lab = lab * np.array([LIGHTNESS_WEIGHT, 1.0, 1.0], np.float32)
     boxes = [box for colors in COLORS for box in _pieces(lab, colors)]
@@ -58,7 +60,9 @@ def _pieces(lab: np.ndarray, colors: int) -> list[Box]:
     label_of = np.asarray(nearest).reshape(height, width)
     boxes: list[Box] = []
     for color in range(colors):
-        piece = cv2.morphologyEx((label_of == color).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        piece = cv2.morphologyEx(
+            (label_of == color).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+        )
         _, _, stats, _ = cv2.connectedComponentsWithStats(piece)
         for x, y, across, down, area in stats[1:].tolist():
             is_whole = x > 1 and y > 1 and x + across < width - 1 and y + down < height - 1

@@ -45,7 +45,9 @@ def load_network(content: bytes) -> cv2.dnn.Net | Failure:
         network = cv2.dnn.readNetFromONNX(np.frombuffer(content, np.uint8))
     except cv2.error as error:
         _raise_if_no_memory(error)
-        return Failure("classifier_not_loaded", f"OpenCV cannot load the model: {_first_line(error)}")
+        return Failure(
+            "classifier_not_loaded", f"OpenCV cannot load the model: {_first_line(error)}"
+        )
     if network.empty():
         return Failure("classifier_not_loaded", "OpenCV finds no network in the model.")
     return network
@@ -73,13 +75,19 @@ def classify_region(
         answer = np.asarray(network.forward(), np.float64)
     except cv2.error as error:
         _raise_if_no_memory(error)
-        return _wrong_shape(f"it does not accept (1, 3, {form.height_px}, {form.width_px}): {_first_line(error)}")
+        return _wrong_shape(
+            f"it does not accept (1, 3, {form.height_px}, {form.width_px}): {_first_line(error)}"
+        )
     if answer.ndim not in (CLASSIFIER_AXES, SEGMENTER_AXES) or answer.shape[:2] != (1, form.labels):
         return _wrong_shape(f"it answers {answer.shape} for {form.labels} labels")
-    return _probabilities(answer[0].reshape(form.labels, -1), _at_pixels(mask, answer.shape[2:]), form)
+    return _probabilities(
+        answer[0].reshape(form.labels, -1), _at_pixels(mask, answer.shape[2:]), form
+    )
 
 
-def _probabilities(answer: Float64Array, is_food: MaskArray, form: NetworkInput) -> Float64Array | Failure:
+def _probabilities(
+    answer: Float64Array, is_food: MaskArray, form: NetworkInput
+) -> Float64Array | Failure:
     """(labels,) from (labels, pixels); is_food: (pixels,)."""
     if not np.isfinite(answer).all():
         return _wrong_shape("it answers numbers that are not finite")
@@ -95,7 +103,12 @@ def _at_pixels(mask: MaskArray, shape: tuple[int, ...]) -> MaskArray:
     """(pixels,) the mask at the output's size; all of it where the mask has none of its pixels."""
     if not shape:
         return np.ones(1, np.bool_)
-    small = cv2.resize(mask.astype(np.uint8), (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST).ravel() > 0
+    small = (
+        cv2.resize(
+            mask.astype(np.uint8), (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST
+        ).ravel()
+        > 0
+    )
     return np.asarray(small if small.any() else np.ones_like(small), np.bool_)
 
 
@@ -135,7 +148,9 @@ def _cut(
 def _blob(crop: ImageArray, form: NetworkInput) -> Float32Array:
     """(1, 3, height, width)."""
     pixels = crop[..., ::-1] if form.channels == "rgb" else crop
-    values = (pixels.astype(np.float32) - np.array(form.mean, np.float32)) * np.array(form.scale, np.float32)
+    values = (pixels.astype(np.float32) - np.array(form.mean, np.float32)) * np.array(
+        form.scale, np.float32
+    )
     return np.ascontiguousarray(values.transpose(2, 0, 1)[None])
 
 

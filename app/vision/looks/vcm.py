@@ -53,16 +53,45 @@ class Surface:
 
 BLOCKS: tuple[Block, ...] = (
     Block("lab_histograms", 60, "histogram", lambda of: vcm_color.lab_histograms(of.lab[of.inner])),
-    Block("hue_saturation_histograms", 26, "histogram", lambda of: vcm_color.hue_saturation(of.region, of.inner)),
+    Block(
+        "hue_saturation_histograms",
+        26,
+        "histogram",
+        lambda of: vcm_color.hue_saturation(of.region, of.inner),
+    ),
     Block("lab_rings", 18, "measures", lambda of: vcm_color.lab_rings(of.lab, of.region.mask)),
     Block("lab_moments", 24, "measures", lambda of: vcm_color.lab_moments(of.lab[of.inner])),
-    Block("binary_patterns", 60, "histogram", lambda of: vcm_texture.binary_patterns(of.grey, of.inner)),
-    Block("colour_binary_patterns", 20, "histogram", lambda of: vcm_texture.color_patterns(of.lab, of.inner)),
-    Block("gabor_energies", 9, "measures", lambda of: vcm_texture.gabor_energies(of.grey, of.inner)),
-    Block("gradient_sizes", 6, "measures", lambda of: vcm_texture.gradient_sizes(of.grey, of.inner)),
-    Block("oriented_gradients", 128, "histogram", lambda of: vcm_shape.oriented_gradients(of.grey, of.region.mask)),
+    Block(
+        "binary_patterns",
+        60,
+        "histogram",
+        lambda of: vcm_texture.binary_patterns(of.grey, of.inner),
+    ),
+    Block(
+        "colour_binary_patterns",
+        20,
+        "histogram",
+        lambda of: vcm_texture.color_patterns(of.lab, of.inner),
+    ),
+    Block(
+        "gabor_energies", 9, "measures", lambda of: vcm_texture.gabor_energies(of.grey, of.inner)
+    ),
+    Block(
+        "gradient_sizes", 6, "measures", lambda of: vcm_texture.gradient_sizes(of.grey, of.inner)
+    ),
+    Block(
+        "oriented_gradients",
+        128,
+        "histogram",
+        lambda of: vcm_shape.oriented_gradients(of.grey, of.region.mask),
+    ),
     Block("outline_measures", 8, "measures", lambda of: vcm_shape.outline_measures(of.region.mask)),
-    Block("radial_descriptors", 12, "measures", lambda of: vcm_shape.radial_descriptors(of.region.mask)),
+    Block(
+        "radial_descriptors",
+        12,
+        "measures",
+        lambda of: vcm_shape.radial_descriptors(of.region.mask),
+    ),
 )
 LENGTH = sum(block.size for block in BLOCKS)
 OUTLINE_PX = 3
@@ -87,7 +116,9 @@ def describe(region: Region) -> Float32Array:
     Raises ValueError if nothing of the region is marked, or its mask has not the size of its pixels.
     """
     if region.mask.shape != region.pixels_bgr.shape[:2] or not region.mask.any():
-        raise ValueError(f"a region of {region.pixels_bgr.shape[:2]} px with a mask of {region.mask.shape}, or empty")
+        raise ValueError(
+            f"a region of {region.pixels_bgr.shape[:2]} px with a mask of {region.mask.shape}, or empty"
+        )
     inner = eroded(region.mask, OUTLINE_PX)
     surface = Surface(
         region=region,

@@ -17,7 +17,9 @@ def lab_histograms(lab: Float32Array) -> Float64Array:
 
     Swain and Ballard, "Color indexing", IJCV 7(1), 1991.
     """
-    return np.concatenate([_histogram(lab[:, i], low, high, bins) for i, (low, high, bins) in enumerate(LAB_RANGES)])
+    return np.concatenate(
+        [_histogram(lab[:, i], low, high, bins) for i, (low, high, bins) in enumerate(LAB_RANGES)]
+    )
 
 
 def hue_saturation(region: Region, inner: MaskArray) -> Float64Array:
@@ -56,7 +58,9 @@ def lab_moments(lab: Float32Array) -> Float64Array:
     mean, sd = lab.mean(axis=0, dtype=np.float64), lab.std(axis=0, dtype=np.float64)
     apart = lab - mean
     skewness = (apart * apart * apart).mean(axis=0) / (sd**3 + 1e-6)
-    percentiles = np.concatenate([np.percentile(channel, PERCENTILES) for channel in np.ascontiguousarray(lab.T)])
+    percentiles = np.concatenate(
+        [np.percentile(channel, PERCENTILES) for channel in np.ascontiguousarray(lab.T)]
+    )
     return np.concatenate([mean, sd, percentiles, skewness]).astype(np.float64)
 
 

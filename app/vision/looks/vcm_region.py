@@ -15,7 +15,9 @@ import numpy as np
 
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-SIDE_PX = 128  # of a region's longer side: the grain of bread and the pores of an orange are still there
+SIDE_PX = (
+    128  # of a region's longer side: the grain of bread and the pores of an orange are still there
+)
 MARGIN = 0.25  # of the region's sides, on each side: what lies around it
 CUT_SIDE_PX = 64  # of a box while the food in it is told from its background, which takes time
 CUT_ROUNDS = 2  # more of them tell foods apart no better, and take half the time of naming one
@@ -24,7 +26,9 @@ CLOSING_PX = 5
 SEED = 1  # of the clusters that GrabCut begins with
 LEAST_CORNERS = 3
 LEAST_VIEW_PX = 1.0  # of a region, across and down, in the photograph: less is nothing to look at
-FARTHEST_PX = 2.0**18  # of a corner, at the region's size: rows beyond it are drawn one by one, for nothing
+FARTHEST_PX = (
+    2.0**18
+)  # of a corner, at the region's size: rows beyond it are drawn one by one, for nothing
 SUBPIXEL_BITS = 4
 
 Box = tuple[float, float, float, float]  # x, y, width, height, px
@@ -84,7 +88,9 @@ def region_of_box(pixels_bgr: ImageArray, box: Box) -> Region | None:
 def _crop(pixels_bgr: ImageArray, edges: Edges) -> tuple[ImageArray, Float64Array, float] | None:
     """What is in view within edges, with a margin, resized; its top left corner in the photograph, px; the scale."""
     if pixels_bgr.ndim != 3 or pixels_bgr.shape[2] != 3 or pixels_bgr.dtype != np.uint8:
-        raise ValueError(f"a photograph is (H, W, 3) uint8, not {pixels_bgr.shape} {pixels_bgr.dtype}")
+        raise ValueError(
+            f"a photograph is (H, W, 3) uint8, not {pixels_bgr.shape} {pixels_bgr.dtype}"
+        )
     height, width = pixels_bgr.shape[:2]
     # clipped before the margin: else a sliver in view would be enlarged together with the margin of what is not
     left, top = max(0.0, edges[0]), max(0.0, edges[1])
@@ -92,8 +98,14 @@ def _crop(pixels_bgr: ImageArray, edges: Edges) -> tuple[ImageArray, Float64Arra
     across, down = right - left, bottom - top
     if not (across >= LEAST_VIEW_PX and down >= LEAST_VIEW_PX):
         return None
-    x0, x1 = int(max(0.0, left - MARGIN * across)), math.ceil(min(float(width), right + MARGIN * across))
-    y0, y1 = int(max(0.0, top - MARGIN * down)), math.ceil(min(float(height), bottom + MARGIN * down))
+    x0, x1 = (
+        int(max(0.0, left - MARGIN * across)),
+        math.ceil(min(float(width), right + MARGIN * across)),
+    )
+    y0, y1 = (
+        int(max(0.0, top - MARGIN * down)),
+        math.ceil(min(float(height), bottom + MARGIN * down)),
+    )
     scale = SIDE_PX / max(across, down)
     size = (max(1, round((x1 - x0) * scale)), max(1, round((y1 - y0) * scale)))
     way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
@@ -101,13 +113,20 @@ def _crop(pixels_bgr: ImageArray, edges: Edges) -> tuple[ImageArray, Float64Arra
     return crop, np.array([x0, y0], np.float64), scale
 
 
-def _inner_box(crop: ImageArray, origin: Float64Array, scale: float, edges: Edges) -> tuple[int, int, int, int]:
+def _inner_box(
+    crop: ImageArray, origin: Float64Array, scale: float, edges: Edges
+) -> tuple[int, int, int, int]:
     """What is within edges in the crop: left, top, right, bottom, px; at least one pixel."""
     height, width = crop.shape[:2]
     left, top = (edges[0] - float(origin[0])) * scale, (edges[1] - float(origin[1])) * scale
     right, bottom = (edges[2] - float(origin[0])) * scale, (edges[3] - float(origin[1])) * scale
     x0, y0 = round(min(max(left, 0.0), width - 1.0)), round(min(max(top, 0.0), height - 1.0))
-    return x0, y0, max(x0 + 1, round(min(right, float(width)))), max(y0 + 1, round(min(bottom, float(height))))
+    return (
+        x0,
+        y0,
+        max(x0 + 1, round(min(right, float(width)))),
+        max(y0 + 1, round(min(bottom, float(height)))),
+    )
 
 
 def _food_in_box(crop: ImageArray, inner: tuple[int, int, int, int]) -> MaskArray:
@@ -115,7 +134,9 @@ def _food_in_box(crop: ImageArray, inner: tuple[int, int, int, int]) -> MaskArra
     height, width = crop.shape[:2]
     scale = min(1.0, CUT_SIDE_PX / SIDE_PX)
     small = cv2.resize(
-        crop, (max(1, round(width * scale)), max(1, round(height * scale))), interpolation=cv2.INTER_AREA
+        crop,
+        (max(1, round(width * scale)), max(1, round(height * scale))),
+        interpolation=cv2.INTER_AREA,
     )
     x0, y0, x1, y1 = (round(each * scale) for each in inner)
     x0, y0 = min(x0, small.shape[1] - 1), min(y0, small.shape[0] - 1)
@@ -131,7 +152,10 @@ def _food_in_box(crop: ImageArray, inner: tuple[int, int, int, int]) -> MaskArra
     x0, y0, x1, y1 = inner
     if mask[y0:y1, x0:x1].mean() < LEAST_COVER:
         mask[:] = 0
-        middle, half = ((x0 + x1) // 2, (y0 + y1) // 2), (max(1, (x1 - x0) // 2), max(1, (y1 - y0) // 2))
+        middle, half = (
+            ((x0 + x1) // 2, (y0 + y1) // 2),
+            (max(1, (x1 - x0) // 2), max(1, (y1 - y0) // 2)),
+        )
         cv2.ellipse(mask, middle, half, 0.0, 0.0, 360.0, 1, -1)
     kernel = np.ones((CLOSING_PX, CLOSING_PX), np.uint8)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel) > 0)

@@ -51,7 +51,9 @@ def radial_descriptors(mask: MaskArray) -> Float64Array:
     angles, radii = np.arctan2(from_middle[:, 1], from_middle[:, 0]), np.hypot(*from_middle.T)
     order = np.argsort(angles, kind="stable")
     around = np.linspace(-np.pi, np.pi, RADII, endpoint=False)
-    spectrum = np.abs(np.fft.rfft(np.interp(around, angles[order], radii[order], period=2.0 * np.pi)))
+    spectrum = np.abs(
+        np.fft.rfft(np.interp(around, angles[order], radii[order], period=2.0 * np.pi))
+    )
     return np.log(spectrum[1 : HARMONICS + 1] / max(float(spectrum[0]), 1e-9) + 1e-4)
 
 

@@ -65,7 +65,9 @@ def gabor_energies(grey: ImageArray, inner: MaskArray) -> Float64Array:
     measures: list[float] = []
     for scale in GABOR_SCALES:
         picture, mask = _resized(flat, inner, scale)
-        sizes = np.array([np.abs(cv2.filter2D(picture, -1, kernel))[mask].mean() for kernel in GABOR_KERNELS])
+        sizes = np.array(
+            [np.abs(cv2.filter2D(picture, -1, kernel))[mask].mean() for kernel in GABOR_KERNELS]
+        )
         mean = float(sizes.mean())
         measures += [np.log(mean + 1e-4), sizes.max() / (mean + 1e-6), sizes.std() / (mean + 1e-6)]
     return np.array(measures)
@@ -79,7 +81,9 @@ def gradient_sizes(grey: ImageArray, inner: MaskArray) -> Float64Array:
     """
     across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
     sizes = np.log1p(np.hypot(across, down))[inner]
-    return np.concatenate([[sizes.mean(), sizes.std()], np.percentile(sizes, PERCENTILES)]).astype(np.float64)
+    return np.concatenate([[sizes.mean(), sizes.std()], np.percentile(sizes, PERCENTILES)]).astype(
+        np.float64
+    )
 
 
 def _gabor_kernels() -> list[Float32Array]:
@@ -103,7 +107,9 @@ def _pattern_histogram(picture: Float32Array, mask: MaskArray, radius_px: int) -
     code = np.zeros(picture.shape, np.int32)
     for bit in range(NEIGHBOURS):
         angle = 2.0 * np.pi * bit / NEIGHBOURS
-        neighbour = _shifted(framed, radius_px, radius_px * np.cos(angle), -radius_px * np.sin(angle))
+        neighbour = _shifted(
+            framed, radius_px, radius_px * np.cos(angle), -radius_px * np.sin(angle)
+        )
         code |= (neighbour > picture + LEAST_STEP).astype(np.int32) << bit
     counts = np.bincount(PATTERN_OF_CODE[code[mask]], minlength=PATTERNS).astype(np.float64)
     return np.asarray(np.sqrt(counts / counts.sum()), np.float64)
@@ -125,7 +131,9 @@ def _shifted(framed: Float32Array, frame_px: int, dx: float, dy: float) -> Float
     return out
 
 
-def _resized(picture: Float32Array, mask: MaskArray, scale: float) -> tuple[Float32Array, MaskArray]:
+def _resized(
+    picture: Float32Array, mask: MaskArray, scale: float
+) -> tuple[Float32Array, MaskArray]:
     """Picture and mask at a scale; the whole picture's mask if nothing of it is left."""
     if scale == 1.0:
         return picture, mask

@@ -26,7 +26,12 @@ from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import blurred, lab_bytes
 from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
-from app.vision.scene.colour_bins import colour_bins, colour_histogram, contrast_features, shaded_bins
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    shaded_bins,
+)
 from app.vision.scene.dish import Dish
 from app.vision.scene.layout import Layout
 from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
@@ -59,7 +64,9 @@ SECTORS = 48
 TRIALS = 300
 OUTLINE_POINTS = 240
 RIM_MM = (3.0, 16.0)  # inward, where a dish is bare
-BESIDE_RIM_MM = 8.0  # inward from a dish's outline, up to which what differs is its decoration or its edge
+BESIDE_RIM_MM = (
+    8.0  # inward from a dish's outline, up to which what differs is its decoration or its edge
+)
 SHARE_INSIDE = 0.4  # of what lies on a dish, that is seen within its rim
 MAX_SHARE_ON_DISH = 0.75  # of a dish that what lies on it may hide
 
@@ -79,19 +86,34 @@ def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]
         _on_dish(scene, touching(things, silhouette), _inward(dish, layout))
         for dish, silhouette in zip(layout.dishes, silhouettes, strict=True)
     ]
-    taken = np.any([*silhouettes, *on_dishes], axis=0) if silhouettes else np.zeros(scene.is_ignored.shape, np.bool_)
-    on_table = without_specks(opened(things & ~dilated(taken, 5), 3), MIN_THING_MM2 / scene.pixel_mm**2)
+    taken = (
+        np.any([*silhouettes, *on_dishes], axis=0)
+        if silhouettes
+        else np.zeros(scene.is_ignored.shape, np.bool_)
+    )
+    on_table = without_specks(
+        opened(things & ~dilated(taken, 5), 3), MIN_THING_MM2 / scene.pixel_mm**2
+    )
     for point in points:
         at = point & ~scene.is_ignored
-        owners = [number for number, silhouette in enumerate(silhouettes) if (silhouette & at).any()]
+        owners = [
+            number for number, silhouette in enumerate(silhouettes) if (silhouette & at).any()
+        ]
         if owners:
             on_dishes[owners[0]] = on_dishes[owners[0]] | at
         elif not any((each & at).any() for each in on_dishes):
             on_table = on_table | at
     places = []
-    for number, (dish, silhouette, sure) in enumerate(zip(layout.dishes, silhouettes, on_dishes, strict=True)):
+    for number, (dish, silhouette, sure) in enumerate(
+        zip(layout.dishes, silhouettes, on_dishes, strict=True)
+    ):
         if sure.any():
-            others = [*silhouettes[:number], *silhouettes[number + 1 :], *on_dishes[:number], *on_dishes[number + 1 :]]
+            others = [
+                *silhouettes[:number],
+                *silhouettes[number + 1 :],
+                *on_dishes[:number],
+                *on_dishes[number + 1 :],
+            ]
             elsewhere = np.any([on_table, *others], axis=0) & ~sure
             reach = distance_px(sure) * scene.pixel_mm < REACH_IN_DISH_MM
             band = _band(_inward(dish, layout), RIM_BAND_MM) & ~sure
@@ -116,7 +138,9 @@ def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
 
 def _is_table(scene: Scene) -> MaskArray:
     """(h, w) whose rays meet the table near the sheet."""
-    return (np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM) & ~scene.is_ignored
+    return (
+        np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM
+    ) & ~scene.is_ignored
 
 
 def _bare_table(scene: Scene) -> MaskArray:
@@ -125,7 +149,9 @@ def _bare_table(scene: Scene) -> MaskArray:
     border = np.ones((height, width), np.bool_)
     margin = max(2, round(BORDER_SHARE * max(height, width)))
     border[margin:-margin, margin:-margin] = False
-    sheet = scene.is_ignored & (np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM / 2)
+    sheet = scene.is_ignored & (
+        np.hypot(scene.plane_xy_mm[..., 0], scene.plane_xy_mm[..., 1]) < TABLE_REACH_MM / 2
+    )
     clear_mm = distance_px(sheet) * scene.pixel_mm
     around = clear_mm < AROUND_SHEET_MM[1]
     return (border | around) & (clear_mm > AROUND_SHEET_MM[0]) & _is_table(scene)
@@ -141,8 +167,12 @@ def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
     size = (max(8, round(width * scale)), max(8, round(height * scale)))
     small_bare, small_within = (_resized(mask, size) for mask in (bare, within))
     image = np.asarray(cv2.resize(scene.image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
-    things = _unlike_small(image, small_bare, small_within, MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2)
-    whole = cv2.resize(things.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+    things = _unlike_small(
+        image, small_bare, small_within, MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2
+    )
+    whole = (
+        cv2.resize(things.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+    )
     return np.asarray(whole & within, np.bool_)
 
 
@@ -150,7 +180,9 @@ def _resized(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
     return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
 
-def _unlike_small(image_bgr: ImageArray, bare: MaskArray, within: MaskArray, least: float) -> MaskArray:
+def _unlike_small(
+    image_bgr: ImageArray, bare: MaskArray, within: MaskArray, least: float
+) -> MaskArray:
     """(h, w) the same of a reduced picture. least: area of a thing, px."""
     nothing = np.zeros(bare.shape, np.bool_)
     if np.count_nonzero(bare) < MIN_BARE_PX or not within.any():
@@ -159,7 +191,9 @@ def _unlike_small(image_bgr: ImageArray, bare: MaskArray, within: MaskArray, lea
     lab = lab_bytes(image)
     bins, shaded = colour_bins(lab), shaded_bins(image)
     features = contrast_features(lab)
-    features[~within] = np.median(features[within], axis=0)  # else the sheet's squares set what counts as contrast
+    features[~within] = np.median(
+        features[within], axis=0
+    )  # else the sheet's squares set what counts as contrast
     own = colour_histogram([bins, *shaded], bare)[bins]
     common = float(np.quantile(own[bare], COMMON_SHARE))
     apart = _apart_nats(lab, bare)
@@ -173,7 +207,9 @@ def _unlike_small(image_bgr: ImageArray, bare: MaskArray, within: MaskArray, lea
         if not (inner.any() and outer.any()):
             return mask
         inside, outside = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
-        ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
+        ratio = np.clip(
+            np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS
+        )
         mask = cut_in_two((ratio + apart).astype(np.float32), features, ~within, nothing)
         mask = without_specks(opened(mask, 3), least)
     return mask & within
@@ -186,7 +222,10 @@ def _apart_nats(lab: Float32Array, bare: MaskArray) -> Float32Array:
     """
     smooth = blurred(lab, 1.0)
     light = np.maximum(smooth[..., 0], 1.0)
-    features = np.stack([light, 128.0 * (smooth[..., 1] - 128.0) / light, 128.0 * (smooth[..., 2] - 128.0) / light], -1)
+    features = np.stack(
+        [light, 128.0 * (smooth[..., 1] - 128.0) / light, 128.0 * (smooth[..., 2] - 128.0) / light],
+        -1,
+    )
     middle = np.median(features[bare], axis=0)
     spread = 1.48 * np.median(np.abs(features[bare] - middle), axis=0) + LEAST_SPREAD
     off = (features - middle) / spread
@@ -195,7 +234,9 @@ def _apart_nats(lab: Float32Array, bare: MaskArray) -> Float32Array:
     return np.asarray(np.minimum(beyond, APART_NATS), np.float32)
 
 
-def _evenly_lit(image_bgr: ImageArray, bare: MaskArray, within: MaskArray) -> tuple[ImageArray, MaskArray]:
+def _evenly_lit(
+    image_bgr: ImageArray, bare: MaskArray, within: MaskArray
+) -> tuple[ImageArray, MaskArray]:
     """The picture as if a surface were lit alike all over, each channel over its slow course there; and its bare part.
 
     bare: (h, w) surely of the surface. From there the course is followed over what looks the same in the same light,
@@ -208,7 +249,9 @@ def _evenly_lit(image_bgr: ImageArray, bare: MaskArray, within: MaskArray) -> tu
     values = np.log(image_bgr.astype(np.float32) + 1.0)
     surface = bare
     for _ in range(GROWTHS):
-        courses = np.stack([_course(values[..., channel], design, surface) for channel in range(3)], axis=-1)
+        courses = np.stack(
+            [_course(values[..., channel], design, surface) for channel in range(3)], axis=-1
+        )
         off = np.abs(values - courses)
         spread = 1.48 * np.median(off[surface], axis=0) + LEAST_LIGHT_SPREAD
         alike = within & (off / spread < ALIKE_SPREADS).all(axis=-1)
@@ -235,7 +278,11 @@ def _course(values: Float32Array, design: Float32Array, where: MaskArray) -> Flo
 def _top_grid(scene: Scene) -> TopView:
     """An empty view from above of what the picture shows of the table near the sheet."""
     xy = scene.plane_xy_mm[_is_table(scene)].astype(np.float64)
-    low, high = (np.asarray(end(xy, axis=0), np.float64) for end in (np.min, np.max)) if len(xy) else np.eye(2)
+    low, high = (
+        (np.asarray(end(xy, axis=0), np.float64) for end in (np.min, np.max))
+        if len(xy)
+        else np.eye(2)
+    )
     columns, rows = (int(cells) for cells in np.ceil((high - low) / CELL_MM) + 1)
     shape = (rows, columns)
     return TopView(low, CELL_MM, np.zeros(shape, np.float32), np.zeros(shape, np.int64))
@@ -279,9 +326,13 @@ def _as_dish(thing: MaskArray, scene: Scene, view: TopView) -> Dish | None:
 
 def _outline_mm(thing: MaskArray, xy_mm: Float32Array) -> Float64Array:
     """(n, 2) mm of the outline, evenly drawn."""
-    contours, _ = cv2.findContours(largest_part(thing).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(
+        largest_part(thing).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
     pixels = np.asarray(max(contours, key=len)).reshape(-1, 2)
-    chosen = pixels[np.linspace(0, len(pixels) - 1, min(OUTLINE_POINTS, len(pixels))).astype(np.int64)]
+    chosen = pixels[
+        np.linspace(0, len(pixels) - 1, min(OUTLINE_POINTS, len(pixels))).astype(np.int64)
+    ]
     return np.asarray(xy_mm[chosen[:, 1], chosen[:, 0]], np.float64)
 
 
@@ -302,7 +353,9 @@ def _fit_ellipse(outline: Float64Array, view: TopView) -> _Outline | None:
     near = np.abs(_beyond_mm(outline, best[1])) < ON_OUTLINE_MM
     better = _ellipse(outline[near]) if np.count_nonzero(near) > 8 else None
     conic = best[1] if better is None or _cover(outline, better) < best[0] else better
-    return _Outline((-_beyond_mm(view.centres_mm(), conic)).astype(np.float32), _cover(outline, conic))
+    return _Outline(
+        (-_beyond_mm(view.centres_mm(), conic)).astype(np.float32), _cover(outline, conic)
+    )
 
 
 def _ellipse(points: Float64Array) -> Float64Array | None:
@@ -339,7 +392,10 @@ def _fit_rectangle(outline: Float64Array, view: TopView) -> _Outline | None:
     if min(box[1]) <= 0 or max(box[1]) > 2 * MAX_ASPECT * min(box[1]):
         return None
     contour = corners.reshape(-1, 1, 2)
-    near = [abs(cv2.pointPolygonTest(contour, (float(x), float(y)), measureDist=True)) for x, y in outline]
+    near = [
+        abs(cv2.pointPolygonTest(contour, (float(x), float(y)), measureDist=True))
+        for x, y in outline
+    ]
     places = view.cells_px(corners)
     picture = np.zeros(view.height_mm.shape, np.uint8)
     cv2.fillConvexPoly(picture, np.rint(places).astype(np.int32), 1)
@@ -366,7 +422,10 @@ def _on_dish(scene: Scene, thing: MaskArray, inward_mm: Float32Array) -> MaskArr
     """(h, w) what lies on a dish: unlike its rim, and not only along it; also what stands over it. thing: with it."""
     within = (thing | (inward_mm > 0)) & ~scene.is_ignored
     over = opened(thing & (inward_mm < -BESIDE_RIM_MM / 2), 5) & ~scene.is_ignored
-    things = _unlike(scene, _band(inward_mm, RIM_MM) & within, within) & (inward_mm > -BESIDE_RIM_MM / 2) | over
+    things = (
+        _unlike(scene, _band(inward_mm, RIM_MM) & within, within) & (inward_mm > -BESIDE_RIM_MM / 2)
+        | over
+    )
     deep = inward_mm > 2 * BESIDE_RIM_MM
     kept = [
         part

@@ -18,7 +18,9 @@ MAX_STEEPNESS = 12.0
 MIN_CHROMA_APART = 4.0  # of two sides, to speak of a direction
 
 
-def contrast_features(lab: Float32Array, sides: tuple[MaskArray, MaskArray] | None = None) -> ImageArray:
+def contrast_features(
+    lab: Float32Array, sides: tuple[MaskArray, MaskArray] | None = None
+) -> ImageArray:
     """(H, W, 2) lightness and chroma along one direction, as the cut sees contrast. lab: (H, W, 3), 0-255.
 
     sides: two masks along whose difference of chroma contrast counts: a cheese on a red and white cloth differs from it
@@ -50,7 +52,9 @@ def outline_steepness(image_bgr: ImageArray) -> Float32Array:
     smooth = blurred(lab_bytes(image_bgr), 1.0)
     slopes = [cv2.Scharr(smooth, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
     change = np.sqrt(np.sum(np.square(slopes), axis=(0, 3)))
-    return np.minimum(cv2.dilate(change, np.ones((3, 3), np.uint8)), MAX_STEEPNESS).astype(np.float32)
+    return np.minimum(cv2.dilate(change, np.ones((3, 3), np.uint8)), MAX_STEEPNESS).astype(
+        np.float32
+    )
 
 
 def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
@@ -103,11 +107,17 @@ def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Flo
     ).reshape(BIN_COUNTS)
     along_a = np.stack(
         [
-            cv2.sepFilter2D(plane, -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT)
+            cv2.sepFilter2D(
+                plane, -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
+            )
             for plane in flat
         ]
     )
     smooth = cv2.sepFilter2D(
-        along_a.reshape(BIN_COUNTS[0], -1), -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
+        along_a.reshape(BIN_COUNTS[0], -1),
+        -1,
+        np.ones((1, 1), np.float32),
+        kernel,
+        borderType=cv2.BORDER_CONSTANT,
     )
     return np.asarray(smooth.ravel() / max(1.0, float(smooth.sum())), np.float32)

@@ -45,7 +45,9 @@ def palette_of(image_bgr: ImageArray) -> Palette:
     return Palette(colour_bins(lab), shaded_bins(image_bgr), contrast_features(lab))
 
 
-def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array) -> MaskArray:
+def cut_around(
+    point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float32Array
+) -> MaskArray:
     """The food that a point lies in.
 
     point: (h, w) a small disc. taken: (h, w) other foods. evidence: see cut_out. The point's few colours are not all
@@ -54,7 +56,11 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
     """
     from_point = distance_px(point) * scene.pixel_mm
     allowed = (from_point < POINT_REACH_MM) & ~taken & ~scene.is_ignored
-    around = (from_point >= POINT_REACH_MM) & (from_point < POINT_REACH_MM + POINT_MARGIN_MM) & ~scene.is_ignored
+    around = (
+        (from_point >= POINT_REACH_MM)
+        & (from_point < POINT_REACH_MM + POINT_MARGIN_MM)
+        & ~scene.is_ignored
+    )
     steepness, is_free = outline_steepness(scene.image_bgr), ~dilated(taken | scene.is_ignored, 3)
     seed = point & allowed
     best, steepest = seed, 0.0
@@ -62,7 +68,9 @@ def cut_around(point: MaskArray, taken: MaskArray, scene: Scene, evidence: Float
         return best
     palette = palette_of(scene.image_bgr)
     for step in range(MAX_BIASES):
-        mask = touching(cut_out(seed, around, allowed, palette, evidence, step * BIAS_NATS, seed), point)
+        mask = touching(
+            cut_out(seed, around, allowed, palette, evidence, step * BIAS_NATS, seed), point
+        )
         outline = mask & ~eroded(mask, 3) & is_free
         steep = float(steepness[outline].mean()) if outline.any() else 0.0
         if steep > steepest:
@@ -92,7 +100,9 @@ def cut_out(
             colour_histogram([bins], mask),
             colour_histogram([bins, *palette.shaded], around | (allowed & ~mask & ~food)),
         )
-        ratio = np.clip(np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
+        ratio = np.clip(
+            np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS
+        )
         nothing = np.zeros(mask.shape, np.bool_)
         cut = cut_in_two(
             (ratio + evidence + bias_nats).astype(np.float32),

@@ -27,7 +27,10 @@ MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
 EDGE_MM = 12.0  # within which a rim's outer edge falls, widened by a window
 EDGE_FALL = 0.5  # of its height
-OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
+OUTSIDE_MM = (
+    8.0,
+    28.0,
+)  # beyond the rim, where the table should be seen and not another, higher rim
 INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
 RISE_MM = 3.0
 MIN_MEASURED = 0.3  # of a sector's cells, to say that it rises
@@ -38,7 +41,9 @@ MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high l
 # Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
 MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
 MAX_CLIMBING = 0.45  # of the sectors in which the rim is seen: where the surface climbs on just within, it is a flank
-ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+ROUND_EDGE_COVER = (
+    0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+)
 BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
@@ -53,7 +58,10 @@ MIN_DETERMINANT_MM2 = 800.0
 MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
-MIN_STANDING, MAX_STANDING = 0.02, 0.9  # of a board: what stands on it; of its inside: what would hide it all
+MIN_STANDING, MAX_STANDING = (
+    0.02,
+    0.9,
+)  # of a board: what stands on it; of its inside: what would hide it all
 MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
@@ -116,7 +124,11 @@ class _Ring:
         """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
         apart = float(np.hypot(self.x_mm - other.x_mm, self.y_mm - other.y_mm))
         is_within = apart + other.radius_mm < self.radius_mm + SAME_RADIUS_MM
-        return is_within and self.radius_mm > other.radius_mm and self.height_mm > other.height_mm + RISE_MM
+        return (
+            is_within
+            and self.radius_mm > other.radius_mm
+            and self.height_mm > other.height_mm + RISE_MM
+        )
 
 
 def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
@@ -125,7 +137,9 @@ def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
     return np.isfinite(view.height_mm) & (view.count >= least)
 
 
-def find_dishes(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> list[Dish]:
+def find_dishes(
+    view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
+) -> list[Dish]:
     """The dishes with closed rims, the best first; heights of the view are over the table.
 
     What belongs to one dish has no part in the next one: a rim beside it counts as table there.
@@ -149,8 +163,13 @@ def _overlap(dish: Dish, other: Dish) -> bool:
     return bool(shared > MAX_SHARED * min(areas))
 
 
-def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
-    round_dish, slab = _find_round(view, is_solid, noise_mm, rng), _find_slab(view, is_solid, noise_mm)
+def _best_dish(
+    view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
+) -> Dish | None:
+    round_dish, slab = (
+        _find_round(view, is_solid, noise_mm, rng),
+        _find_slab(view, is_solid, noise_mm),
+    )
     if round_dish is None or slab is None:
         return round_dish or slab
     # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
@@ -158,7 +177,9 @@ def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.rand
     return slab if slab.floor_mm > 0 and areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
 
 
-def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
+def _find_round(
+    view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
+) -> Dish | None:
     raised = _raised(view, is_solid, noise_mm)
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
@@ -170,7 +191,10 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
         merit = (
-            ring.cover + ring.edge_cover + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW) + ring.radius_mm / (2 * RADII_MM[1])
+            ring.cover
+            + ring.edge_cover
+            + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW)
+            + ring.radius_mm / (2 * RADII_MM[1])
         )
         merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
         if hollow < MIN_HOLLOW or _climbing_share(view, is_solid, ring) > MAX_CLIMBING:
@@ -181,10 +205,14 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
         return None
     ring = max(rims, key=lambda rim: rim[0])[1]
     # What fills a bowl may show a whole edge, where the rim around it shows only parts.
-    ring = max((rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0])[1]
+    ring = max(
+        (rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0]
+    )[1]
     centre = np.array([ring.x_mm, ring.y_mm])
     inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
-    dish = _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
+    dish = _with_floor(
+        inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm
+    )
     # A flat top no larger than a slice of bread or a steak is food, not a board.
     return None if dish.floor_mm > 0 and np.pi * ring.radius_mm**2 < MIN_SLAB_MM2 else dish
 
@@ -203,8 +231,13 @@ def _with_floor(
     centre_mm: Float64Array | None = None,
     radius_mm: float | None = None,
 ) -> Dish:
-    band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
-    is_near = is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)  # no food, whose own slopes are no noise
+    band, inside = (
+        (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]),
+        inward_mm > INSIDE_MM[0],
+    )
+    is_near = (
+        is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)
+    )  # no food, whose own slopes are no noise
     step_mm = max(RISE_MM, min(NOISE_STEPS * _noise_mm(view, is_near), MAX_STEP_SHARE * rim_mm))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
     is_low = is_solid & (view.height_mm < rim_mm - step_mm)
@@ -250,7 +283,11 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     """
     if len(cells) < SECTORS // 2:
         return []
-    few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
+    few = (
+        cells
+        if len(cells) <= MAX_CELLS
+        else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
+    )
     by_height = cells[np.argsort(cells[:, 2])]
     first = rng.integers(len(cells), size=(TRIALS, 1))
     others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
@@ -259,7 +296,12 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     to_second, to_third = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
     determinant = to_second[:, 0] * to_third[:, 1] - to_second[:, 1] * to_third[:, 0]
     kept = np.abs(determinant) > MIN_DETERMINANT_MM2
-    picks, to_second, to_third, determinant = picks[kept], to_second[kept], to_third[kept], determinant[kept]
+    picks, to_second, to_third, determinant = (
+        picks[kept],
+        to_second[kept],
+        to_third[kept],
+        determinant[kept],
+    )
     squares_one, squares_two = 0.5 * (to_second**2).sum(1), 0.5 * (to_third**2).sum(1)
     centre_x = (squares_one * to_third[:, 1] - squares_two * to_second[:, 1]) / determinant
     centre_y = (squares_two * to_second[:, 0] - squares_one * to_third[:, 0]) / determinant
@@ -267,7 +309,9 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     rise_one, rise_two = picks[:, 1, 2] - picks[:, 0, 2], picks[:, 2, 2] - picks[:, 0, 2]
     slope_x = (rise_one * to_third[:, 1] - rise_two * to_second[:, 1]) / determinant
     slope_y = (rise_two * to_second[:, 0] - rise_one * to_third[:, 0]) / determinant
-    kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1]) & (np.hypot(slope_x, slope_y) < MAX_SLOPE)
+    kept = (
+        (radius > RADII_MM[0]) & (radius < RADII_MM[1]) & (np.hypot(slope_x, slope_y) < MAX_SLOPE)
+    )
     if not kept.any():
         return []
     rings = np.column_stack([picks[:, 0, :2] + np.column_stack([centre_x, centre_y]), radius])[kept]
@@ -281,7 +325,11 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     over = near[None, :, 2] - levels - tilts[:, :1] * dx - tilts[:, 1:] * dy
     on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     hits = _sectors_of(on_rim, dx, dy)
-    outside = (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (near[None, :, 2] > levels - SAME_HEIGHT_MM)
+    outside = (
+        (beyond > OUTSIDE_MM[0])
+        & (beyond < OUTSIDE_MM[1])
+        & (near[None, :, 2] > levels - SAME_HEIGHT_MM)
+    )
     walled = _sectors_of(outside, dx, dy)
     score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
     kept_rings: list[_Ring] = []
@@ -317,7 +365,10 @@ def _is_among(circle: tuple[float, float, float], others: list[tuple[float, floa
 
 
 def _refined(
-    cells: Float64Array, every: Float64Array, circle: tuple[float, float, float], plane: Float64Array
+    cells: Float64Array,
+    every: Float64Array,
+    circle: tuple[float, float, float],
+    plane: Float64Array,
 ) -> _Ring | None:
     """Least squares circle through the cells on the rim, and how much of it every cell shows; None if it runs away.
 
@@ -383,7 +434,9 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
     on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_higher = within & (over > RISE_MM)
-    seen, measured, higher = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher))
+    seen, measured, higher = (
+        np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher)
+    )
     climbs = (higher > 0.5 * measured)[seen > 0]
     return float(climbs.mean()) if climbs.size else 0.0
 
@@ -393,8 +446,14 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     apart, inward = ring.offsets(view)
     is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
     area_mm2 = np.pi * ring.radius_mm**2
-    standing_mm2 = np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
-    is_like_board = ring.height_mm < BOWL_MM and area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
+    standing_mm2 = (
+        np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
+    )
+    is_like_board = (
+        ring.height_mm < BOWL_MM
+        and area_mm2 >= MIN_SLAB_MM2
+        and standing_mm2 >= MIN_STANDING * area_mm2
+    )
     inside = is_solid & (inward > OUTSIDE_MM[0])
     if is_like_bowl or is_like_board or not inside.any():
         return False
@@ -417,11 +476,15 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         level = commonest(view.height_mm[cluster], SAME_HEIGHT_MM)
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
         higher = _higher(view, is_solid, level)
-        at_level &= cv2.dilate(higher.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
+        at_level &= (
+            cv2.dilate(higher.astype(np.uint8), link) == 0
+        )  # without flanks of what stands on it, or beside it
         rows, columns = np.nonzero(at_level)
         if len(rows) < SECTORS:
             continue
-        hull = np.asarray(cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)), np.int32)
+        hull = np.asarray(
+            cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)), np.int32
+        )
         area = float(cv2.contourArea(hull)) * view.cell_mm**2
         if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
             continue
@@ -438,7 +501,9 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         dish = _with_floor(inward, level, view, is_solid)
         if dish.floor_mm > 0:
             # Without gaps narrower than the link and without holes: a plain top is measured at its edge alone.
-            joined = cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
+            joined = (
+                cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
+            )
             top = filled(joined) & (inward > 0)
             if np.count_nonzero(top) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
                 continue

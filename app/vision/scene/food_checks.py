@@ -17,7 +17,9 @@ CUTLERY_ASPECT = 0.3  # width over length of knives, forks and spoons
 MIRROR_MM, GREY_CHROMA = 25.0, 5.0  # height and chroma of a spoon's bowl
 MIRROR_BLUR = 0.1  # of correlation, which a mirrored room costs
 TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are measured
-MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
+MAX_BORDER_SHARE = (
+    0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
+)
 
 
 def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskArray) -> bool:
@@ -26,16 +28,24 @@ def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskAr
     All (h, w). is_unseen: beyond its border a mask may go on; where it ends at a vessel or another food it does not.
     """
     square_mm = scene.pixel_mm**2
-    if np.count_nonzero(mask) * square_mm < MIN_AREA_MM2 or np.count_nonzero(mask & is_core) * square_mm < MIN_CORE_MM2:
+    if (
+        np.count_nonzero(mask) * square_mm < MIN_AREA_MM2
+        or np.count_nonzero(mask & is_core) * square_mm < MIN_CORE_MM2
+    ):
         return False
     depth = inward_px(mask)
-    if 2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM or solidity(largest_part(mask)) < MIN_SOLIDITY:
+    if (
+        2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM
+        or solidity(largest_part(mask)) < MIN_SOLIDITY
+    ):
         return False
     if _is_table_thing(mask, 2 * float(depth.max()), scene):
         return False
     outline = mask & (depth <= 1.5)
     at_border = ~eroded(np.pad(~is_unseen[1:-1, 1:-1], 1), 5)
-    return bool(np.count_nonzero(outline & at_border) <= MAX_BORDER_SHARE * np.count_nonzero(outline))
+    return bool(
+        np.count_nonzero(outline & at_border) <= MAX_BORDER_SHARE * np.count_nonzero(outline)
+    )
 
 
 def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
@@ -57,7 +67,9 @@ def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
     correlation = scene.table_correlation[mask]
     correlation = correlation[np.isfinite(correlation)]
     is_textured = len(correlation) > MIN_TEXTURED_SHARE * np.count_nonzero(mask)
-    return bool(is_textured and np.median(correlation) > IS_TABLE - MIRROR_BLUR * (top_mm > TABLE_THING_MM))
+    return bool(
+        is_textured and np.median(correlation) > IS_TABLE - MIRROR_BLUR * (top_mm > TABLE_THING_MM)
+    )
 
 
 def _is_grey(mask: MaskArray, scene: Scene) -> bool:

@@ -8,7 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.vision.geometry.masks import components, filled, inward_px, largest_part, solidity, window_around
+from app.vision.geometry.masks import (
+    components,
+    filled,
+    inward_px,
+    largest_part,
+    solidity,
+    window_around,
+)
 from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
@@ -34,7 +41,9 @@ RAISED_MM = 5.0
 RAISED_NATS = 1.5
 FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
 MAX_LOST = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
-MORE_SOLID = 0.02  # of its convex hull that the outline fills, where several pieces together may be more
+MORE_SOLID = (
+    0.02  # of its convex hull that the outline fills, where several pieces together may be more
+)
 ROUNDS = 2
 
 
@@ -51,7 +60,9 @@ def correct_outlines(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) 
         others = (taken - mask) > 0
         own = _recut(mask, others, scene, floor_mm)
         lost = _lost(mask, own, scene, floor_mm)
-        if np.count_nonzero(lost) > MAX_LOST * np.count_nonzero(mask) and not _is_tidied(mask, own, lost):
+        if np.count_nonzero(lost) > MAX_LOST * np.count_nonzero(mask) and not _is_tidied(
+            mask, own, lost
+        ):
             own = mask
         taken = taken - mask + own
         corrected.append(own)
@@ -68,7 +79,12 @@ def tidy_outlines(foods: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
 
 
 def _recut(
-    mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float, *, is_by_difference: bool = False
+    mask: MaskArray,
+    others: MaskArray,
+    scene: Scene,
+    floor_mm: float,
+    *,
+    is_by_difference: bool = False,
 ) -> MaskArray:
     """(h, w) the mask's outline by its own colours against those around it.
 
@@ -96,14 +112,21 @@ def _recut(
     for _ in range(ROUNDS):
         depth = _signed_depth_px(food)
         inner = depth > min(INNER_PX, 0.5 * float(depth.max()))
-        outer = (depth < -2) & (depth > -MARGIN_MM / scene.pixel_mm) & ~others[window] & ~scene.is_ignored[window]
+        outer = (
+            (depth < -2)
+            & (depth > -MARGIN_MM / scene.pixel_mm)
+            & ~others[window]
+            & ~scene.is_ignored[window]
+        )
         if not (inner.any() and outer.any()):
             return mask
         around = colour_histogram([bins, *shaded], outer)
         ratio = np.log((colour_histogram([bins], inner) + UNSEEN) / (around + UNSEEN))[bins]
         is_alien = inner & (ratio < ALIEN_NATS)
         if np.count_nonzero(is_alien) < MAX_ALIEN_SHARE * np.count_nonzero(inner):
-            ratio = np.log((colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN))[bins]
+            ratio = np.log(
+                (colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN)
+            )[bins]
         ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
         features = contrast_features(lab, (inner, outer) if is_by_difference else None)
         food = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)

@@ -25,7 +25,9 @@ from app.vision.scene.places import OVER_RIM_MM, UNMEASURED_MM, Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
-SURE_DEPTH_MM = 8.0  # this far (and two windows) within its outline, a raised part is food whatever its colour
+SURE_DEPTH_MM = (
+    8.0  # this far (and two windows) within its outline, a raised part is food whatever its colour
+)
 SIDE_PX = 360
 MARGIN_PX = 12
 ROUNDS = 3
@@ -56,8 +58,12 @@ def find_food_pixels(scene: Scene, place: Place) -> FoodPixels:
 
 
 def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArray) -> FoodPixels:
-    tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
-    window = window_around(place.may_be_food, MARGIN_PX)  # in which the background's colours are known
+    tall = np.nan_to_num(
+        np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM
+    )
+    window = window_around(
+        place.may_be_food, MARGIN_PX
+    )  # in which the background's colours are known
     down, across = place.may_be_food[window].shape
     shape = (across, down)
     scale = min(1.0, SIDE_PX / max(shape))
@@ -67,11 +73,15 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
         for mask in (place.may_be_food, place.shows_dish, place.is_sure, whole_core, whole_deep)
     )
     is_ignored = _reduced(scene.is_ignored[window], size)
-    image = np.asarray(cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8)
+    image = np.asarray(
+        cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8
+    )
     lab = lab_bytes(image)
     shaded = shaded_bins(image)
     height = cv2.resize(tall[window], size, interpolation=cv2.INTER_NEAREST)
-    is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX
+    is_fine = (
+        cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX
+    )
     is_measured = height > -50.0
     is_flat = np.abs(height) < FLAT_MM
     if place.floor_mm > 0:
@@ -92,11 +102,17 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     others = ((~roi & ~is_ignored) | band | is_flat) & ~core
 
     def cut(food: MaskArray, others: MaskArray, never: MaskArray) -> tuple[MaskArray, Float32Array]:
-        colour = _ratio(colour_histogram([bins], food), colour_histogram([bins, *shaded], others), bins)
-        ratio = np.clip(colour, -COLOUR_LIMIT_NATS, COLOUR_LIMIT_NATS) + _texture_ratio(texture_bins, food, others)
+        colour = _ratio(
+            colour_histogram([bins], food), colour_histogram([bins, *shaded], others), bins
+        )
+        ratio = np.clip(colour, -COLOUR_LIMIT_NATS, COLOUR_LIMIT_NATS) + _texture_ratio(
+            texture_bins, food, others
+        )
         is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
         is_always = deep | (core & (ratio > 2.0))
-        return cut_in_two((ratio + evidence).astype(np.float32), features, is_never, is_always), colour
+        return cut_in_two(
+            (ratio + evidence).astype(np.float32), features, is_never, is_always
+        ), colour
 
     is_food, colour = cut(core, others, np.zeros_like(core))
     over_floor = np.where(is_measured, height - np.float32(place.floor_mm), np.float32(np.nan))
@@ -114,7 +130,9 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
         open_found, _ = cut(food, others | gaps, gaps)
     gaps = touching(is_food & ~open_found, gaps)
     out = np.zeros(scene.is_ignored.shape, np.bool_)
-    out[window] = cv2.resize(is_food.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
+    out[window] = (
+        cv2.resize(is_food.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
+    )
     whole_gaps = np.zeros_like(out)
     whole_gaps[window] = _reduced(gaps, shape)
     return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
@@ -135,7 +153,9 @@ def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
 
 def _apart(is_food: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
     """What teaches the colours of food and of the rest: either side of the border, without its mixed pixels."""
-    return is_food & (distance_px(~is_food) > 2), ~is_food & ~is_ignored & (distance_px(is_food) > 2)
+    return is_food & (distance_px(~is_food) > 2), ~is_food & ~is_ignored & (
+        distance_px(is_food) > 2
+    )
 
 
 def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:
@@ -144,7 +164,8 @@ def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -
 
 def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) -> Float32Array:
     smooth = [
-        np.convolve(np.bincount(bins[mask], minlength=32), [0.1, 0.2, 0.4, 0.2, 0.1], "same") / max(1, mask.sum())
+        np.convolve(np.bincount(bins[mask], minlength=32), [0.1, 0.2, 0.4, 0.2, 0.1], "same")
+        / max(1, mask.sum())
         for mask in (food, others)
     ]
     ratio = np.log((smooth[0] + 0.01) / (smooth[1] + 0.01))[bins]

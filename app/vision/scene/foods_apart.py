@@ -42,13 +42,21 @@ SHADE_WEIGHT = 0.5  # of a difference of light alone, which the two faces of one
 STEP_AT_MM = (4.0, 8.0)  # from the cut, where distances are taken that are continued to it
 STEP_MM = (5.0, 25.0)  # between what is in front and behind: no step, and one that counts in full
 STEP_WEIGHT = 1.0
-FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
+FULL_NOTCH = (
+    0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
+)
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
 SMALL_PART_WEIGHT = 5.0
-CONVEX = (0.98, 0.95)  # share of its convex hull that the outline of one solid fills, and that of two
+CONVEX = (
+    0.98,
+    0.95,
+)  # share of its convex hull that the outline of one solid fills, and that of two
 WHOLE_WEIGHT = 0.2  # against a cut of an outline that is convex as a whole
-BITTEN = (0.92, 0.86)  # the same of a part: a solid's face, and a food that another one partly hides
+BITTEN = (
+    0.92,
+    0.86,
+)  # the same of a part: a solid's face, and a food that another one partly hides
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
 SAME_LEVEL_MM = 3.0  # between the tops of two parts of one pack
 CREASE_WEIGHT = 0.4
@@ -80,7 +88,9 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
             mask = waiting.pop()
             is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
             parts = None if is_block else piece.best_cut(mask)
-            if parts is None or _have_one_top([_framed(part, window, food.shape) for part in parts], scene, floor_mm):
+            if parts is None or _have_one_top(
+                [_framed(part, window, food.shape) for part in parts], scene, floor_mm
+            ):
                 foods.append(_framed(mask, window, food.shape))
             else:
                 waiting += parts
@@ -106,7 +116,9 @@ def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[Ma
 class _Piece:
     """A window of the scene in which one mask is cut. distance_mm: (h, w) from the camera."""
 
-    def __init__(self, lab: Float32Array, height_mm: Float32Array, distance_mm: Float32Array, pixel_mm: float) -> None:
+    def __init__(
+        self, lab: Float32Array, height_mm: Float32Array, distance_mm: Float32Array, pixel_mm: float
+    ) -> None:
         self._plain_lab = lab
         self._lab = lab * np.array(COLOUR_WEIGHTS, np.float32)
         self._edges = _edge_strength(self._lab)
@@ -123,7 +135,9 @@ class _Piece:
             tried = self.scored_cuts(mask)
             return tried[0][1] if tried and tried[0][0] > THRESHOLD else None
         size = (round(mask.shape[1] * scale), round(mask.shape[0] * scale))
-        lab = np.asarray(cv2.resize(self._plain_lab, size, interpolation=cv2.INTER_AREA), np.float32)
+        lab = np.asarray(
+            cv2.resize(self._plain_lab, size, interpolation=cv2.INTER_AREA), np.float32
+        )
         height, distance = (
             np.asarray(cv2.resize(field, size, interpolation=cv2.INTER_NEAREST), np.float32)
             for field in (self._height_mm, self._distance_mm)
@@ -134,7 +148,10 @@ class _Piece:
         for hope, halves in reduced.scored_cuts(largest_part(small))[:MAX_TRIALS]:
             if hope < PROMISE:
                 break
-            sides = [distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0) for half in halves]
+            sides = [
+                distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0)
+                for half in halves
+            ]
             nearer = mask & (sides[0] <= sides[1])
             parts = self.on_edges(nearer, mask & ~nearer)
             score = self._judge(*parts)
@@ -170,17 +187,23 @@ class _Piece:
             for part, seed in ((first_part, seed_one), (second_part, seed_two))
         )
         first, second = (colour_histogram([self._bins], part) for part in (first_part, second_part))
-        ratio = np.clip(np.log((first + 3e-5) / (second + 3e-5))[self._bins], -COLOUR_NATS, COLOUR_NATS)
+        ratio = np.clip(
+            np.log((first + 3e-5) / (second + 3e-5))[self._bins], -COLOUR_NATS, COLOUR_NATS
+        )
         place = (distance_px(second_part) - distance_px(first_part)) * self._pixel_mm / PLACE_MM
         ratio += np.clip(place, -PLACE_NATS, PLACE_NATS)
-        cut = cut_in_two(np.where(mask, ratio, 0.0).astype(np.float32), self._features, never, always)
+        cut = cut_in_two(
+            np.where(mask, ratio, 0.0).astype(np.float32), self._features, never, always
+        )
         rest = largest_part(mask & ~largest_part(mask & cut))
         return largest_part(mask & ~rest), rest
 
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
         depth = inward_px(filled(mask))
-        yield from self._by_level(mask, depth / depth.max(), NECK_LEVELS, MIN_MARKER_MM2[0], least_px)
+        yield from self._by_level(
+            mask, depth / depth.max(), NECK_LEVELS, MIN_MARKER_MM2[0], least_px
+        )
         height = cv2.medianBlur(np.nan_to_num(self._height_mm, nan=0.0), 5) * mask
         top = float(np.quantile(height[mask], 0.98))
         if top > 0:
@@ -196,7 +219,9 @@ class _Piece:
             if len(some) < clusters:
                 return
             cv2.setRNGSeed(0)
-            _, _, centres = cv2.kmeans(some, clusters, np.empty(0, np.int32), (3, 20, 0.5), 2, cv2.KMEANS_PP_CENTERS)
+            _, _, centres = cv2.kmeans(
+                some, clusters, np.empty(0, np.int32), (3, 20, 0.5), 2, cv2.KMEANS_PP_CENTERS
+            )
             cluster_of = np.full(mask.shape, -1, np.int64)
             cluster_of[mask] = ((smooth[:, None] - centres[None]) ** 2).sum(axis=-1).argmin(axis=1)
             for cluster in range(clusters):
@@ -208,13 +233,22 @@ class _Piece:
                             yield part
 
     def _by_level(
-        self, mask: MaskArray, field: Float32Array, levels: Sequence[float], least_mm2: float, least_px: float
+        self,
+        mask: MaskArray,
+        field: Float32Array,
+        levels: Sequence[float],
+        least_mm2: float,
+        least_px: float,
     ) -> Iterator[MaskArray]:
         """Each part that stands alone above some level of the field, with what lies nearest to it."""
         most = 1
         for level in levels:
             labels, stats, _ = labelled((field > level) & mask)
-            kept = [k for k in range(1, len(stats)) if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= least_mm2]
+            kept = [
+                k
+                for k in range(1, len(stats))
+                if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= least_mm2
+            ]
             if len(kept) <= most:
                 continue
             most = len(kept)
@@ -230,7 +264,9 @@ class _Piece:
         if not border.any():
             return 0.0
         widths = [2 * float(inward_px(filled(part)).max()) for part in (first, second)]
-        length = 1.1 * np.count_nonzero(border) / min(widths)  # a slanted line has fewer pixels than its length
+        length = (
+            1.1 * np.count_nonzero(border) / min(widths)
+        )  # a slanted line has fewer pixels than its length
         near_mm = distance_px(border) * self._pixel_mm
         beside = (near_mm > BESIDE_MM[0]) & (near_mm < BESIDE_MM[1])
         if min(np.count_nonzero(first & beside), np.count_nonzero(second & beside)) < 10:
@@ -242,15 +278,32 @@ class _Piece:
             spreads.append(1.48 * np.median(np.abs(colours - medians[-1]), axis=0))
         spread = np.sqrt(0.5 * (spreads[0] ** 2 + spreads[1] ** 2)) + COLOUR_NOISE
         contrast = _contrast(medians[0], medians[1], spread)
-        dented = max(_dented(first | second, CONVEX), *(_dented(filled(part), BITTEN) for part in (first, second)))
+        dented = max(
+            _dented(first | second, CONVEX),
+            *(_dented(filled(part), BITTEN) for part in (first, second)),
+        )
         notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(first | second, border)
         valley = dented * self._valley(first, second, border)
-        crease = CREASE_WEIGHT * float(np.clip(self._crease(first | second, border) - 0.7, -0.5, 0.8))
-        look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
-        share = min(np.count_nonzero(part) for part in (first, second)) / np.count_nonzero(first | second)
+        crease = CREASE_WEIGHT * float(
+            np.clip(self._crease(first | second, border) - 0.7, -0.5, 0.8)
+        )
+        look = min(
+            contrast / 3 + crease, 4 / 3
+        )  # however clear a border is, looks alone make no two foods
+        share = min(np.count_nonzero(part) for part in (first, second)) / np.count_nonzero(
+            first | second
+        )
         look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
-        whole = WHOLE_WEIGHT * (1.0 - _dented(first | second, CONVEX))  # a loaf's crust and crumb part as clearly
-        score = look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley - whole
+        whole = WHOLE_WEIGHT * (
+            1.0 - _dented(first | second, CONVEX)
+        )  # a loaf's crust and crumb part as clearly
+        score = (
+            look
+            + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH))
+            - 0.35 * length
+            + 0.5 * valley
+            - whole
+        )
         if score > THRESHOLD:  # a step counts where the look does not convince
             return score
         return score + STEP_WEIGHT * dented * self._step(first, second, border)
@@ -258,19 +311,29 @@ class _Piece:
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
         radius = max(6, round(NOTCH_RADIUS_MM / self._pixel_mm))
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.float32)
+        disc = cv2.getStructuringElement(
+            cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
+        ).astype(np.float32)
         padded = np.pad(mask, radius + 2)
-        share = cv2.filter2D(padded.astype(np.uint8), cv2.CV_32F, disc / disc.sum(), borderType=cv2.BORDER_CONSTANT)
+        share = cv2.filter2D(
+            padded.astype(np.uint8), cv2.CV_32F, disc / disc.sum(), borderType=cv2.BORDER_CONSTANT
+        )
         near_outline = inward_px(padded, 3) <= 2.5
         ends = np.pad(border, radius + 2) & near_outline
-        dents = sorted((float(share[ends & part].max()) - 0.5 for part in components(dilated(ends, 5))), reverse=True)
+        dents = sorted(
+            (float(share[ends & part].max()) - 0.5 for part in components(dilated(ends, 5))),
+            reverse=True,
+        )
         return sum(dents[:2]) / 2 if len(dents) >= 2 else 0.0
 
     def _crease(self, mask: MaskArray, border: MaskArray) -> float:
         """How strong the image's edges along the border are against those elsewhere: a ratio, 0 if unknown."""
         depth = inward_px(mask, 3)
         near = dilated(border, 9)
-        along, elsewhere = self._edges[border & (depth > 3)], self._edges[mask & (depth > 4) & ~near]
+        along, elsewhere = (
+            self._edges[border & (depth > 3)],
+            self._edges[mask & (depth > 4) & ~near],
+        )
         if len(along) <= 5 or len(elsewhere) <= 20:
             return 0.0
         return float(np.quantile(along, 0.3) / max(1e-3, float(np.quantile(elsewhere, 0.75))))
@@ -297,7 +360,15 @@ class _Piece:
         for part, sign in ((first, 1.0), (second, -1.0)):
             distance = np.where(part, self._distance_mm, np.float32(np.nan))
             near, far = (
-                distance[tuple(np.clip(np.rint(at + across * (sign * away / self._pixel_mm)).astype(int), 0, last).T)]
+                distance[
+                    tuple(
+                        np.clip(
+                            np.rint(at + across * (sign * away / self._pixel_mm)).astype(int),
+                            0,
+                            last,
+                        ).T
+                    )
+                ]
                 for away in STEP_AT_MM
             )
             ends.append(2 * near - far)
@@ -316,7 +387,8 @@ def _contrast(first: Float32Array, second: Float32Array, spread: Float32Array) -
     """
     weights = np.array(COLOUR_WEIGHTS, np.float32)
     (light_one, *tint_one), (light_two, *tint_two) = (
-        colour / weights * (100 / 255, 1.0, 1.0) - (-16.0, 128.0, 128.0) for colour in (first, second)
+        colour / weights * (100 / 255, 1.0, 1.0) - (-16.0, 128.0, 128.0)
+        for colour in (first, second)
     )
     darker = min(light_one, light_two)
     tint = np.multiply(tint_one, darker / light_one) - np.multiply(tint_two, darker / light_two)
@@ -326,7 +398,9 @@ def _contrast(first: Float32Array, second: Float32Array, spread: Float32Array) -
 
 def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
     """From 0 for an outline that fills the first share of its convex hull to 1 for one that fills the second."""
-    return float(np.clip((solidities[0] - solidity(mask)) / (solidities[0] - solidities[1]), 0.0, 1.0))
+    return float(
+        np.clip((solidities[0] - solidity(mask)) / (solidities[0] - solidities[1]), 0.0, 1.0)
+    )
 
 
 def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
@@ -345,7 +419,9 @@ def _edge_strength(lab: Float32Array) -> Float32Array:
     """(H, W) the greatest gradient of the weighted colours within a pixel."""
     smooth = cv2.GaussianBlur(lab, (0, 0), 1.0)
     squares = [(cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x) ** 2).sum(axis=-1) for x in (0, 1)]
-    return np.asarray(cv2.dilate(np.sqrt(squares[0] + squares[1]), np.ones((3, 3), np.uint8)), np.float32)
+    return np.asarray(
+        cv2.dilate(np.sqrt(squares[0] + squares[1]), np.ones((3, 3), np.uint8)), np.float32
+    )
 
 
 def _is_same_cut(first: MaskArray, two: MaskArray, mask: MaskArray) -> bool:

@@ -8,19 +8,31 @@ only fill it, never dig one: a low height in a gap counts whatever its window.
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.geometry.masks import components, dilated, distance_px, filled, inward_px, labelled, opened
+from app.vision.geometry.masks import (
+    components,
+    dilated,
+    distance_px,
+    filled,
+    inward_px,
+    labelled,
+    opened,
+)
 from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
 LOW_SHARE = 0.5  # of the height around a gap, below which it is one and not a dent
-MAX_FOOD_NATS = 1.0  # of colour for the food, above which a gap is food in shade, or gloss whose depth deceives
+MAX_FOOD_NATS = (
+    1.0  # of colour for the food, above which a gap is food in shade, or gloss whose depth deceives
+)
 MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the rest is for the image's edges to tell
 AROUND_PX = 4
 MIN_POINTS = 5
 MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
-HOLE_HEIGHT_SHARE = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+HOLE_HEIGHT_SHARE = (
+    0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+)
 MIN_HOLE_POINTS = 8
 COLOUR_NATS = 4.0
 UNSEEN = 3e-5  # probability of a colour that a model has not seen
@@ -32,7 +44,9 @@ HOLE_SHARE = 0.015  # of the food's outline, that a hole covers at least
 OFF_MIDDLE = 0.3  # of a disc's radius as large as the food, by which a hole may lie off its middle
 
 
-def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float32Array, pixel_mm: float) -> MaskArray:
+def find_gaps(
+    is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float32Array, pixel_mm: float
+) -> MaskArray:
     """(H, W) the middle of each gap.
 
     height_mm: (H, W) over the support, NaN where unmeasured. colour_nats: (H, W) log likelihood of food over the rest.
@@ -41,7 +55,9 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
     labels, stats, _ = labelled(~is_raised, 4)
     for label in range(1, len(stats)):
         x, y, width, height, area = (int(value) for value in stats[label])
-        is_open = x == 0 or y == 0 or x + width == is_raised.shape[1] or y + height == is_raised.shape[0]
+        is_open = (
+            x == 0 or y == 0 or x + width == is_raised.shape[1] or y + height == is_raised.shape[0]
+        )
         if is_open or area * pixel_mm**2 < MIN_GAP_MM2:
             continue
         window = (
@@ -50,7 +66,9 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
         )
         part = labels[window] == label
         around = dilated(part, 2 * AROUND_PX + 1) & is_raised[window]
-        low, high = (height_mm[window][where & np.isfinite(height_mm[window])] for where in (part, around))
+        low, high = (
+            height_mm[window][where & np.isfinite(height_mm[window])] for where in (part, around)
+        )
         if min(len(low), len(high)) < MIN_POINTS or np.median(low) >= LOW_SHARE * np.median(high):
             continue
         if np.median(colour_nats[window][part]) < MAX_FOOD_NATS:
@@ -98,9 +116,13 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     bins = byte_bins(image_bgr)
     of_food = colour_histogram([bins], food)
     of_support = colour_histogram([bins, *shaded_bins(image_bgr)], support)
-    nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[bins]
+    nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[
+        bins
+    ]
     nats = blurred(np.asarray(nats, np.float32), 1.5)
-    labels, stats, middles = labelled(opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3))
+    labels, stats, middles = labelled(
+        opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3)
+    )
     return np.asarray(_are_of_ring(stats, middles, whole)[labels], np.bool_)
 
 

@@ -18,14 +18,20 @@ from app.vision.scene.scene import FINE_REACH_PX, Scene
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
 MIN_RAISED_MM2 = 20.0
-MAX_FLAT_SHARE = 0.2  # of what is measured in a blob; where more is flat, it is a picture on the support
+MAX_FLAT_SHARE = (
+    0.2  # of what is measured in a blob; where more is flat, it is a picture on the support
+)
 MIN_BLOB_MM2 = 250.0
 MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
 MIN_SUPPORT_PX = 500
-FAMILIAR = 1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
+FAMILIAR = (
+    1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
+)
 BESIDE_PX = 3
 MIN_SOLIDITY = 0.3  # of a blob: one that fills less of its convex hull is a band painted along a rim, or a part of it
-MIN_WIDTH_PX = 9  # of an unmeasured blob: what the second view does not see beside a food is narrower
+MIN_WIDTH_PX = (
+    9  # of an unmeasured blob: what the second view does not see beside a food is narrower
+)
 AROUND_PX = 6
 SECTORS = 24
 MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table
@@ -53,25 +59,35 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     directions = np.zeros((count, SECTORS), np.bool_)
     directions[blob, sector] = True
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2
-    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (directions.mean(axis=1) >= MIN_ENCLOSED)
+    kept = (
+        (area_mm2 > MIN_BLOB_MM2)
+        & (area_mm2 < MAX_BLOB_MM2)
+        & (directions.mean(axis=1) >= MIN_ENCLOSED)
+    )
     kept &= raised > MIN_RAISED_SHARE * (raised + flat)
     kept[0] = False
     return np.asarray(kept[labels], np.bool_)
 
 
-def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequence[MaskArray]) -> MaskArray:
+def unlike_support(
+    scene: Scene, over_support_mm: Float32Array, shows_dish: Sequence[MaskArray]
+) -> MaskArray:
     """(h, w) blobs of unfamiliar colour that stand out.
 
     over_support_mm: (h, w) height over the table, a board or a plate's floor, NaN where unmeasured. shows_dish: parts
     that show the dishes' own colours.
     """
-    is_flat = (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
+    is_flat = (
+        (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
+    )
     is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
     is_support = np.any([is_flat, *shows_dish], axis=0)
     if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
         return np.zeros(is_support.shape, np.bool_)
     bins = byte_bins(scene.image_bgr)
-    is_unfamiliar = colour_histogram([bins, *shaded_bins(scene.image_bgr)], is_support)[bins] < FAMILIAR
+    is_unfamiliar = (
+        colour_histogram([bins, *shaded_bins(scene.image_bgr)], is_support)[bins] < FAMILIAR
+    )
     blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
     labels, stats, _ = labelled(blobs)
     near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
@@ -81,9 +97,15 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     )
     square_mm = scene.pixel_mm**2
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * square_mm
-    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (raised * square_mm > MIN_RAISED_MM2)
+    kept = (
+        (area_mm2 > MIN_BLOB_MM2)
+        & (area_mm2 < MAX_BLOB_MM2)
+        & (raised * square_mm > MIN_RAISED_MM2)
+    )
     kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
-    kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False  # goes on unseen
+    kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = (
+        False  # goes on unseen
+    )
     kept[0] = False
     for blob in np.flatnonzero(kept):
         kept[blob] = solidity(labels == blob) >= MIN_SOLIDITY

@@ -22,7 +22,9 @@ BOX_IOU = 0.6  # of a found food's own box with a person's, from which on they m
 INSIDE_SHARE = 0.85  # of a found food that must lie within the box
 SPAN = 0.85  # of the box's sides, which its food reaches across
 AROUND_SHARE = 0.2  # of the box's sides: the margin whose colours are the surroundings'
-MIN_RAISED_SHARE = 0.15  # of a box, to learn the food's colours there rather than in the box's middle
+MIN_RAISED_SHARE = (
+    0.15  # of a box, to learn the food's colours there rather than in the box's middle
+)
 CORE_SHARE = 0.6  # of the box's sides: the ellipse in its middle
 FLAT_MM = 2.5
 RAISED_NATS, FLAT_NATS = 2.0, -3.0
@@ -42,12 +44,17 @@ def hinted_masks(
     masks: list[MaskArray | None] = [None] * len(hints)
     shared: dict[int, list[int]] = {}
     for number, hint in enumerate(hints):
-        fits = [_fit(mask, hint) if is_box[number] else float(np.count_nonzero(mask & hint)) for mask in found_masks]
+        fits = [
+            _fit(mask, hint) if is_box[number] else float(np.count_nonzero(mask & hint))
+            for mask in found_masks
+        ]
         if fits and max(fits) > 0:
             shared.setdefault(int(np.argmax(fits)), []).append(number)
     for which, numbers in shared.items():
         parts = (
-            divide(found_masks[which], [hints[k] for k in numbers], scene) if len(numbers) > 1 else [found_masks[which]]
+            divide(found_masks[which], [hints[k] for k in numbers], scene)
+            if len(numbers) > 1
+            else [found_masks[which]]
         )
         for number, part in zip(numbers, parts, strict=True):
             masks[number] = part & hints[number] if is_box[number] else part
@@ -81,17 +88,27 @@ def _fit(mask: MaskArray, box: MaskArray) -> float:
 
 
 def _in_box(
-    box: MaskArray, masks: Sequence[MaskArray], taken: MaskArray, scene: Scene, places: Sequence[Place]
+    box: MaskArray,
+    masks: Sequence[MaskArray],
+    taken: MaskArray,
+    scene: Scene,
+    places: Sequence[Place],
 ) -> MaskArray:
     """The food that spans a box; else what the box cuts out of a larger food that was found."""
     mask, spans = _cut_in_box(box, taken, scene, places)
     if spans:
         return mask
-    larger = (food & box for food in masks if np.count_nonzero(food & box) > INSIDE_SHARE * np.count_nonzero(box))
+    larger = (
+        food & box
+        for food in masks
+        if np.count_nonzero(food & box) > INSIDE_SHARE * np.count_nonzero(box)
+    )
     return next(larger, mask)
 
 
-def _cut_in_box(box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence[Place]) -> tuple[MaskArray, bool]:
+def _cut_in_box(
+    box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence[Place]
+) -> tuple[MaskArray, bool]:
     """What stands out in a box, and whether it spans the box. taken: (h, w) other foods."""
     x, y, width, height = cv2.boundingRect(box.astype(np.uint8))
     margin = max(3, round(AROUND_SHARE * max(width, height)))
@@ -116,7 +133,9 @@ def _cut_in_box(box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence
 def _height_nats(scene: Scene, places: Sequence[Place]) -> Float32Array:
     """(h, w) what heights say for food."""
     floors = {0.0, *(place.floor_mm for place in places)}
-    is_flat = np.any([np.abs(scene.height_mm - np.float32(floor)) < FLAT_MM for floor in floors], axis=0)
+    is_flat = np.any(
+        [np.abs(scene.height_mm - np.float32(floor)) < FLAT_MM for floor in floors], axis=0
+    )
     is_flat &= scene.reach_px < FINE_REACH_PX
     raised = _raised(places, scene.is_ignored.shape)
     return np.where(raised, RAISED_NATS, np.where(is_flat, FLAT_NATS, 0.0)).astype(np.float32)

@@ -9,7 +9,13 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.pictures import grey_of
-from app.vision.geometry.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
+from app.vision.geometry.topview import (
+    TableTrend,
+    TopView,
+    fit_table_trend,
+    usable_points,
+    view_from_above,
+)
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import fine_texture
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
@@ -21,7 +27,9 @@ REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are c
 LOWEST_MM = -30.0  # below the table: strays
 CLEAR_OF_DISH_MM = 10.0  # beyond its outline, where the table is seen
 TABLE_WINDOW_PX = 15
-TABLE_TEXTURE = 4.0  # grey levels, standard deviation in a window, from which on the views can be compared
+TABLE_TEXTURE = (
+    4.0  # grey levels, standard deviation in a window, from which on the views can be compared
+)
 MOST_OF_IT = 0.5  # of what a mask shows, that lies over a dish
 
 
@@ -46,7 +54,9 @@ def reduced_scene(
     trend = fit_table_trend(points[usable_points(points, is_ignored)])
     return (
         Scene(
-            image_bgr=np.asarray(cv2.resize(pair.first_bgr, (width, height), interpolation=cv2.INTER_AREA), np.uint8),
+            image_bgr=np.asarray(
+                cv2.resize(pair.first_bgr, (width, height), interpolation=cv2.INTER_AREA), np.uint8
+            ),
             height_mm=(points[..., 2] - trend.height_mm(points[..., :2])).astype(np.float32),
             points_table=points,
             reach_px=np.ascontiguousarray(disparity.reach_px[every, every]) / np.float32(REDUCTION),
@@ -89,7 +99,9 @@ def _table_correlation(pair: RectifiedPair) -> Float32Array:
 def _window_mean(image: Float32Array) -> Float32Array:
     """(h, w) on the reduced grid, over windows of the whole one."""
     side = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
-    return np.ascontiguousarray(cv2.boxFilter(image, -1, side)[::REDUCTION, ::REDUCTION], np.float32)
+    return np.ascontiguousarray(
+        cv2.boxFilter(image, -1, side)[::REDUCTION, ::REDUCTION], np.float32
+    )
 
 
 def _plane_xy(pair: RectifiedPair) -> Float32Array:
@@ -97,7 +109,10 @@ def _plane_xy(pair: RectifiedPair) -> Float32Array:
     height, width = pair.shape
     u = ((np.arange(0, width, REDUCTION) - pair.centre_px[0]) / pair.focal_px).astype(np.float32)
     v = ((np.arange(0, height, REDUCTION) - pair.centre_px[1]) / pair.focal_px).astype(np.float32)
-    x, y, z = (row[0] * u[None, :] + row[1] * v[:, None] + row[2] for row in pair.rotation.T.astype(np.float32))
+    x, y, z = (
+        row[0] * u[None, :] + row[1] * v[:, None] + row[2]
+        for row in pair.rotation.T.astype(np.float32)
+    )
     reach = np.float32(pair.first_centre_mm[2]) / np.maximum(-z, np.float32(1e-3))
     centre = pair.first_centre_mm.astype(np.float32)
     return np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1)
@@ -110,7 +125,9 @@ def lay_out(scene: Scene, trend: TableTrend) -> Layout | None:
     view = view_from_above(scene.points_table[raised], scene.height_mm[raised])
     if view is None:
         return None
-    dishes = find_dishes(view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0))
+    dishes = find_dishes(
+        view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0)
+    )
     if not dishes:
         return Layout(scene, trend, view, dishes)
     inward = np.max([dish.inward_at(view, scene.points_table[..., :2]) for dish in dishes], axis=0)

@@ -22,9 +22,17 @@ from app.vision.vessel_library import VesselModel
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own
 HANDLE_AREA = 0.35  # of a vessel's silhouette, that a handle and what shows through it may be
-BESIDE_SHARE, BESIDE_REACH_PX = 0.34, 2 * BESIDE_PX  # of a strip's outline that runs along the vessel; what is along
-HANDLE_WIDTH = 0.6  # of the rim's radius, across the plane through the vessel's axis in which a handle lies
-HANDLE_BEGIN, HANDLE_END = 1.4, 2.5  # of the rim's radius, from the axis: it is fixed to the wall, and a hand is small
+BESIDE_SHARE, BESIDE_REACH_PX = (
+    0.34,
+    2 * BESIDE_PX,
+)  # of a strip's outline that runs along the vessel; what is along
+HANDLE_WIDTH = (
+    0.6  # of the rim's radius, across the plane through the vessel's axis in which a handle lies
+)
+HANDLE_BEGIN, HANDLE_END = (
+    1.4,
+    2.5,
+)  # of the rim's radius, from the axis: it is fixed to the wall, and a hand is small
 HANDLE_CLEARANCE = 0.15  # of the rim's height over what lies under a handle, table or dish, to the handle's low end
 HANDLE_TOP = 0.6  # of the same, to its high end at least: what lies on a dish stays below
 HANDLE_SPAN = 0.2  # of the same, from end to end, of a half hidden one as well
@@ -64,7 +72,10 @@ def segment_meal(
     if options.method != "shape" or pair.second_bgr is None:
         return foods_beside(None, hints)
     every = slice(None, None, REDUCTION)
-    points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
+    points, unseen = (
+        np.ascontiguousarray(points_table[every, every]),
+        np.ascontiguousarray(ignored[every, every]),
+    )
     table = fit_table_trend(points[usable_points(points, unseen)])
     vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
     liquids, taken = _liquids(vessels, hints, options)
@@ -83,7 +94,9 @@ def segment_meal(
     return replace(foods, regions=[*liquids, *regions])
 
 
-def _liquids(vessels: Vessels, hints: Sequence[HintMask], options: EstimateOptions) -> tuple[list[Region], MaskArray]:
+def _liquids(
+    vessels: Vessels, hints: Sequence[HintMask], options: EstimateOptions
+) -> tuple[list[Region], MaskArray]:
     """The liquids that are measured, with the hints that they answer, and (H, W) their vessels."""
     liquids: list[Region] = []
     taken: MaskArray | np.bool_ = np.False_
@@ -91,7 +104,11 @@ def _liquids(vessels: Vessels, hints: Sequence[HintMask], options: EstimateOptio
         hint = _hint_of(vessel, hints)
         if hint is None and (options.is_complete or _is_drawn(vessel, hints)):
             continue
-        named = vessel if hint is None else _as_named(vessel, options.hints[hint.index], options.vessels)
+        named = (
+            vessel
+            if hint is None
+            else _as_named(vessel, options.hints[hint.index], options.vessels)
+        )
         taken = taken | vessel.silhouette
         liquids.append(Region(vessel.content, None if hint is None else hint.index, liquid=named))
     return liquids, np.asarray(taken, np.bool_)
@@ -103,7 +120,9 @@ def _is_part_of_vessel(region: Region, points_table: Float32Array, vessels: Vess
         return True
     points = points_table[region.mask]
     points = points[np.isfinite(points[:, 2])]
-    return any(_is_handle(points, vessel, region.support) for vessel in [*vessels.filled, *vessels.unread])
+    return any(
+        _is_handle(points, vessel, region.support) for vessel in [*vessels.filled, *vessels.unread]
+    )
 
 
 def _is_strip_beside(mask: MaskArray, silhouette: MaskArray) -> bool:
@@ -115,7 +134,9 @@ def _is_strip_beside(mask: MaskArray, silhouette: MaskArray) -> bool:
     return bool(np.count_nonzero(is_along) > BESIDE_SHARE * np.count_nonzero(outline))
 
 
-def _is_handle(points_table: Float32Array, vessel: StandingVessel, support: Support | None = None) -> bool:
+def _is_handle(
+    points_table: Float32Array, vessel: StandingVessel, support: Support | None = None
+) -> bool:
     """Return whether points (n, 3), mm, are a vessel's handle: a loop or strap that no food is like.
 
     It is fixed to the wall and reaches no farther than a hand needs, is narrow across a plane through the vessel's
@@ -167,7 +188,8 @@ def _is_drawn(vessel: FilledVessel, hints: Sequence[HintMask]) -> bool:
     """Whether a person drew the vessel's content: then their outline is the food."""
     area = np.count_nonzero(vessel.content)
     return any(
-        hint.is_exact and np.count_nonzero(hint.mask & vessel.content) > SHARE_OF_CONTENT * area for hint in hints
+        hint.is_exact and np.count_nonzero(hint.mask & vessel.content) > SHARE_OF_CONTENT * area
+        for hint in hints
     )
 
 

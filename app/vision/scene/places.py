@@ -24,7 +24,9 @@ RIM_SLOPE_MM = 35.0  # inward from the outline, within which a plate may rise to
 WALL_MM = 6.0  # inward from a bowl's outline: its wall
 BOWL_CORE_SHARE = 0.4  # of a bowl's radius, inward from its outline: its content, not its wall
 OVERHANG_MM = 5.0  # by which food may lie beyond the dish's outline
-BESIDE_DISH_MM = 9.0  # beyond a dish's outline, from which on what stands is not its rim widened by a window
+BESIDE_DISH_MM = (
+    9.0  # beyond a dish's outline, from which on what stands is not its rim widened by a window
+)
 REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
 REACH_IN_DISH_MM = 12.0
 GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
@@ -33,7 +35,9 @@ OPENING_PX = {"dish": 5, "table": 3}
 SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
 UNMEASURED_MM = -99.0
 ON_TABLE, AT_RIM = -1, -2
-WINDOW_REACH_PX = 8  # beyond a dish's silhouette, within which a window may have seen its rim or side
+WINDOW_REACH_PX = (
+    8  # beyond a dish's silhouette, within which a window may have seen its rim or side
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +86,13 @@ class _Territory:
     margin: MaskArray
 
 
-def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Sequence[MaskArray] = ()) -> list[Place]:
+def find_places(
+    scene: Scene, dishes: Sequence[Dish], view: TopView, points: Sequence[MaskArray] = ()
+) -> list[Place]:
     """The places that hold food, by their heights or by points: (h, w) small parts that are food for certain."""
-    tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
+    tall = np.nan_to_num(
+        np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM
+    )
     territories = [_territory(scene, dish, view) for dish in dishes]
     owner = _owners(territories, tall.shape)
     blobs = _half_measured(scene, territories, owner)
@@ -93,18 +101,25 @@ def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Seq
     for point in points:
         certain = certain | (point & ~scene.is_ignored)
     sure = [
-        _solid(_stands_on(territory, tall) & (owner == number), scene, "dish") | (certain & (owner == number))
+        _solid(_stands_on(territory, tall) & (owner == number), scene, "dish")
+        | (certain & (owner == number))
         for number, territory in enumerate(territories)
     ]
     is_clear = owner == ON_TABLE
     for territory in territories:
         is_clear &= ~(territory.margin & (tall < territory.dish.rim_mm + OVER_RIM_MM))
-    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene, "table") | (certain & (owner == ON_TABLE))
+    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene, "table") | (
+        certain & (owner == ON_TABLE)
+    )
     groups = _groups(on_table, scene)
     places = [
-        _on_dish(scene, number, territories, sure, on_table) for number, is_sure in enumerate(sure) if is_sure.any()
+        _on_dish(scene, number, territories, sure, on_table)
+        for number, is_sure in enumerate(sure)
+        if is_sure.any()
     ]
-    return places + [_on_table(scene, group, territories, [*sure, on_table & ~group]) for group in groups]
+    return places + [
+        _on_table(scene, group, territories, [*sure, on_table & ~group]) for group in groups
+    ]
 
 
 def _territory(scene: Scene, dish: Dish, view: TopView) -> _Territory:
@@ -124,7 +139,9 @@ def _owners(territories: Sequence[_Territory], shape: tuple[int, ...]) -> np.nda
         return np.full(shape, ON_TABLE)
     inward = np.stack([territory.inward for territory in territories])
     nearest, distance = inward.argmax(axis=0), inward.max(axis=0)
-    return np.where(distance > -OVERHANG_MM, nearest, np.where(distance < -BESIDE_DISH_MM, ON_TABLE, AT_RIM))
+    return np.where(
+        distance > -OVERHANG_MM, nearest, np.where(distance < -BESIDE_DISH_MM, ON_TABLE, AT_RIM)
+    )
 
 
 def _half_measured(scene: Scene, territories: Sequence[_Territory], owner: np.ndarray) -> MaskArray:
@@ -135,7 +152,9 @@ def _half_measured(scene: Scene, territories: Sequence[_Territory], owner: np.nd
     is_measured = np.isfinite(scene.height_mm)  # what is not may be food in front of a rim
     shows_dish = [_own_colour(territory, scene) & is_measured for territory in territories]
     on_table = owner == ON_TABLE  # a plate's floor, too, is unmeasured between its food and its rim
-    enclosed = enclosed_by_raised(replace(scene, is_ignored=scene.is_ignored | ~on_table), over_support)
+    enclosed = enclosed_by_raised(
+        replace(scene, is_ignored=scene.is_ignored | ~on_table), over_support
+    )
     return unlike_support(scene, over_support, shows_dish) | enclosed
 
 
@@ -171,7 +190,11 @@ def _solid(mask: MaskArray, scene: Scene, where: Literal["dish", "table"]) -> Ma
 
 
 def _on_dish(
-    scene: Scene, number: int, territories: Sequence[_Territory], sure: Sequence[MaskArray], on_table: MaskArray
+    scene: Scene,
+    number: int,
+    territories: Sequence[_Territory],
+    sure: Sequence[MaskArray],
+    on_table: MaskArray,
 ) -> Place:
     own, is_sure = territories[number], sure[number]
     band = _own_colour(own, scene)
@@ -184,15 +207,25 @@ def _on_dish(
 
 
 def _on_table(
-    scene: Scene, is_sure: MaskArray, territories: Sequence[_Territory], sure_elsewhere: Sequence[MaskArray]
+    scene: Scene,
+    is_sure: MaskArray,
+    territories: Sequence[_Territory],
+    sure_elsewhere: Sequence[MaskArray],
 ) -> Place:
-    elsewhere = np.any([*(territory.silhouette for territory in territories), *sure_elsewhere], axis=0)
+    elsewhere = np.any(
+        [*(territory.silhouette for territory in territories), *sure_elsewhere], axis=0
+    )
     may_be_food = distance_px(is_sure) * scene.pixel_mm < REACH_MM
-    return Place(None, is_sure, may_be_food, np.zeros(is_sure.shape, np.bool_), elsewhere & ~is_sure)
+    return Place(
+        None, is_sure, may_be_food, np.zeros(is_sure.shape, np.bool_), elsewhere & ~is_sure
+    )
 
 
 def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
     """What stands on the table, divided where wide gaps part it: colours are learned near each group alone."""
     if not on_table.any():
         return []
-    return [on_table & group for group in components(distance_px(on_table) * scene.pixel_mm < GROUP_MM / 2)]
+    return [
+        on_table & group
+        for group in components(distance_px(on_table) * scene.pixel_mm < GROUP_MM / 2)
+    ]

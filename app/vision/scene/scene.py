@@ -6,8 +6,12 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
-FINE_REACH_PX = 2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
-IS_TABLE = 0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
+FINE_REACH_PX = (
+    2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
+)
+IS_TABLE = (
+    0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,9 @@ class Scene:
     texture: Float32Array
     table_correlation: Float32Array
 
-    def xy_at(self, height_mm: float, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
+    def xy_at(
+        self, height_mm: float, window: tuple[slice, slice] = (slice(None), slice(None))
+    ) -> Float32Array:
         """Return where each pixel's ray meets the plane of this height, (h, w, 2) mm. window: rows, columns."""
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
         foot = self.camera_mm[:2].astype(np.float32)
@@ -39,7 +45,9 @@ class Scene:
 
     def distance_mm(self, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
         """(h, w) from the camera to what a pixel shows; NaN where unmeasured. window: rows, columns."""
-        return np.asarray(np.linalg.norm(self.points_table[window] - self.camera_mm, axis=-1), np.float32)
+        return np.asarray(
+            np.linalg.norm(self.points_table[window] - self.camera_mm, axis=-1), np.float32
+        )
 
 
 def commonest(heights_mm: Float32Array, span_mm: float) -> float:

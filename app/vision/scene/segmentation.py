@@ -27,7 +27,13 @@ from app.vision.scene.hinted import hinted_masks
 from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
 from app.vision.scene.places import Place, find_places
 from app.vision.scene.scene import Scene
-from app.vision.scene.support import MIN_POINTS, Support, find_support, measured_support, with_measured_rim
+from app.vision.scene.support import (
+    MIN_POINTS,
+    Support,
+    find_support,
+    measured_support,
+    with_measured_rim,
+)
 from app.vision.scene.upright_sides import with_sides
 from app.vision.scene.vessel import Vessel, describe_vessel
 from app.vision.stereo.disparity import DisparityMap
@@ -36,8 +42,12 @@ from app.vision.stereo.rectification import RectifiedPair
 LOW_RIM_MM = 5.0  # lower than any dish's over its table
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
 CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
-DISH_SHARE = 0.8  # of a dish's outline within a region, or within a person's box or polygon: they are one
-OTHER_FOOD_SHARE = 0.4  # of a region beyond what hints point at, from which on it is another food than theirs
+DISH_SHARE = (
+    0.8  # of a dish's outline within a region, or within a person's box or polygon: they are one
+)
+OTHER_FOOD_SHARE = (
+    0.4  # of a region beyond what hints point at, from which on it is another food than theirs
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +138,13 @@ def segment_foods(
         layout = replace(layout, dishes=dishes)
         seen: list[Region] = []
         if sought or not is_complete:
-            around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, measured)))
+            around = replace(
+                layout, scene=replace(layout.scene, is_ignored=_reduced(taken, measured))
+            )
             seen = _find_foods(around, sought, _reduced(unseen, measured), is_complete=is_complete)
-        seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
+        seen = [
+            replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen
+        ]
         regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
         return Foods(regions, layout.trend, tuple(dishes))
 
@@ -142,7 +156,9 @@ def segment_foods(
     return foods if foods.regions else no_food_found()
 
 
-def _by_colour(foods: Foods, measured: Scene, find: Callable[[Layout], Foods], *, is_pair: bool) -> Foods:
+def _by_colour(
+    foods: Foods, measured: Scene, find: Callable[[Layout], Foods], *, is_pair: bool
+) -> Foods:
     """The foods where heights show no dish: of a single view, and of a pair whose table is too plain to be measured.
 
     foods: those that heights show. What a pair takes for its table may be the plane of a dish's rim; then foods and
@@ -150,11 +166,20 @@ def _by_colour(foods: Foods, measured: Scene, find: Callable[[Layout], Foods], *
     """
     layout = lay_out_by_colour(without_heights(measured), foods.table)
     if is_pair:
-        layout = replace(layout, dishes=[with_measured_rim(dish, layout.view, measured) for dish in layout.dishes])
+        layout = replace(
+            layout,
+            dishes=[with_measured_rim(dish, layout.view, measured) for dish in layout.dishes],
+        )
     low = [dish for dish in layout.dishes if dish.rim_mm < LOW_RIM_MM]
-    if not foods.regions or any(_is_dish(region, dish, layout) for region in foods.regions for dish in low):
+    if not foods.regions or any(
+        _is_dish(region, dish, layout) for region in foods.regions for dish in low
+    ):
         foods = find(layout)
-        standing = [region for region in foods.regions if region.hint is not None or _may_stand(region, measured)]
+        standing = [
+            region
+            for region in foods.regions
+            if region.hint is not None or _may_stand(region, measured)
+        ]
         foods = replace(foods, regions=standing)
     elif low:
         foods = replace(foods, regions=_supported(foods.regions, layout))
@@ -170,7 +195,9 @@ def _canvas(pair: RectifiedPair) -> MaskArray:
 
     Widened by a window of the disparity, which sees the canvas's edge as if something stood there.
     """
-    is_black = opened(cv2.inRange(pair.first_bgr, (0, 0, 0), (BLACK_LEVEL,) * 3) > 0, CANVAS_WIDTH_PX)
+    is_black = opened(
+        cv2.inRange(pair.first_bgr, (0, 0, 0), (BLACK_LEVEL,) * 3) > 0, CANVAS_WIDTH_PX
+    )
     unseen = np.pad(~pair.is_seen[1:-1, 1:-1], 1, constant_values=True)
     canvas = touching(is_black, dilated(unseen, 3))
     canvas &= pair.is_seen
@@ -193,7 +220,9 @@ def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:
     ]
 
 
-def _on_measured_support(regions: Sequence[Region], scene: Scene, trend: TableTrend) -> list[Region]:
+def _on_measured_support(
+    regions: Sequence[Region], scene: Scene, trend: TableTrend
+) -> list[Region]:
     """The regions of a single view, with what its depth map shows of the support around each. scene: with heights."""
     masks = [_reduced(region.mask, scene) for region in regions]
     foods = np.any(masks, axis=0) if masks else np.zeros(scene.is_ignored.shape, np.bool_)
@@ -213,7 +242,9 @@ def _may_stand(region: Region, scene: Scene) -> bool:
 
 def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bool:
     """Whether a box or polygon is drawn around all of a dish: then it is the food, or its pack, that looks like one."""
-    drawn = [hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel]
+    drawn = [
+        hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel
+    ]
     return any(_covers(mask, dish, layout) for mask in drawn)
 
 
@@ -228,7 +259,9 @@ def _covers(mask: MaskArray, dish: Dish, layout: Layout) -> bool:
     return bool(shared > DISH_SHARE * np.count_nonzero(silhouette))
 
 
-def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray, *, is_complete: bool) -> list[Region]:
+def _find_foods(
+    layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray, *, is_complete: bool
+) -> list[Region]:
     """Foods on the scene's grid: those that hints point at, and unless they are all, the others.
 
     is_unseen: (h, w), unlike what other foods hide.
@@ -237,7 +270,11 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray,
     drawn = [_reduced(hint.mask, scene) for hint in hints]
     points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
     has_heights = bool(np.isfinite(scene.height_mm).any())
-    places = find_places(scene, layout.dishes, layout.view, points) if has_heights else places_by_colour(layout, points)
+    places = (
+        find_places(scene, layout.dishes, layout.view, points)
+        if has_heights
+        else places_by_colour(layout, points)
+    )
     seen: list[_Seen] = []
     taken = scene.is_ignored
     for place in places:
@@ -245,12 +282,16 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray,
         for each in own:
             taken = taken | each.mask
         seen += own
-    masks = hinted_masks(drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places)
+    masks = hinted_masks(
+        drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places
+    )
     if not has_heights:
         taken = np.asarray(np.any([taken, *masks], axis=0), np.bool_)
         seen = [replace(each, mask=_without_hole(each.mask, taken, scene)) for each in seen]
         masks = [_without_hole(mask, taken, scene) for mask in masks]
-    hinted = [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
+    hinted = [
+        Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()
+    ]
     others = [] if is_complete else _others(seen, [region.mask for region in hinted])
     return hinted + sorted(others, key=lambda region: -int(np.count_nonzero(region.mask)))
 
@@ -264,7 +305,9 @@ def _others(seen: Sequence["_Seen"], answered: Sequence[MaskArray]) -> list[Regi
     """The foods that no hint points at. answered: (h, w) masks of those that one does."""
     taken = np.any(answered, axis=0) if answered else np.False_
     rests = [(each.mask & ~taken, np.count_nonzero(each.mask)) for each in seen if each.is_food]
-    return [Region(rest) for rest, area in rests if np.count_nonzero(rest) > OTHER_FOOD_SHARE * area]
+    return [
+        Region(rest) for rest, area in rests if np.count_nonzero(rest) > OTHER_FOOD_SHARE * area
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +334,11 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     masks = [mask & ~food.is_gap for mask in masks]
     beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
     corrected = correct_outlines(masks, beside, place.floor_mm)
-    return [_Seen(mask, is_kept) for mask, is_kept in zip(corrected, are_foods, strict=True) if mask.any()]
+    return [
+        _Seen(mask, is_kept)
+        for mask, is_kept in zip(corrected, are_foods, strict=True)
+        if mask.any()
+    ]
 
 
 def no_food_found() -> Failure:

@@ -14,8 +14,14 @@ from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
-RING_PX = (18.0, 60.0)  # from the mask's outline: beyond what a food's height spreads over plain surroundings
-RANGE_MM = (-4.0, 20.0)  # what a support may measure; other points belong to other foods or are strays
+RING_PX = (
+    18.0,
+    60.0,
+)  # from the mask's outline: beyond what a food's height spreads over plain surroundings
+RANGE_MM = (
+    -4.0,
+    20.0,
+)  # what a support may measure; other points belong to other foods or are strays
 QUANTILE = 0.3  # of the ring's heights: rims and neighbours lie higher, nothing lies lower
 MIN_POINTS = 100
 
@@ -31,7 +37,10 @@ FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on
 LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
 PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
 SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
-FLOOR_PRIOR = (0.3, 0.17)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
+FLOOR_PRIOR = (
+    0.3,
+    0.17,
+)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
 BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 
 # Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
@@ -39,9 +48,14 @@ BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 TYPICAL_RIM_MM = 15.0
 FLOOR_UNDER_RIM_MM, TYPICAL_FLOOR_SD_MM = 11.0, 2.0
 TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
-PLANE_DOUBT = 0.3  # of how far a rim is from where it should be: what the plane is then is less sure
+PLANE_DOUBT = (
+    0.3  # of how far a rim is from where it should be: what the plane is then is less sure
+)
 RIM_WIDTH_MM = 15.0
-DEPTH_RING_MM, DEPTH_STEP_MM = (8.0, 35.0), 25.0  # around a food, where a depth map shows its support
+DEPTH_RING_MM, DEPTH_STEP_MM = (
+    (8.0, 35.0),
+    25.0,
+)  # around a food, where a depth map shows its support
 DEPTH_LEVEL_SD_MM = 1.0
 TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 
@@ -60,11 +74,18 @@ class Support:
 
 
 def find_support(
-    scene: Scene, view: TopView, dish: Dish | None, trend: TableTrend, mask: MaskArray, foods: MaskArray
+    scene: Scene,
+    view: TopView,
+    dish: Dish | None,
+    trend: TableTrend,
+    mask: MaskArray,
+    foods: MaskArray,
 ) -> Support:
     """The support of one food. mask, foods: (h, w) this food and all foods, on the scene's grid."""
     inside = mask & np.isfinite(scene.points_table[..., 2])
-    middle = np.median(scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0)
+    middle = np.median(
+        scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0
+    )
     table_mm = float(trend.height_mm(middle))
     if not np.isfinite(scene.height_mm).any():
         return _typical_support(dish, table_mm)
@@ -81,7 +102,9 @@ def find_support(
         return Support(table_mm + max(0.0, floor_mm), sd, "floor")
     expected_mm = 0.0 if dish is None else dish.floor_mm
     own_mm = scene.pixel_mm * distance_px(mask)
-    is_near = ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
+    is_near = (
+        ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
+    )
     is_near &= clear_mm > NEAR_MM[0]
     if dish is None:
         is_near &= scene.reach_px < FINE_REACH_PX
@@ -94,13 +117,17 @@ def find_support(
     return Support(table_mm + level_mm, sd, "board")
 
 
-def measured_support(usual: Support, scene: Scene, trend: TableTrend, mask: MaskArray, foods: MaskArray) -> Support:
+def measured_support(
+    usual: Support, scene: Scene, trend: TableTrend, mask: MaskArray, foods: MaskArray
+) -> Support:
     """The usual support, corrected by heights around the food (h, w), which are noisy but many."""
     clear_mm, own_mm = scene.pixel_mm * distance_px(foods), scene.pixel_mm * distance_px(mask)
     table_mm = float(np.nanmedian(trend.height_mm(scene.plane_xy_mm[mask])))
     expected_mm = usual.height_mm - table_mm
     is_near = (own_mm < DEPTH_RING_MM[1]) & (clear_mm > DEPTH_RING_MM[0]) & ~scene.is_ignored
-    heights = scene.height_mm[is_near & (np.abs(scene.height_mm - np.float32(expected_mm)) < DEPTH_STEP_MM)]
+    heights = scene.height_mm[
+        is_near & (np.abs(scene.height_mm - np.float32(expected_mm)) < DEPTH_STEP_MM)
+    ]
     level_mm, sd_mm = _reconciled(heights, expected_mm, usual.sd_mm, DEPTH_LEVEL_SD_MM, 0.5)
     return Support(table_mm + level_mm, max(sd_mm, TABLE_SD_MM), usual.source)
 
@@ -111,7 +138,9 @@ def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish:
     A plain table is no plane that can be found: the plane under such a scene is often the rim's own.
     """
     inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
-    heights = scene.height_mm[(inward > 0.0) & (inward < RIM_WIDTH_MM) & np.isfinite(scene.height_mm)]
+    heights = scene.height_mm[
+        (inward > 0.0) & (inward < RIM_WIDTH_MM) & np.isfinite(scene.height_mm)
+    ]
     if len(heights) < MIN_POINTS:
         return dish
     return replace(dish, rim_mm=float(np.median(heights)))
@@ -124,11 +153,19 @@ def _typical_support(dish: Dish | None, table_mm: float) -> Support:
     if dish.floor_mm > 0:
         return Support(table_mm + dish.rim_mm, TYPICAL_BOARD_SD_MM, "board")
     doubt_mm = PLANE_DOUBT * abs(dish.rim_mm - TYPICAL_RIM_MM)
-    return Support(table_mm + dish.rim_mm - FLOOR_UNDER_RIM_MM, float(np.hypot(TYPICAL_FLOOR_SD_MM, doubt_mm)), "floor")
+    return Support(
+        table_mm + dish.rim_mm - FLOOR_UNDER_RIM_MM,
+        float(np.hypot(TYPICAL_FLOOR_SD_MM, doubt_mm)),
+        "floor",
+    )
 
 
 def _reconciled(
-    heights_mm: Float32Array, expected_mm: float, expected_sd: float, least_sd: float, quantile: float = LOW_QUANTILE
+    heights_mm: Float32Array,
+    expected_mm: float,
+    expected_sd: float,
+    least_sd: float,
+    quantile: float = LOW_QUANTILE,
 ) -> tuple[float, float]:
     """Level and its sd, mm, of what was expected and what was measured. heights_mm: (n,). least_sd: of measuring."""
     if len(heights_mm) < MIN_POINTS:
@@ -140,7 +177,9 @@ def _reconciled(
     return weight * measured_mm + (1.0 - weight) * expected_mm, float(np.sqrt(weight * variance))
 
 
-def support_height_mm(points_table: Float32Array, mask: MaskArray, others: MaskArray) -> float | None:
+def support_height_mm(
+    points_table: Float32Array, mask: MaskArray, others: MaskArray
+) -> float | None:
     """Height of the support around a food, mm, at least 0; None where too little of it was measured.
 
     points_table: (H, W, 3) mm, NaN. mask: (H, W) the food. others: (H, W) other foods, the sheet, what is not seen.

@@ -10,16 +10,28 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened, window_around
+from app.vision.geometry.masks import (
+    distance_px,
+    eroded,
+    inward_px,
+    largest_part,
+    opened,
+    window_around,
+)
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.gaps import is_ring
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
-MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.65  # of a top, and of what is measured of it, that lies at its level
+MIN_LEVEL_SHARE, LEVEL_SHARE = (
+    0.25,
+    0.65,
+)  # of a top, and of what is measured of it, that lies at its level
 BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
-EXPLAINED_SHARE = 0.8  # of a mask by the top and an upright side below it; a dome's top explains less
+EXPLAINED_SHARE = (
+    0.8  # of a mask by the top and an upright side below it; a dome's top explains less
+)
 WINDOW_PX = 5  # by which windows widen a top
 AROUND_SHARE, SPECK_PX = 0.8, 3  # of a mask by the hull of all that lies at its level, specks apart
 MIN_SIDE_SHARE = 0.15  # of a mask: a smaller side is the outline's own doubt
@@ -50,13 +62,17 @@ class FlatTop:
     below: MaskArray
 
 
-def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap: MaskArray) -> list[MaskArray]:
+def with_sides(
+    masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap: MaskArray
+) -> list[MaskArray]:
     """The masks (h, w), each flat top with the side below it; parts that are a side of another one are merged.
 
     is_gap: (h, w) gaps in the masks, which stay in them. A ring is round, however level its top looks.
     """
     tops = [
-        None if is_ring(mask & ~is_gap, scene.height_mm, scene.pixel_mm) else flat_top(mask, scene, floor_mm)
+        None
+        if is_ring(mask & ~is_gap, scene.height_mm, scene.pixel_mm)
+        else flat_top(mask, scene, floor_mm)
         for mask in masks
     ]
     levels = [0.0 if top is None else top.level_mm for top in tops]
@@ -91,7 +107,9 @@ def _is_side_of(mask: MaskArray, top: FlatTop, scene: Scene) -> bool:
     heights = scene.height_mm[mask]
     heights = heights[np.isfinite(heights)]
     is_below = bool(np.count_nonzero(mask & top.below) > SIDE_SHARE * np.count_nonzero(mask))
-    return is_below and (len(heights) == 0 or float(np.quantile(heights, 0.9)) < top.level_mm + LEVEL_MM)
+    return is_below and (
+        len(heights) == 0 or float(np.quantile(heights, 0.9)) < top.level_mm + LEVEL_MM
+    )
 
 
 def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
@@ -134,7 +152,11 @@ def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
         top = around
     area, level = np.count_nonzero(top), np.count_nonzero(top & at_level)
     measured = np.count_nonzero(top & np.isfinite(scene.height_mm))
-    if area * scene.pixel_mm**2 < MIN_TOP_MM2 or level < MIN_LEVEL_SHARE * area or level < LEVEL_SHARE * measured:
+    if (
+        area * scene.pixel_mm**2 < MIN_TOP_MM2
+        or level < MIN_LEVEL_SHARE * area
+        or level < LEVEL_SHARE * measured
+    ):
         return None
     return top
 
@@ -145,7 +167,9 @@ def _hull(mask: MaskArray) -> MaskArray:
 
 
 def _hull_of_all(mask: MaskArray) -> MaskArray:
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    contours, _ = cv2.findContours(
+        mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+    )
     out = np.zeros(mask.shape, np.uint8)
     if contours:
         cv2.fillConvexPoly(out, cv2.convexHull(np.concatenate(contours)), 1)
@@ -159,7 +183,9 @@ class _Footprint:
         window = window_around(top, 0)
         places = scene.xy_at(level_mm, window)[top[window]]
         self._low = places.min(axis=0) - MARGIN_CELLS * CELL_MM
-        columns, rows = np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
+        columns, rows = (
+            np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
+        )
         self._high = self._low + CELL_MM * np.array([columns, rows])
         cells = np.zeros((int(rows), int(columns)), np.uint8)
         column, row = ((places - self._low) / CELL_MM).astype(int).T
@@ -179,19 +205,25 @@ class _Footprint:
         if not near.any():
             return out
         window = window_around(near, 0)
-        for height in np.linspace(floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)):
+        for height in np.linspace(
+            floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)
+        ):
             out[window] |= self.outside_mm(scene.xy_at(float(height), window)) < CELL_MM / 2
         return out
 
     def _rays_near(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
         """Return the pixels (h, w) whose rays may cross the footprint's grid between two heights."""
         at_floor, at_level = scene.xy_at(floor_mm), scene.xy_at(level_mm)
-        may_cross = (np.minimum(at_floor, at_level) <= self._high) & (np.maximum(at_floor, at_level) >= self._low)
+        may_cross = (np.minimum(at_floor, at_level) <= self._high) & (
+            np.maximum(at_floor, at_level) >= self._low
+        )
         return np.asarray(may_cross.all(axis=-1), np.bool_)
 
     def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
         """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
-        between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
+        between = (
+            mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
+        )
         if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
             return 0.0
         window = window_around(between, 0)

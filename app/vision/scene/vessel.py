@@ -33,7 +33,9 @@ class Vessel:
     wall_mm: Float64Array
 
 
-def describe_vessel(scene: Scene, view: TopView, dish: Dish | None, trend: TableTrend) -> Vessel | None:
+def describe_vessel(
+    scene: Scene, view: TopView, dish: Dish | None, trend: TableTrend
+) -> Vessel | None:
     """The bowl that the dish is; None if it is none."""
     if dish is None or not dish.is_deep or dish.centre_mm is None or dish.radius_mm is None:
         return None
@@ -50,6 +52,11 @@ def describe_vessel(scene: Scene, view: TopView, dish: Dish | None, trend: Table
         within = steps == step
         if np.count_nonzero(within) >= MIN_POINTS:
             rows.append(
-                (table_mm + float(np.median(height[is_wall][within])), float(np.median(radius[is_wall][within])))
+                (
+                    table_mm + float(np.median(height[is_wall][within])),
+                    float(np.median(radius[is_wall][within])),
+                )
             )
-    return Vessel(dish.centre_mm, dish.radius_mm, table_mm + dish.rim_mm, np.array(rows).reshape(-1, 2))
+    return Vessel(
+        dish.centre_mm, dish.radius_mm, table_mm + dish.rim_mm, np.array(rows).reshape(-1, 2)
+    )

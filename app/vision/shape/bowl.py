@@ -67,7 +67,9 @@ def measure_content(
 
     def volume_ml(level: float, floor: float, inset: float, wall: _Wall) -> float:
         depth = max(level - floor, STEP_MM)
-        step = depth / np.ceil(depth / STEP_MM)  # whole steps to the level: a last one beyond it would be content too
+        step = depth / np.ceil(
+            depth / STEP_MM
+        )  # whole steps to the level: a last one beyond it would be content too
         heights = floor + np.arange(step / 2, depth, step)
         radii = np.maximum(wall.radius_mm(heights) - inset, 0.0)
         top = np.pi * max(float(wall.radius_mm(level)) - inset, 0.0) ** 2
@@ -80,7 +82,9 @@ def measure_content(
         volume_ml(level_mm, floor_mm + floor_sd_mm, inset_mm, wall) - content_ml,
     ]
     for foot, power in np.linalg.cholesky(wall.covariance).T:
-        moved = replace(wall, foot_share=min(wall.foot_share + foot, 1.0), power=max(wall.power + power, 0.1))
+        moved = replace(
+            wall, foot_share=min(wall.foot_share + foot, 1.0), power=max(wall.power + power, 0.1)
+        )
         changes.append(volume_ml(level_mm, floor_mm, inset_mm, moved) - content_ml)
     depth_mm = max(level_mm - floor_mm, STEP_MM)
 
@@ -88,7 +92,9 @@ def measure_content(
         return wall.radius_mm(floor_mm + height_mm) - inset_mm
 
     slices = tuple(
-        disc(low, min(low + SLICE_MM, depth_mm), vessel.centre_mm, max(float(inner_mm(low)), STEP_MM))
+        disc(
+            low, min(low + SLICE_MM, depth_mm), vessel.centre_mm, max(float(inner_mm(low)), STEP_MM)
+        )
         for low in np.arange(0.0, depth_mm, SLICE_MM).tolist()
     )
     rings_mm = np.linspace(0.0, depth_mm, int(np.ceil(depth_mm / STEP_MM)) + 1)
@@ -108,7 +114,9 @@ class _Wall:
 
     def radius_mm(self, height_mm: Float64Array | float) -> Float64Array:
         up = np.clip(np.asarray(height_mm) / self.rim_mm, 0.0, 1.0) ** self.power
-        return np.asarray(self.rim_radius_mm * (self.foot_share + (1 - self.foot_share) * up), np.float64)
+        return np.asarray(
+            self.rim_radius_mm * (self.foot_share + (1 - self.foot_share) * up), np.float64
+        )
 
 
 def _fit_wall(vessel: Vessel, table_mm: float) -> _Wall:
@@ -121,9 +129,13 @@ def _fit_wall(vessel: Vessel, table_mm: float) -> _Wall:
     def residual(unknowns: Float64Array) -> Float64Array:
         foot, power = unknowns
         radii = _Wall(rim_mm, vessel.radius_mm, foot, power, np.eye(2)).radius_mm(wall[:, 0])
-        return np.concatenate([(radii - wall[:, 1]) / WALL_SD_MM, (unknowns - prior[:, 0]) / prior[:, 1]])
+        return np.concatenate(
+            [(radii - wall[:, 1]) / WALL_SD_MM, (unknowns - prior[:, 0]) / prior[:, 1]]
+        )
 
-    solution = scipy.optimize.least_squares(residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1")
+    solution = scipy.optimize.least_squares(
+        residual, prior[:, 0], bounds=([0.1, 0.1], [1.0, 2.0]), loss="soft_l1"
+    )
     covariance = np.linalg.inv(solution.jac.T @ solution.jac)
     return _Wall(rim_mm, vessel.radius_mm, float(solution.x[0]), float(solution.x[1]), covariance)
 

@@ -26,7 +26,9 @@ from app.vision.stereo.printed_stereo import PrintedStereo
 STRAY_SHARE = 0.001  # of a food's points at either end of its depth: half an ellipsoid loses 5 % of its depth by it
 MIN_BOUNDARY = 5  # points, of which an ellipse has as many unknowns
 HIDDEN_SHARE = 0.5  # of the volume: the mirror image
-TOWARDS_CAMERA = np.array([1.0, -1.0, -1.0])  # half a turn about the baseline: z from the depth axis to the camera
+TOWARDS_CAMERA = np.array(
+    [1.0, -1.0, -1.0]
+)  # half a turn about the baseline: z from the depth axis to the camera
 
 
 def measure_as_printed(
@@ -68,22 +70,30 @@ def cut_depth_slices(points_mm: Float64Array, form: SliceForm) -> tuple[list[Sli
     for each in range(SLICES):
         # A slice's ring has its hole where nearer slices have their points: with these, a ring that noise has broken
         # is filled as well.
-        fitted = _fit_slice(turned[number >= each, :2], (each * thickness, (each + 1) * thickness), cell, form)
+        fitted = _fit_slice(
+            turned[number >= each, :2], (each * thickness, (each + 1) * thickness), cell, form
+        )
         if fitted is not None:
             slices.append(fitted)
     return slices, float(far)
 
 
-def _fit_slice(xy: Float64Array, place: tuple[float, float], cell_mm: float, form: SliceForm) -> Slice | None:
+def _fit_slice(
+    xy: Float64Array, place: tuple[float, float], cell_mm: float, form: SliceForm
+) -> Slice | None:
     """Binary data, closed and filled; the form is fitted to the boundary of its largest part (section IV.F)."""
     if len(xy) < MIN_BOUNDARY:
         return None
     low = xy.min(axis=0)
     pad = CLOSING_CELLS + 1
     cells = np.floor((xy - low) / cell_mm).astype(np.int64) + pad
-    picture = np.zeros((int(cells[:, 1].max()) + pad + 1, int(cells[:, 0].max()) + pad + 1), np.uint8)
+    picture = np.zeros(
+        (int(cells[:, 1].max()) + pad + 1, int(cells[:, 0].max()) + pad + 1), np.uint8
+    )
     picture[cells[:, 1], cells[:, 0]] = 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * CLOSING_CELLS + 1, 2 * CLOSING_CELLS + 1))
+    kernel = cv2.getStructuringElement(
+        cv2.MORPH_ELLIPSE, (2 * CLOSING_CELLS + 1, 2 * CLOSING_CELLS + 1)
+    )
     closed = filled(np.asarray(cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel), np.uint8))
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     boundary = max(contours, key=cv2.contourArea).reshape(-1, 2).astype(np.float64)
@@ -103,7 +113,9 @@ def _fit_slice(xy: Float64Array, place: tuple[float, float], cell_mm: float, for
     if not np.isfinite([*half_axes, *centre]).all() or half_axes[0] > max(closed.shape) * cell_mm:
         return None  # larger than what it was fitted to: an arc too flat to tell a size
     radii = SymmetryAxis(middle, heading, half_axes[0] / half_axes[1]).scaled_radius(boundary)
-    return Slice(*place, centre, half_axes, heading, float(np.std(radii) / np.mean(radii)), "fitted")
+    return Slice(
+        *place, centre, half_axes, heading, float(np.std(radii) / np.mean(radii)), "fitted"
+    )
 
 
 def _fit_circle(boundary: Float64Array) -> tuple[Float64Array, float]:
@@ -144,7 +156,9 @@ def _volume(
     vertices = stereo.to_table((shape.vertices_mm - [0.0, 0.0, middle_mm]) * TOWARDS_CAMERA)
     support_mm = float(vertices[:, 2].min())
     volume_ml = 2 * sum(each.volume_ml for each in slices)
-    residual = float(np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices]))
+    residual = float(
+        np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices])
+    )
     pair_sd = float(np.hypot(3 * SCALE_SD, depth_sd))
     item_sd = float(np.hypot(residual, HIDDEN_SD * HIDDEN_SHARE))
     factor = float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))

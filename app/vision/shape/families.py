@@ -54,7 +54,11 @@ _RING = (X, Y, SUPPORT, A, B, C, E1, TURN_X, TURN_X + 1, TURN_Z)
 
 
 def families(
-    points_table: Float64Array, mask_mm2: float, support_mm: float, support_sd_mm: float, camera_mm: Float64Array
+    points_table: Float64Array,
+    mask_mm2: float,
+    support_mm: float,
+    support_sd_mm: float,
+    camera_mm: Float64Array,
 ) -> list[Form]:
     """Forms to try. points_table: (n, 3) of the food. mask_mm2: its mask's area, as if seen at the support.
 
@@ -130,20 +134,28 @@ def begin_families(extent: Extent, support_mm: float, support_sd_mm: float) -> l
     long, short = radius * np.sqrt(extent.aspect), radius / np.sqrt(extent.aspect)
     place = _placed(extent.middle_mm, support_mm)
     upright = _turned(extent.heading)
-    lying = upright @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # C along, A across, B up
+    lying = upright @ np.array(
+        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    )  # C along, A across, B up
 
-    def form(name: str, free: tuple[int, ...], axes: Float64Array, **values: float) -> Superellipsoid:
+    def form(
+        name: str, free: tuple[int, ...], axes: Float64Array, **values: float
+    ) -> Superellipsoid:
         p = place.copy()
         for key, value in values.items():
             p[_KEYS[key]] = value
         rest_sd = HEAP_SD if name == "heap" else REST_SD
-        return Superellipsoid(name, p, free, axes, support_sd_mm, rest_sd=rest_sd, is_round=name in ROUND)
+        return Superellipsoid(
+            name, p, free, axes, support_sd_mm, rest_sd=rest_sd, is_round=name in ROUND
+        )
 
     half = np.log(height / 2)
     forms: list[Form] = [
         form("ball", _UPRIGHT, upright, a=np.log(long), b=np.log(short), c=half),
         form("lying", _UPRIGHT, lying, a=np.log(short), b=half, c=np.log(long)),
-        form("heap", _HEAP, upright, a=np.log(long), b=np.log(short), c=np.log(height), sunk=height),
+        form(
+            "heap", _HEAP, upright, a=np.log(long), b=np.log(short), c=np.log(height), sunk=height
+        ),
     ]
     bent = {"a": np.log(0.9 * short), "b": half, "c": np.log(1.1 * long)}
     forms += [form("bent", _BENT, lying, bend=side * BENT_RAD, **bent) for side in (-1, 1)]

@@ -56,13 +56,19 @@ def average_forms(
     rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit in fits])
     if is_single:
         tuning = SINGLE_TUNING
-        rest = np.array([tuning.heap_rest_sd if fit.form.name == "heap" else tuning.rest_sd for fit in fits])
+        rest = np.array(
+            [tuning.heap_rest_sd if fit.form.name == "heap" else tuning.rest_sd for fit in fits]
+        )
     variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
     item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
     shape = ClosedShape(rest, mesh.faces)
-    return log_normal_volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
+    return (
+        log_normal_volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape),
+        support_mm,
+        flags,
+    )
 
 
 def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) -> list[FormFit]:
@@ -71,13 +77,19 @@ def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) 
         return []
     log_evidence, _ = _log_evidence(fits, TUNING.temper)
     is_likely = log_evidence > np.log(TUNING.least_weight)
-    return [fit for fit, likely in zip(fits, is_likely, strict=True) if likely or fit.form.name in hinted_families]
+    return [
+        fit
+        for fit, likely in zip(fits, is_likely, strict=True)
+        if likely or fit.form.name in hinted_families
+    ]
 
 
 def _log_evidence(fits: Sequence[FormFit], temper: float) -> tuple[Float64Array, float]:
     """(n,) logarithm of each fit's evidence over the best one's, which is the first, and the best one's misfit."""
     costs = np.array([fit.evidence for fit in fits])
-    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
+    misfit = max(
+        1.0, costs[0] / max(fits[0].observations, 1.0)
+    )  # its own size tells what a difference is worth
     return -0.5 * (costs - costs[0]) / (temper * misfit), misfit
 
 

@@ -81,7 +81,9 @@ class _Terms:
     unmeasured: float = 0.0
 
     def loss(self, tolerance: float) -> float:
-        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(self._scaled(tolerance) ** 2)).sum())
+        measured = float(
+            TUNING.loss_scale**2 * (self.weight * np.log1p(self._scaled(tolerance) ** 2)).sum()
+        )
         return measured + TUNING.unmeasured_loss * self.unmeasured
 
     def precision(self, tolerance: float) -> Float64Array:
@@ -121,12 +123,16 @@ class FormAt:
     def linearised(self, tolerance: float = 1.0) -> tuple[Float64Array, Float64Array]:
         """(k, k) Gauss-Newton's matrix and (k,) half the gradient, which take longer than the cost itself."""
         weighted = self._jacobian * self.terms.precision(tolerance)
-        slope = weighted @ self.terms.residual_px + self.prior.precision @ (self.unknowns - self.prior.expected)
+        slope = weighted @ self.terms.residual_px + self.prior.precision @ (
+            self.unknowns - self.prior.expected
+        )
         return weighted @ self._jacobian.T + self.prior.precision, slope
 
     @cached_property
     def _jacobian(self) -> Float64Array:
-        return self.form.moves_along(self.unknowns, self.cells, self.terms.vertex, self.terms.by_point)
+        return self.form.moves_along(
+            self.unknowns, self.cells, self.terms.vertex, self.terms.by_point
+        )
 
 
 @dataclass(frozen=True)
@@ -176,8 +182,12 @@ class FormFit:
         form, cells = self.form, self.at.cells
         vertices = form.vertices(self.unknowns, cells)
         by_vertex = enclosed_gradient_mm2(vertices, form.topology(cells))
-        gradient = form.moves_along(self.unknowns, cells, np.arange(len(vertices)), by_vertex).sum(axis=1)
-        return ml_from_mm3(float(np.sqrt(max(float(gradient @ _solved(self._normal, gradient)), 0.0))))
+        gradient = form.moves_along(self.unknowns, cells, np.arange(len(vertices)), by_vertex).sum(
+            axis=1
+        )
+        return ml_from_mm3(
+            float(np.sqrt(max(float(gradient @ _solved(self._normal, gradient)), 0.0)))
+        )
 
     @property
     def is_determined(self) -> bool:
@@ -192,7 +202,9 @@ class FormFit:
         return self.at.linearised(self.tolerance)[0]
 
 
-def form_at(form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _Prior | None = None) -> FormAt | None:
+def form_at(
+    form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _Prior | None = None
+) -> FormAt | None:
     """Return the form where the unknowns (k,) place it; None where nothing of the food meets it.
 
     prior: the form's own, if it was computed before.
@@ -200,7 +212,9 @@ def form_at(form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _
     terms = _terms(form, unknowns, cells, seen)
     if terms is None:
         return None
-    return FormAt(form, cells, unknowns, prior or _Prior(form.expected, form.prior_precision), terms)
+    return FormAt(
+        form, cells, unknowns, prior or _Prior(form.expected, form.prior_precision), terms
+    )
 
 
 def fit_form(
@@ -336,7 +350,9 @@ def _outline_terms(
     return _Terms(index, by_point, residual, np.full(len(residual), seen.outline_sd_px), weight)
 
 
-def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:
+def _coverage_terms(
+    placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool
+) -> _Terms | None:
     """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
 
     They draw the nearest point of the form's outline towards them. is_flat: the outline has long straight edges, along
@@ -373,20 +389,28 @@ def _uncovered(at: FormAt, seen: Seen) -> float:
     placed = _placed(at.form, at.unknowns, at.cells, seen)
     rows, columns = window_around(seen.mask, TUNING.margin_px)  # beyond it nothing is to be covered
     mask = seen.mask[rows, columns]
-    covered = filled(draw_mask(placed.pixels[0] - (columns.start, rows.start), placed.mesh.faces, mask.shape))
+    covered = filled(
+        draw_mask(placed.pixels[0] - (columns.start, rows.start), placed.mesh.faces, mask.shape)
+    )
     return float(np.count_nonzero(mask & ~covered)) / TUNING.dense_area_px
 
 
 def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:
     """(n, 2) px, evenly along the outline's edges in the first view, and (n,) the end of its edge nearest to each."""
     is_facing, edges = placed.is_facing[0], placed.mesh.edges
-    edges = edges[is_facing[placed.mesh.edge_faces[:, 0]] != is_facing[placed.mesh.edge_faces[:, 1]]]
+    edges = edges[
+        is_facing[placed.mesh.edge_faces[:, 0]] != is_facing[placed.mesh.edge_faces[:, 1]]
+    ]
     start, end = (placed.pixels[0][edges[:, side]] for side in (0, 1))
-    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / TUNING.unexplained_px), 1).astype(np.int64)
+    steps = np.maximum(
+        np.ceil(np.linalg.norm(end - start, axis=1) / TUNING.unexplained_px), 1
+    ).astype(np.int64)
     edge = np.repeat(np.arange(len(edges)), steps)
     first = np.repeat(np.cumsum(steps) - steps, steps)
     share = (np.arange(len(edge)) - first + 0.5) / steps[edge]
-    return edges[edge, (share > 0.5).astype(np.int64)], start[edge] + share[:, None] * (end - start)[edge]
+    return edges[edge, (share > 0.5).astype(np.int64)], start[edge] + share[:, None] * (
+        end - start
+    )[edge]
 
 
 def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> MaskArray:
@@ -422,7 +446,10 @@ def _depth_in_hull_px(pixels: Float64Array) -> Float64Array:
 def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
     """(m,) whether the box around each triangle (m, 3, 2) comes within reach of any of the points (n, 2)."""
     low, high = triangles.min(axis=1) - TUNING.near_px, triangles.max(axis=1) + TUNING.near_px
-    near = [(low[:, axis, None] < pixels[:, axis]) & (pixels[:, axis] < high[:, axis, None]) for axis in (0, 1)]
+    near = [
+        (low[:, axis, None] < pixels[:, axis]) & (pixels[:, axis] < high[:, axis, None])
+        for axis in (0, 1)
+    ]
     return np.asarray((near[0] & near[1]).any(axis=1), np.bool_)
 
 
@@ -463,12 +490,17 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> list[_Terms | None]:
         unmeasured = float(weight[~is_measured].sum())
         kept = index[is_measured]
         residual = placed.parallax_px[kept] - measured[is_measured]
-        return _Terms(kept, by_point[is_measured], residual, sd[is_measured], weight[is_measured], unmeasured)
+        return _Terms(
+            kept, by_point[is_measured], residual, sd[is_measured], weight[is_measured], unmeasured
+        )
 
     pixels = placed.pixels[0][index]
     by_pair = _by_pair(seen, pixels, depth[index])
     by_maps = (each.at(pixels) for each in seen.by_maps)
-    return [terms(*by_pair, TUNING.max_sd_px), *(terms(*each, float(WINDOW_PX**2), np.inf) for each in by_maps)]
+    return [
+        terms(*by_pair, TUNING.max_sd_px),
+        *(terms(*each, float(WINDOW_PX**2), np.inf) for each in by_maps),
+    ]
 
 
 def _by_pair(
@@ -479,7 +511,11 @@ def _by_pair(
         return _measured(seen, seen.dense, pixels, depth_mm)
     _, _, inward = _inward(seen, pixels)
     value, sd = seen.surface.at(pixels)
-    return np.where(inward > 1, value, np.nan), np.hypot(sd, TUNING.surface_sd_px), float(WINDOW_PX**2)
+    return (
+        np.where(inward > 1, value, np.nan),
+        np.hypot(sd, TUNING.surface_sd_px),
+        float(WINDOW_PX**2),
+    )
 
 
 def _measured(
@@ -495,7 +531,9 @@ def _measured(
     value = np.where(inward > dense.reach_px[row, column] + 1, value, np.nan)
     if dense.error_area_px is None or dense.sd_px is None:
         return value, np.full(len(value), TUNING.dense_sd_px), TUNING.dense_area_px
-    noise = np.nan_to_num(dense.sd_px[row, column].astype(np.float64)) ** 2  # of what is not measured, none counts
+    noise = (
+        np.nan_to_num(dense.sd_px[row, column].astype(np.float64)) ** 2
+    )  # of what is not measured, none counts
     rough = (TUNING.roughness_mm * seen.sight.parallax_per_mm(depth_mm)) ** 2
     rough_px2 = (TUNING.roughness_run_mm * seen.sight.pair.focal_px / depth_mm) ** 2
     area_px = (noise * dense.error_area_px + rough * rough_px2) / (noise + rough)

@@ -39,7 +39,11 @@ class FormPrior:
 
     def share(self, family: str) -> float:
         """The same of a single view, where the other forms share those odds."""
-        others = sum(1 for form, families in FAMILIES_OF_FORM.items() if form != "lying" and self.families != families)
+        others = sum(
+            1
+            for form, families in FAMILIES_OF_FORM.items()
+            if form != "lying" and self.families != families
+        )
         odds = self.odds if self.is_said else SINGLE_TABLE_ODDS
         return 1.0 if family in self.families else 1.0 / (odds * max(others, 1))
 
@@ -63,7 +67,9 @@ class LikelyForms:
         It sums the probability of the family's own form, a small share of the other forms' probability, and a third of
         what no candidate accounts for.
         """
-        own = sum(self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form])
+        own = sum(
+            self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form]
+        )
         candidates = sum(self.probabilities.get(form, 0.0) for form in FORMS)
         unknown, other_forms = max(1.0 - candidates, 0.0), len(FORMS) - 1
         of_others = (candidates - own) / (SINGLE_TABLE_ODDS * other_forms)
@@ -78,4 +84,6 @@ def form_prior(hint: Hint | None) -> FormPrior | None:
     form = stated_form or hint.usual_form
     if form is None or form not in FAMILIES_OF_FORM:
         return None
-    return FormPrior(FAMILIES_OF_FORM[form], PERSON_ODDS if stated_form else TABLE_ODDS, stated_form is not None)
+    return FormPrior(
+        FAMILIES_OF_FORM[form], PERSON_ODDS if stated_form else TABLE_ODDS, stated_form is not None
+    )

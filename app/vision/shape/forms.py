@@ -20,7 +20,11 @@ from numpy.polynomial import Legendre
 from app.vision.geometry.mesh import IntArray, Topology, ring, sphere, unit, vertex_normals
 from app.vision.model import Float64Array
 
-COARSE, FINE, EXACT = 6, 12, 24  # cells a side of the cube: to find a form, to fit it, to take its volume
+COARSE, FINE, EXACT = (
+    6,
+    12,
+    24,
+)  # cells a side of the cube: to find a form, to fit it, to take its volume
 DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
 # Of the displacement in mean radii at degree one, all round the axis or not.
 LATHE_SD, REST_SD, HEAP_SD = 0.06, 0.03, 0.08
@@ -35,12 +39,19 @@ WEIGHT_STEP, WEIGHT_STRIDE = 1e-3, 0.05
 X, Y, SUPPORT, SUNK, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER, BEND = range(14)
 STEP = np.full(14, 1e-3)  # of the finite differences
 STEP[[X, Y, SUPPORT, SUNK]] = 0.05
-STRIDE = np.array([3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2])  # the most at one step
-SPREAD = np.array([np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5])  # prior
+STRIDE = np.array(
+    [3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2]
+)  # the most at one step
+SPREAD = np.array(
+    [np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5]
+)  # prior
 SUPPORT_BOUND = 2.0  # sd, within which the support stays
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
 LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
-LOG_EXPONENTS = (np.log(0.1), np.log(1.5))  # a box with rounded edges to a form pointed like a lemon
+LOG_EXPONENTS = (
+    np.log(0.1),
+    np.log(1.5),
+)  # a box with rounded edges to a form pointed like a lemon
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +122,9 @@ class Form(ABC):
             return unknowns
         height, width = self.height_over
         out = unknowns.copy()
-        out[self.free.index(height)] = out[[self.free.index(each) for each in width]].mean() + self.height_ratio[0]
+        out[self.free.index(height)] = (
+            out[[self.free.index(each) for each in width]].mean() + self.height_ratio[0]
+        )
         return out
 
     @property
@@ -137,7 +150,9 @@ class Form(ABC):
         spread = self._prior_sd
         bound = -2 * float(np.log(spread[np.isfinite(spread)]).sum())
         bound -= 2 * float(np.log(ROUND_SD)) if self.is_round else 0.0
-        return bound if self.height_ratio is None else bound - 2 * float(np.log(self.height_ratio[1]))
+        return (
+            bound if self.height_ratio is None else bound - 2 * float(np.log(self.height_ratio[1]))
+        )
 
     @property
     def parameter_sd(self) -> Float64Array:
@@ -166,7 +181,9 @@ class Form(ABC):
     @property
     def stride(self) -> Float64Array:
         """(k,) the most that an unknown may change at one step."""
-        return np.concatenate([self.parameter_stride[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)])
+        return np.concatenate(
+            [self.parameter_stride[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)]
+        )
 
     @property
     def _weight_sd(self) -> Float64Array:
@@ -195,7 +212,10 @@ class Form(ABC):
     ) -> Float64Array:
         """(k, n) derivatives of the places of vertices (n,), each counted along a direction (n, 3); by differences."""
         steps = np.concatenate(
-            [self.parameter_step[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)]
+            [
+                self.parameter_step[list(self.free)],
+                np.full(len(unknowns) - len(self.free), WEIGHT_STEP),
+            ]
         )
         moved = np.vstack([unknowns, unknowns + np.diag(steps)])
         p = np.tile(self.parameters, (len(moved), 1))
@@ -231,13 +251,17 @@ def real_harmonics(directions: Float64Array, orders: Sequence[tuple[int, int]]) 
         ratio = math.factorial(degree - waves) / math.factorial(degree + waves)
         size = math.sqrt((2 * degree + 1) * ratio * (1 if order == 0 else 2))
         legendre = Legendre.basis(degree).deriv(waves)(height) * radius**waves
-        columns.append(size * legendre * (np.cos(waves * azimuth) if order >= 0 else np.sin(waves * azimuth)))
+        columns.append(
+            size * legendre * (np.cos(waves * azimuth) if order >= 0 else np.sin(waves * azimuth))
+        )
     return np.column_stack(columns)
 
 
 def harmonic_orders(least: int = 1, most: int = DEGREE) -> list[tuple[int, int]]:
     """Degree and order of all harmonics from one degree to another."""
-    return [(degree, order) for degree in range(least, most + 1) for order in range(-degree, degree + 1)]
+    return [
+        (degree, order) for degree in range(least, most + 1) for order in range(-degree, degree + 1)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +292,9 @@ class Superellipsoid(Form):
         """Falls with the degree; degree one would only move or tilt what the parameters already move and tilt."""
         return np.array(
             [
-                (LATHE_SD if order == 0 else self.rest_sd) / degree * (DEGREE_ONE if degree == 1 else 1.0)
+                (LATHE_SD if order == 0 else self.rest_sd)
+                / degree
+                * (DEGREE_ONE if degree == 1 else 1.0)
                 for degree, order in harmonic_orders()
             ]
         )
@@ -286,11 +312,17 @@ class Superellipsoid(Form):
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
-        return np.stack([self._shaped(each, some, cells) for each, some in zip(p, weights, strict=True)])
+        return np.stack(
+            [self._shaped(each, some, cells) for each, some in zip(p, weights, strict=True)]
+        )
 
     def _shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         plain = self._plain(p, cells)
-        return self._displaced(p, weights, plain.at, self._normals(plain, cells), cells) if len(weights) else plain.at
+        return (
+            self._displaced(p, weights, plain.at, self._normals(plain, cells), cells)
+            if len(weights)
+            else plain.at
+        )
 
     def moves_along(
         self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
@@ -312,11 +344,17 @@ class Superellipsoid(Form):
         chosen = np.append(index, lowest)
         directions, turned = sphere(cells).places[chosen], plain.turned[chosen]
         out = np.zeros((len(self.free), len(chosen), 3))
-        shaping = [row for row, free in enumerate(self.free) if free not in (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)]
+        shaping = [
+            row
+            for row, free in enumerate(self.free)
+            if free not in (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
+        ]
         moved = np.tile(p, (len(shaping), 1))
         steps = STEP[[self.free[row] for row in shaping]]
         moved[np.arange(len(shaping)), [self.free[row] for row in shaping]] += steps
-        out[shaping] = (self._own(moved, directions) @ self._turn(p).T - turned) / steps[:, None, None]
+        out[shaping] = (self._own(moved, directions) @ self._turn(p).T - turned) / steps[
+            :, None, None
+        ]
         for row, free in enumerate(self.free):
             if free in (X, Y, SUPPORT):
                 out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
@@ -331,7 +369,12 @@ class Superellipsoid(Form):
         return _Moves(out[:, :-1], moved_mm[:-1], waves[:-1], moved_mm[-1, 2] * waves[-1])
 
     def _displaced(
-        self, p: Float64Array, weights: Float64Array, plain_at: Float64Array, normals: Float64Array, cells: int
+        self,
+        p: Float64Array,
+        weights: Float64Array,
+        plain_at: Float64Array,
+        normals: Float64Array,
+        cells: int,
     ) -> Float64Array:
         at = plain_at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
         at[:, 2] += p[SUPPORT] - at[:, 2].min()
@@ -451,7 +494,12 @@ class Ring(Form):
     @property
     def weight_sd(self) -> Float64Array:
         """Falls with the waves."""
-        terms = [wave + 0.5 * term for wave in range(1, RING_WAVES + 1) for _ in range(2) for term in range(3)]
+        terms = [
+            wave + 0.5 * term
+            for wave in range(1, RING_WAVES + 1)
+            for _ in range(2)
+            for term in range(3)
+        ]
         return RING_SD / np.array(terms)
 
     def topology(self, cells: int) -> Topology:
@@ -465,12 +513,18 @@ class Ring(Form):
         if weights.size:
             across = (np.ones_like(tube), np.cos(tube), np.sin(tube))
             waves = range(1, RING_WAVES + 1)
-            terms = [f(wave * turn) * term for wave in waves for f in (np.cos, np.sin) for term in across]
+            terms = [
+                f(wave * turn) * term for wave in waves for f in (np.cos, np.sin) for term in across
+            ]
             width = width + weights @ np.stack(terms)
         middle, half_width, half_height = np.exp(p[:, A : C + 1].T)[:, :, None]
         stretch, radius = np.exp(p[:, E1, None] / 2), middle + half_width * width * np.cos(tube)
         own = np.stack(
-            [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)],
+            [
+                radius * np.cos(turn) * stretch,
+                radius * np.sin(turn) / stretch,
+                half_height * width * np.sin(tube),
+            ],
             axis=2,
         )
         turns = np.stack([cv2.Rodrigues(each)[0] @ self.axes for each in p[:, TURN_X : TURN_Z + 1]])

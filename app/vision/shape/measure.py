@@ -20,11 +20,15 @@ from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
 
-FINE_REACH_SHARE = 0.5  # of half a fine window: it follows the surface, and shows the outline's points best
+FINE_REACH_SHARE = (
+    0.5  # of half a fine window: it follows the surface, and shows the outline's points best
+)
 FINEST_REACH_PX = 5.0
 OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
-UNEXPLAINED_SD = 0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
+UNEXPLAINED_SD = (
+    0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
+)
 HELD_FORMS = frozenset({"liquid", "in_vessel"})  # what holds them is not seen in a single view
 LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
 
@@ -78,7 +82,15 @@ def measure_items(
     foods = np.any([region.mask for region in regions], axis=0)
     return without_clutter(
         [
-            _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
+            _measure(
+                region,
+                pair,
+                disparity,
+                points_table,
+                ignored | (foods & ~region.mask),
+                hints,
+                pose_sd,
+            )
             for region in regions
         ]
     )
@@ -116,7 +128,10 @@ def _says_nothing(item: MeasuredItem) -> bool:
 def _is_clutter(item: MeasuredItem) -> bool:
     if item.region.hint is not None or item.volume is None:
         return False
-    return item.volume.volume_ml < MIN_VOLUME_ML or item.volume.relative_sd.get("item", 0.0) > UNEXPLAINED_SD
+    return (
+        item.volume.volume_ml < MIN_VOLUME_ML
+        or item.volume.relative_sd.get("item", 0.0) > UNEXPLAINED_SD
+    )
 
 
 def _measure(
@@ -130,7 +145,9 @@ def _measure(
 ) -> MeasuredItem | None:
     is_measured = np.isfinite(points_table[..., 2])
     # Near the outline a window may have matched what lies behind; the larger the window, the further in.
-    reach = np.where(disparity.reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * disparity.reach_px
+    reach = (
+        np.where(disparity.reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * disparity.reach_px
+    )
     depth_px = inward_px(region.mask)
     points = points_table[is_measured & (depth_px > reach)].astype(np.float64)
     support = support_height_mm(points_table, region.mask, others)

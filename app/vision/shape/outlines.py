@@ -16,7 +16,10 @@ from app.vision.shape.surface_match import draw_mask
 from app.vision.stereo.rectification import RectifiedPair
 
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
-NEAREST_SHARE, NEAREST_PX = 0.05, 8.0  # of the long side, to a point that no pixel shows; and beyond the nearest one
+NEAREST_SHARE, NEAREST_PX = (
+    0.05,
+    8.0,
+)  # of the long side, to a point that no pixel shows; and beyond the nearest one
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
 DECIMALS = 1
 IN_VESSEL = ("in_vessel", "liquid")  # forms of a food that a vessel holds
@@ -24,7 +27,9 @@ MIN_HOLE_SHARE = 0.01  # of the outline's area; smaller holes are noise
 SPLAT_SIDE_PX = 1000  # of the reduced photograph that a mask is carried over to
 
 
-def photograph_px(pair: RectifiedPair, points_table: Float32Array, left: View, *, is_swapped: bool) -> Float32Array:
+def photograph_px(
+    pair: RectifiedPair, points_table: Float32Array, left: View, *, is_swapped: bool
+) -> Float32Array:
     """(H, W, 2) each grid pixel's place in the photograph sent as left, px.
 
     That photograph is the grid's own unless the pair came swapped; then the place follows from the pixel's point, or
@@ -43,7 +48,9 @@ def photograph_px(pair: RectifiedPair, points_table: Float32Array, left: View, *
     return np.asarray(points_in_photograph(point_of, left).astype(np.float32)[nearest], np.float32)
 
 
-def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, int]) -> list[HintMask]:
+def draw_hints(
+    hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, int]
+) -> list[HintMask]:
     """Each hint as a mask on the grid. places_px: (H, W, 2). size: of the photograph sent as left (width, height)."""
     drawn = []
     columns, rows = (np.nan_to_num(places_px[..., axis], nan=-1.0) for axis in (0, 1))
@@ -51,16 +58,22 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
         picture = np.zeros((size[1], size[0]), np.uint8)
         is_box = hint.polygon is None and hint.box is not None
         if hint.polygon is not None:
-            cv2.fillPoly(picture, [np.rint(np.array(ring)).astype(np.int32) for ring in hint.polygon], 1)
+            cv2.fillPoly(
+                picture, [np.rint(np.array(ring)).astype(np.int32) for ring in hint.polygon], 1
+            )
         elif hint.box is not None:
             x, y, width, height = hint.box
-            cv2.rectangle(picture, (round(x), round(y)), (round(x + width), round(y + height)), 1, -1)
+            cv2.rectangle(
+                picture, (round(x), round(y)), (round(x + width), round(y + height)), 1, -1
+            )
         elif hint.point is not None:
             radius = round(POINT_RADIUS_SHARE * max(size))
             cv2.circle(picture, (round(hint.point[0]), round(hint.point[1])), radius, 1, -1)
         else:
             continue
-        mask = cv2.remap(picture, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
+        mask = (
+            cv2.remap(picture, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
+        )
         if hint.point is not None and hint.box is None and hint.polygon is None and not mask.any():
             mask = _nearest_to(hint.point, places_px, size)
         is_in_vessel = hint.vessel is not None or (hint.form or hint.lies_as) in IN_VESSEL
@@ -68,19 +81,25 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
     return drawn
 
 
-def _nearest_to(point: tuple[float, float], places_px: Float32Array, size: tuple[int, int]) -> MaskArray:
+def _nearest_to(
+    point: tuple[float, float], places_px: Float32Array, size: tuple[int, int]
+) -> MaskArray:
     """(H, W) the grid's pixels nearest to a point in the photograph that none of them shows, if they are near.
 
     The grid of a swapped pair knows only where what is measured lies in the photograph sent as left.
     """
-    apart = np.nan_to_num(np.hypot(places_px[..., 0] - point[0], places_px[..., 1] - point[1]), nan=np.inf)
+    apart = np.nan_to_num(
+        np.hypot(places_px[..., 0] - point[0], places_px[..., 1] - point[1]), nan=np.inf
+    )
     is_inside = 0 <= point[0] < size[0] and 0 <= point[1] < size[1]
     if not is_inside or apart.min() > NEAREST_SHARE * max(size):
         return np.zeros(apart.shape, np.bool_)
     return np.asarray(apart <= apart.min() + NEAREST_PX, np.bool_)
 
 
-def rings_of(mask: MaskArray, places_px: Float32Array, *, is_swapped: bool) -> tuple[Float64Array, ...]:
+def rings_of(
+    mask: MaskArray, places_px: Float32Array, *, is_swapped: bool
+) -> tuple[Float64Array, ...]:
     """Outlines of a mask in the photograph sent as left: outer ring, then holes, (n, 2) px; empty if nothing is."""
     if not is_swapped:
         return tuple(_simplified(places_px[ring[:, 1], ring[:, 0]]) for ring in _rings(mask))
@@ -91,7 +110,9 @@ def rings_of(mask: MaskArray, places_px: Float32Array, *, is_swapped: bool) -> t
     low = np.floor(places.min(axis=0))
     scale = min(1.0, SPLAT_SIDE_PX / float(np.ptp(places, axis=0).max() + 1))
     # A pixel of the grid covers about this many of the photograph: the splats are closed by so much.
-    spread = max(3, 2 * int(np.ceil(scale * np.sqrt(np.prod(np.ptp(places, axis=0) + 1) / len(places)))) + 3)
+    spread = max(
+        3, 2 * int(np.ceil(scale * np.sqrt(np.prod(np.ptp(places, axis=0) + 1) / len(places)))) + 3
+    )
     cells = np.rint((places - low) * scale).astype(np.int64) + spread
     width, height = cells.max(axis=0) + spread + 1
     picture = np.zeros((int(height), int(width)), np.uint8)
@@ -100,7 +121,9 @@ def rings_of(mask: MaskArray, places_px: Float32Array, *, is_swapped: bool) -> t
     return tuple(_simplified((ring - spread) / scale + low) for ring in _rings(closed))
 
 
-def rings_of_faces(pixels: Float64Array, faces: IntArray, size: tuple[int, int]) -> tuple[Float64Array, ...]:
+def rings_of_faces(
+    pixels: Float64Array, faces: IntArray, size: tuple[int, int]
+) -> tuple[Float64Array, ...]:
     """Outlines of what triangles with corners at (n, 2) px of a photograph cover in it; empty if nothing is.
 
     size: of the photograph (width, height).
@@ -132,28 +155,40 @@ def points_in_photograph(points_table: Float64Array, view: View) -> Float64Array
     return np.asarray(projected, np.float64).reshape(-1, 2)
 
 
-def second_grid_in_photograph(pixels: Float64Array, pair: RectifiedPair, second: View) -> Float64Array:
+def second_grid_in_photograph(
+    pixels: Float64Array, pair: RectifiedPair, second: View
+) -> Float64Array:
     """(n, 2) px of the second image of the rectified grid -> (n, 2) px of the second photograph."""
     a, b, c = pair.plane_px
     x, y = pixels.T
     unsheared = np.column_stack([x * (1 - a) - b * y - c, y])
     # Somewhere on each ray: where it is seen does not depend on how far away it is.
-    return points_in_photograph(pair.rays(unsheared) @ pair.rotation * pair.focal_px + second.centre_mm, second)
+    return points_in_photograph(
+        pair.rays(unsheared) @ pair.rotation * pair.focal_px + second.centre_mm, second
+    )
 
 
 def _rings(mask: MaskArray) -> list[np.ndarray]:
     """Contour of the largest component and its larger holes, (n, 2) int, on the mask's grid."""
-    contours, hierarchy = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    contours, hierarchy = cv2.findContours(
+        mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+    )
     if not contours:
         return []
     areas = [cv2.contourArea(contour) for contour in contours]
     tree = np.asarray(hierarchy).reshape(-1, 4)
     outer = max((k for k in range(len(contours)) if tree[k][3] < 0), key=lambda k: areas[k])
-    holes = [k for k in range(len(contours)) if tree[k][3] == outer and areas[k] > MIN_HOLE_SHARE * areas[outer]]
+    holes = [
+        k
+        for k in range(len(contours))
+        if tree[k][3] == outer and areas[k] > MIN_HOLE_SHARE * areas[outer]
+    ]
     return [np.asarray(contours[k]).reshape(-1, 2) for k in (outer, *holes)]
 
 
 def _simplified(ring: np.ndarray) -> Float64Array:
     """The ring without corners that change it by less than TOLERANCE_PX, to tenths of a pixel, as it is kept."""
-    simple = cv2.approxPolyDP(np.ascontiguousarray(ring, np.float32).reshape(-1, 1, 2), TOLERANCE_PX, closed=True)
+    simple = cv2.approxPolyDP(
+        np.ascontiguousarray(ring, np.float32).reshape(-1, 1, 2), TOLERANCE_PX, closed=True
+    )
     return np.round(np.asarray(simple, np.float64).reshape(-1, 2), DECIMALS)

@@ -28,9 +28,14 @@ FREE_SKEW_SD = 0.5  # of a wedge, whose corners may be any
 # Of the weights, relative to the length that each changes.
 DRAUGHT_SD, LEAN_SD, SLOPE_SD, CROWN_SD = 0.03, 0.03, 0.03, 0.03
 KEYSTONE_SD = 0.02  # opposite sides that are not parallel, a block's
-SIDE_SD = {3: 0.06, 4: 0.015}  # a side's bulge over its length; a round cheese's rind has a tenth on its short side
+SIDE_SD = {
+    3: 0.06,
+    4: 0.015,
+}  # a side's bulge over its length; a round cheese's rind has a tenth on its short side
 DISPLACEMENT_SD = 0.03  # in mean half-axes, over the degree
-DISPLACEMENT_ORDERS = harmonic_orders(2, 4)  # degree one moves and tilts; finer ones would round off the edges
+DISPLACEMENT_ORDERS = harmonic_orders(
+    2, 4
+)  # degree one moves and tilts; finer ones would round off the edges
 WALL_LOOPS = {COARSE: 2, FINE: 4}
 CORNER_SPREAD = 0.6  # of a step along a side
 TOP_SHARES = (0.8, 0.5, 0.2)  # of the loops within the top
@@ -61,13 +66,27 @@ class Prism(Form):
         sides = [SIDE_SD[self.corners]] * self.corners
         keystones = [KEYSTONE_SD] * 2 if self.corners == 4 else []
         displacement = [DISPLACEMENT_SD / degree for degree, _ in DISPLACEMENT_ORDERS]
-        return np.array([DRAUGHT_SD, LEAN_SD, LEAN_SD, SLOPE_SD, SLOPE_SD, CROWN_SD, *sides, *keystones, *displacement])
+        return np.array(
+            [
+                DRAUGHT_SD,
+                LEAN_SD,
+                LEAN_SD,
+                SLOPE_SD,
+                SLOPE_SD,
+                CROWN_SD,
+                *sides,
+                *keystones,
+                *displacement,
+            ]
+        )
 
     @property
     def parameter_sd(self) -> Float64Array:
         """Places, sizes and heading are free."""
         skew = SQUARE_SKEW_SD if self.corners == 4 else FREE_SKEW_SD
-        return np.array([np.inf, np.inf, 1.0, np.inf, np.inf, np.inf, skew, np.inf, ROUNDING_LOG_SD])
+        return np.array(
+            [np.inf, np.inf, 1.0, np.inf, np.inf, np.inf, skew, np.inf, ROUNDING_LOG_SD]
+        )
 
     @property
     def parameter_stride(self) -> Float64Array:
@@ -95,8 +114,16 @@ class Prism(Form):
         """See Form."""
         layout, count, many = _layout(self.corners, cells), self.corners, len(p)
         weights = weights if weights.size else np.zeros((many, len(self.weight_sd)))
-        draught, lean, slope, crown = weights[:, 0, None, None], weights[:, 1:3], weights[:, 3:5], weights[:, 5, None]
-        sides, keystones = weights[:, 6 : 6 + count], weights[:, 6 + count : -len(DISPLACEMENT_ORDERS)]
+        draught, lean, slope, crown = (
+            weights[:, 0, None, None],
+            weights[:, 1:3],
+            weights[:, 3:5],
+            weights[:, 5, None],
+        )
+        sides, keystones = (
+            weights[:, 6 : 6 + count],
+            weights[:, 6 + count : -len(DISPLACEMENT_ORDERS)],
+        )
         height = np.exp(p[:, HEIGHT, None])
         polygon = _footprint(p, keystones, count)
         normals, lengths = _sides(polygon)
@@ -107,13 +134,17 @@ class Prism(Form):
         plan += radius[:, None, None, None] * offset * outward[:, None]
         level = by_rounding.ravel() * radius[:, None] + by_height.ravel() * height
         plan = np.concatenate([plan.reshape(many, -1, 2), np.zeros((many, 2, 2))], axis=1)
-        z = np.concatenate([np.repeat(level, inner.shape[1], axis=1), np.zeros((many, 1)), height], axis=1)
+        z = np.concatenate(
+            [np.repeat(level, inner.shape[1], axis=1), np.zeros((many, 1)), height], axis=1
+        )
         share = (z / height - 0.5)[:, :, None]
         size = np.sqrt(np.exp(p[:, A] + p[:, B]))[:, None]
         crowned = crown * (1 - (plan**2).sum(axis=2) / size**2)
         z = z * (1 + np.einsum("qnb,qb->qn", plan, slope) / size + crowned)
         plan = plan * (1 + draught * share) + height[:, :, None] * share * lean[:, None]
-        at = np.concatenate([plan + p[:, None, [X, Y]], (p[:, SUPPORT, None] + z)[:, :, None]], axis=2)
+        at = np.concatenate(
+            [plan + p[:, None, [X, Y]], (p[:, SUPPORT, None] + z)[:, :, None]], axis=2
+        )
         moved = np.exp(p[:, [A, B, HEIGHT]].mean(axis=1))[:, None]
         moved = moved * (weights[:, -len(DISPLACEMENT_ORDERS) :] @ _harmonics(count, cells).T)
         across = moved[:, :-2].reshape(many, len(layout.loops), -1, 1) * offset * outward[:, None]
@@ -122,18 +153,24 @@ class Prism(Form):
         return at
 
 
-def prism(name: str, polygon_mm: Float64Array, height_mm: float, support_mm: float, support_sd_mm: float) -> Prism:
+def prism(
+    name: str, polygon_mm: Float64Array, height_mm: float, support_mm: float, support_sd_mm: float
+) -> Prism:
     """The prism on a footprint of three corners, or the block on a rectangle's four, (n, 2), counter-clockwise."""
     middle = polygon_mm.mean(axis=0)
     reference = _reference(len(polygon_mm))
     numberings = []
     for first in range(len(polygon_mm)):
-        matrix = np.linalg.lstsq(reference, np.roll(polygon_mm, -first, axis=0) - middle, rcond=None)[0].T
+        matrix = np.linalg.lstsq(
+            reference, np.roll(polygon_mm, -first, axis=0) - middle, rcond=None
+        )[0].T
         turn = float(np.arctan2(matrix[1, 0], matrix[0, 0]))
         cosine, sine = np.cos(turn), np.sin(turn)
         shear, b = np.array([[cosine, sine], [-sine, cosine]]) @ matrix[:, 1]
         sizes = np.log([np.hypot(*matrix[:, 0]), b, height_mm])
-        numberings.append(np.array([*middle, support_mm, *sizes, shear / b, turn, np.log(ROUNDING_MM)]))
+        numberings.append(
+            np.array([*middle, support_mm, *sizes, shear / b, turn, np.log(ROUNDING_MM)])
+        )
     p = min(numberings, key=lambda each: abs(float(each[SKEW])))
     return Prism(name, p, tuple(range(len(p))), np.eye(3), support_sd_mm, corners=len(polygon_mm))
 
@@ -157,10 +194,16 @@ class _Layout:
 
 @lru_cache
 def _layout(corners: int, cells: int) -> _Layout:
-    arc, side, wall = max(2, cells // 6 * 2), max(3, cells // 2), WALL_LOOPS.get(cells, WALL_LOOPS[FINE])
+    arc, side, wall = (
+        max(2, cells // 6 * 2),
+        max(3, cells // 2),
+        WALL_LOOPS.get(cells, WALL_LOOPS[FINE]),
+    )
     along = np.concatenate([np.zeros(arc + 1), np.arange(1, side) / side])
     turned = np.concatenate([np.arange(arc + 1) / arc, np.ones(side - 1)])
-    spread = np.concatenate([(np.arange(arc + 1) / arc - 0.5) * CORNER_SPREAD / side, np.zeros(side - 1)])
+    spread = np.concatenate(
+        [(np.arange(arc + 1) / arc - 0.5) * CORNER_SPREAD / side, np.zeros(side - 1)]
+    )
     angle = np.linspace(0, np.pi / 2, arc + 1)
     loops = [(1.0, np.sin(each), 1 - np.cos(each), 0.0) for each in angle]
     loops += [(1.0, 1.0, 1 - 2 * step / wall, step / wall) for step in range(1, wall + 1)]
@@ -177,7 +220,9 @@ def _harmonics(corners: int, cells: int) -> Float64Array:
     layout, reference = _layout(corners, cells), _reference(corners)
     towards = np.roll(reference, -1, axis=0) - reference
     loop = reference[layout.corner] + layout.along[:, None] * towards[layout.corner]
-    plan = np.concatenate([(layout.loops[:, 0, None, None] * loop).reshape(-1, 2), np.zeros((2, 2))])
+    plan = np.concatenate(
+        [(layout.loops[:, 0, None, None] * loop).reshape(-1, 2), np.zeros((2, 2))]
+    )
     level = np.append(np.repeat(2 * layout.loops[:, 3] - 1, len(loop)), [-1.0, 1.0])
     return real_harmonics(unit(np.column_stack([plan, level])), DISPLACEMENT_ORDERS)
 
@@ -186,7 +231,9 @@ def _harmonics(corners: int, cells: int) -> Float64Array:
 def _upward(corners: int, cells: int) -> Float64Array:
     """(n,) the share of the displacement that raises a vertex: all on the top, none on walls and on the base."""
     layout = _layout(corners, cells)
-    share = np.where(layout.loops[:, 3] == 1.0, np.sqrt(1 - np.minimum(layout.loops[:, 1], 1.0) ** 2), 0.0)
+    share = np.where(
+        layout.loops[:, 3] == 1.0, np.sqrt(1 - np.minimum(layout.loops[:, 1], 1.0) ** 2), 0.0
+    )
     return np.append(np.repeat(share, len(layout.corner)), [0.0, 1.0])
 
 
@@ -218,7 +265,9 @@ def _sides(polygon: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 def _rounding_mm(p: Float64Array, polygon: Float64Array, normals: Float64Array) -> Float64Array:
     """(q,) the edges' radius, bounded smoothly by what the prism is large enough for."""
-    most = MOST_ROUNDING * np.minimum(np.exp(p[:, HEIGHT]), (polygon * normals).sum(axis=2).min(axis=1))
+    most = MOST_ROUNDING * np.minimum(
+        np.exp(p[:, HEIGHT]), (polygon * normals).sum(axis=2).min(axis=1)
+    )
     radius_mm = LEAST_ROUNDING_MM + np.exp(p[:, ROUNDING])
     return np.asarray(radius_mm * most / np.hypot(radius_mm, most), np.float64)
 

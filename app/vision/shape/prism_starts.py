@@ -16,12 +16,16 @@ from app.vision.shape.prism import Prism, prism
 from app.vision.stereo.sight import Sight
 
 MIN_SOLIDITY = 0.85  # a mask that fills less of its hull is no prism's
-MIN_LIKENESS = 0.85  # of the silhouettes (intersection over union): less, and the family is not tried
+MIN_LIKENESS = (
+    0.85  # of the silhouettes (intersection over union): less, and the family is not tried
+)
 HEIGHT_RATIOS = np.geomspace(0.5, 2.0, 15)  # of the points' height
 MIN_HEIGHT_MM = 5.0
 CAMERA_SHARE = 0.8  # of the camera's height, up to which a food may reach
 MIN_SIDE_MM = 6.0
-SAME_POINT_MM = 0.2  # OpenCV's minEnclosingTriangle raises on corners that lie closer than float32 resolves
+SAME_POINT_MM = (
+    0.2  # OpenCV's minEnclosingTriangle raises on corners that lie closer than float32 resolves
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,19 +59,29 @@ def begin_prisms(
         likest = max(usable, key=lambda each: each.likeness)
         is_of_points = usable[0] is candidates[0]
         chosen = [usable[0], likest] if is_of_points and likest is not usable[0] else [likest]
-        out += [prism(name, each.polygon, each.height_mm, support_mm, support_sd_mm) for each in chosen]
+        out += [
+            prism(name, each.polygon, each.height_mm, support_mm, support_sd_mm) for each in chosen
+        ]
     return out
 
 
 def _hull(mask: MaskArray) -> Float64Array | None:
     """(n, 2) px, the mask's convex hull; None where the mask fills too little of it."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    points = np.concatenate([np.asarray(each).reshape(-1, 2) for each in contours]) if contours else np.empty((0, 2))
+    points = (
+        np.concatenate([np.asarray(each).reshape(-1, 2) for each in contours])
+        if contours
+        else np.empty((0, 2))
+    )
     if len(points) < 3:
         return None
     hull = cv2.convexHull(points.astype(np.float32)).reshape(-1, 2)
     area = cv2.contourArea(hull)
-    return hull.astype(np.float64) if area > 0 and np.count_nonzero(mask) > MIN_SOLIDITY * area else None
+    return (
+        hull.astype(np.float64)
+        if area > 0 and np.count_nonzero(mask) > MIN_SOLIDITY * area
+        else None
+    )
 
 
 def _candidate(
@@ -90,7 +104,10 @@ def _candidate(
     if polygon is None:
         return None
     corners = np.concatenate(
-        [np.column_stack([polygon, np.full(len(polygon), support_mm + level)]) for level in (0.0, height_mm)]
+        [
+            np.column_stack([polygon, np.full(len(polygon), support_mm + level)])
+            for level in (0.0, height_mm)
+        ]
     )
     silhouette = _convex(sight.project(corners)[0])
     shared, _ = cv2.intersectConvexConvex(silhouette, _convex(hull))
@@ -105,7 +122,9 @@ def cast(sight: Sight, pixels: Float64Array, level_mm: float) -> Float64Array | 
     if (rays[:, 2] >= 0).any():
         return None
     camera = sight.cameras_mm[0]
-    return np.asarray((camera + rays * ((level_mm - camera[2]) / rays[:, 2])[:, None])[:, :2], np.float64)
+    return np.asarray(
+        (camera + rays * ((level_mm - camera[2]) / rays[:, 2])[:, None])[:, :2], np.float64
+    )
 
 
 def _rectangle(footprint: Float64Array) -> Float64Array | None:

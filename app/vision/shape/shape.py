@@ -93,7 +93,9 @@ def measure_shapes(
     measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
-            measured.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
+            measured.append(
+                _of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd)))
+            )
             continue
         if region.is_unread:
             flags = ("not_measurable",)  # a glass of water: what parallax says there is chance
@@ -102,7 +104,11 @@ def measure_shapes(
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
         forms = likely[number] if likely else None
-        measured.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint), forms))
+        measured.append(
+            None
+            if food is None
+            else _measured(region, food, scene, pose_sd, form_prior(hint), forms)
+        )
     return without_clutter(measured)
 
 
@@ -131,13 +137,17 @@ class _Scene:
         line = _without(snap(lab, rings, TUNING.snap_px), in_pair[0])
         inward = inward_in(mask, window)
         seen_parallax = self.disparity.parallax_px[window]
-        measured = np.argwhere(np.isfinite(seen_parallax) & (inward[window] > self.disparity.reach_px[window]))
+        measured = np.argwhere(
+            np.isfinite(seen_parallax) & (inward[window] > self.disparity.reach_px[window])
+        )
         if len(measured) == 0 and self.pair.second_bgr is not None:
             return None
         parallax = seen_parallax[measured[:, 0], measured[:, 1]].astype(np.float64)
         pixels = measured[:, ::-1] + [window[1].start, window[0].start]
         points = sight.points(pixels.astype(np.float64), parallax)
-        support_mm, support_sd_mm = self._support(number, points if len(points) else plane_xy_mm[mask[window]])
+        support_mm, support_sd_mm = self._support(
+            number, points if len(points) else plane_xy_mm[mask[window]]
+        )
         points = below_gap(points, support_mm)
         seen = Seen(sight, mask, inward, (line, None), self.disparity, others=self.others)
         if self.grey is None and len(points) == 0:
@@ -179,7 +189,10 @@ class _Scene:
             if other == number or not shared.any():
                 continue
             own = own_mask & dilated(region.mask[window], reach)
-            if self._distance_mm(points[shared]) < self._distance_mm(points[own]) + TUNING.in_front_mm:
+            if (
+                self._distance_mm(points[shared])
+                < self._distance_mm(points[own]) + TUNING.in_front_mm
+            ):
                 first |= region.mask
         if not first.any():
             return first, second
@@ -222,7 +235,10 @@ def _scene_of(
     is_single = pair.second_bgr is None
     first_bgr, second_bgr = (pair.first_bgr, pair.first_bgr) if is_single else pair.both_bgr
     grey = [grey_of(image).astype(np.float32) for image in (first_bgr, second_bgr)]
-    lab = tuple(LabPicture(image) for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others)))
+    lab = tuple(
+        LabPicture(image)
+        for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others))
+    )
     of_pair = None if is_single else (grey[0], grey[1])
     return _Scene(foods, pair, disparity, points_table, pair.pixel_mm, of_pair, lab, tuple(others))
 
@@ -246,17 +262,25 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
         forms = single_view_forms(food.sight, food.seen.mask, food.support_mm, food.support_sd_mm)
     elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
-        forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
+        forms += begin_prisms(
+            food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm
+        )
     hinted_families = prior.families if prior is not None else ()
-    ranked = _coarse_fits(food, [replace(form, has_displacement=False) for form in forms], hinted_families)
-    kept, margin = (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
+    ranked = _coarse_fits(
+        food, [replace(form, has_displacement=False) for form in forms], hinted_families
+    )
+    kept, margin = (
+        (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
+    )
     usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
     rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
     of_form = [fit for fit in rest if fit.form.name in hinted_families]
     if food.is_single:
         return _pass(food, usable[:kept] + of_form[:1], food.seen)
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None), hinted_families))
+    fits = _settled(
+        food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None), hinted_families)
+    )
     for runner_up in fits[1:2]:
         # What is measured along a form favours it: one that does better along itself is the better one.
         own = _pass(food, [runner_up], None)
@@ -265,7 +289,9 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     return fits
 
 
-def _coarse_fits(food: _Food, forms: Sequence[Form], hinted_families: Collection[str]) -> list[FormFit]:
+def _coarse_fits(
+    food: _Food, forms: Sequence[Form], hinted_families: Collection[str]
+) -> list[FormFit]:
     """Return the coarse fits, best first: families with the nearest starts, and those that a hint names.
 
     In a single view all families are fitted from both starts, since one outline hardly tells them apart.
@@ -299,7 +325,14 @@ def begin_fit(form: Form, seen: Seen) -> list[FormAt]:
     start = form_at(form, form.start, COARSE, seen)
     if start is None:
         return []
-    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, start, TUNING.wide_outline_sd_px / seen.outline_sd_px)
+    wide = fit_form(
+        form,
+        seen,
+        COARSE,
+        TUNING.wide_rounds,
+        start,
+        TUNING.wide_outline_sd_px / seen.outline_sd_px,
+    )
     return sorted([start] if wide is None else [start, wide.at], key=lambda at: at.cost())
 
 
@@ -314,7 +347,12 @@ def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[For
     A family whose fit does not determine its volume is left out.
     """
     refitted = [_refit(food, common, fit) for fit in fits]
-    return [fit for _, fit in sorted((each for each in refitted if each is not None), key=lambda each: each[0])]
+    return [
+        fit
+        for _, fit in sorted(
+            (each for each in refitted if each is not None), key=lambda each: each[0]
+        )
+    ]
 
 
 def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
@@ -353,7 +391,9 @@ def _seen_along(food: _Food, near: FormFit) -> Seen:
     vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
     covered = _covered(food, vertices, mesh)
     surface = measure_along(food.sight, food.grey, (food.seen.mask, covered[0]), vertices, mesh)
-    by_maps = (average_along(food.sight, each, food.seen.inward_px, vertices, mesh) for each in food.depths)
+    by_maps = (
+        average_along(food.sight, each, food.seen.inward_px, vertices, mesh) for each in food.depths
+    )
     outlines = (_outline_in(food, view, mask) for view, mask in enumerate(covered, start=1))
     return replace(
         food.seen,
@@ -383,7 +423,9 @@ def _outline_in(food: _Food, view: int, covered: MaskArray) -> Outline | None:
     rings = rings_of_mask(covered)
     if not rings or first is None:
         return None
-    inside, outside = colours_beside(food.lab[0].within(window_around(food.seen.mask, LAB_MARGIN_PX)), first)
+    inside, outside = colours_beside(
+        food.lab[0].within(window_around(food.seen.mask, LAB_MARGIN_PX)), first
+    )
     lab = food.lab[view].within(window_around(covered, LAB_MARGIN_PX))
     shift = first.points_px.mean(axis=0) - outline(rings, np.empty(0)).points_px.mean(axis=0)
 
@@ -410,14 +452,18 @@ def _measured(
         fits = _fit_families(food, prior)
         if not fits:
             return None
-        result = average_forms(fits, pair_sd, prior, likely if food.is_single else None, is_single=food.is_single)
+        result = average_forms(
+            fits, pair_sd, prior, likely if food.is_single else None, is_single=food.is_single
+        )
     volume, support_mm, flags = result
     if not food.is_single and is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
 
 
-def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tuple[Volume | None, float, Flags] | None:
+def _of_bowl(
+    region: Region, food: _Food, scene: _Scene, pair_sd: float
+) -> tuple[Volume | None, float, Flags] | None:
     """What fills the bowl that holds the food, without a volume where that would be a guess; None for one beside it."""
     vessel = region.vessel
     if vessel is None:
@@ -427,7 +473,9 @@ def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tupl
     if content is None and _is_beside(food.points, vessel):
         return None
     is_known = content is not None and content.sd_ml < TUNING.unknown_inside_sd * content.volume_ml
-    is_known &= len(vessel.wall_mm) > 0  # with no wall in view, what is like bowls alone would speak
+    is_known &= (
+        len(vessel.wall_mm) > 0
+    )  # with no wall in view, what is like bowls alone would speak
     flags = ("inside_guessed",) if is_known else ("not_measurable",)
     if content is None or not is_known:
         return None, food.support_mm, flags
@@ -446,10 +494,15 @@ def _of_liquid(region: Region, vessel: FilledVessel, pair_sd: float) -> Measured
     if liquid.is_measurable:
         item_sd = liquid.sd_ml / liquid.volume_ml
         middle, rest = vessel.rim.centre_mm, points - [0.0, 0.0, liquid.floor_mm]
-        volume = log_normal_volume(liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape)
+        volume = log_normal_volume(
+            liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape
+        )
     return MeasuredItem(region, points, liquid.floor_mm, volume, vessel.flags)
 
 
 def _is_beside(points_table: Float64Array, vessel: Vessel) -> bool:
     """Whether most of a food lies outside the bowl's rim."""
-    return bool(np.median(np.linalg.norm(points_table[:, :2] - vessel.centre_mm, axis=1)) >= vessel.radius_mm)
+    return bool(
+        np.median(np.linalg.norm(points_table[:, :2] - vessel.centre_mm, axis=1))
+        >= vessel.radius_mm
+    )

@@ -39,21 +39,29 @@ HEIGHT_OF_WIDTH: Mapping[str, float] = {
     "lying": 1.0,
     "bent": 1.0,
 }
-HEAP_LOG_EXPONENT = float(np.log(1.35))  # its volume half of base times height: between a cone's third and a dome's two
+HEAP_LOG_EXPONENT = float(
+    np.log(1.35)
+)  # its volume half of base times height: between a cone's third and a dome's two
 HEAP_SUNK_SD_MM = 2.0
 SLABS = (0.2, 0.5)  # other heights of a slab over its width that are tried
 ROUNDS = 30
 MIN_CAST_PX = 30
 
 
-def single_view_forms(sight: Sight, mask: MaskArray, support_mm: float, support_sd_mm: float) -> list[Form]:
+def single_view_forms(
+    sight: Sight, mask: MaskArray, support_mm: float, support_sd_mm: float
+) -> list[Form]:
     """Forms to try of a food whose mask (H, W) is all that is known. Empty where its rays miss the support."""
     forms: list[Form] = []
     heights = [*HEIGHT_OF_WIDTH.items(), *(("slab", height) for height in SLABS)]
     for name, height_of_width in heights:
         extent = _extent(sight, mask, support_mm, height_of_width)
         if extent is not None:
-            forms += [each for each in begin_families(extent, support_mm, support_sd_mm) if each.name == name]
+            forms += [
+                each
+                for each in begin_families(extent, support_mm, support_sd_mm)
+                if each.name == name
+            ]
     extent = _extent(sight, mask, support_mm, HEIGHT_OF_WIDTH["slab"])
     if extent is not None:
         forms += begin_prisms(sight, mask, extent.height_mm, support_mm, support_sd_mm)
@@ -80,7 +88,9 @@ class _Cast:
     cot: float
 
 
-def _extent(sight: Sight, mask: MaskArray, support_mm: float, height_of_width: float) -> Extent | None:
+def _extent(
+    sight: Sight, mask: MaskArray, support_mm: float, height_of_width: float
+) -> Extent | None:
     """The ellipsoid of this height over its width whose silhouette has the mask's second moments."""
     seen = _on_plane(sight, mask, support_mm)
     if seen is None:
@@ -122,7 +132,9 @@ def _on_plane(sight: Sight, mask: MaskArray, level_mm: float) -> _Cast | None:
     if area <= 0:
         return None
     middle = np.array([moments["m10"], moments["m01"]]) / area
-    covariance = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
+    covariance = (
+        np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
+    )
     flat = middle - sight.cameras_mm[0][:2]
     far = max(float(np.linalg.norm(flat)), 1e-9)
     return _Cast(middle, covariance, flat / far, far / float(sight.cameras_mm[0][2] - level_mm))

@@ -70,7 +70,11 @@ def measure_along(
 
 
 def average_along(
-    sight: Sight, depth: DisparityMap, inward_px: Float32Array, vertices: Float64Array, mesh: Topology
+    sight: Sight,
+    depth: DisparityMap,
+    inward_px: Float32Array,
+    vertices: Float64Array,
+    mesh: Topology,
 ) -> SurfaceParallax | None:
     """The parallax of a depth map near the surface, averaged along it over a window; None where it is out of sight.
 
@@ -93,10 +97,16 @@ def average_along(
     variance /= np.maximum(count / np.float32(depth.error_area_px or 1.0), 1)
     depth_mm = np.median((vertices - sight.cameras_mm[0]) @ sight.pair.rotation[2], keepdims=True)
     run_px = TUNING.roughness_run_mm * float(sight.pair.focal_px / depth_mm[0])
-    rough_px = TUNING.roughness_mm * float(sight.parallax_per_mm(depth_mm)[0]) * min(1.0, run_px / WINDOW_PX)
+    rough_px = (
+        TUNING.roughness_mm
+        * float(sight.parallax_per_mm(depth_mm)[0])
+        * min(1.0, run_px / WINDOW_PX)
+    )
     sd = np.sqrt(variance + np.float32(rough_px) ** 2)
     nan = np.float32(np.nan)
-    parallax, sd = (np.where(is_good, each, nan).astype(np.float32) for each in (surface + mean, sd))
+    parallax, sd = (
+        np.where(is_good, each, nan).astype(np.float32) for each in (surface + mean, sd)
+    )
     return SurfaceParallax(parallax, sd, (left, top))
 
 
@@ -133,7 +143,9 @@ def draw_parallax(
 def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
     """The mask less CLEAR_PX above and below, and across_px along the rows, which are searched."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * across_px + 1, 2 * CLEAR_PX + 1))
-    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    return (
+        cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    )
 
 
 def draw_mask(pixels: Float64Array, faces: IntArray, shape: tuple[int, ...]) -> MaskArray:
@@ -163,7 +175,9 @@ def _correlate(
     height, width = surface.shape
     rows, columns = (
         np.ascontiguousarray(each, np.float32)
-        for each in np.meshgrid(np.arange(height) + origin[1], np.arange(width) + origin[0], indexing="ij")
+        for each in np.meshgrid(
+            np.arange(height) + origin[1], np.arange(width) + origin[0], indexing="ij"
+        )
     )
     columns -= np.nan_to_num(surface)
     on_second = cv2.remap(masks[1].astype(np.uint8), columns, rows, cv2.INTER_NEAREST) > 0
@@ -173,27 +187,45 @@ def _correlate(
     variance = _sum(first * first * on_food) / share - mean * mean
     scores = np.empty((2 * REACH_PX + 1, height, width), np.float32)
     for score, shift in zip(scores, range(-REACH_PX, REACH_PX + 1), strict=True):
-        moved = cv2.remap(second, columns - np.float32(shift), rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        moved = cv2.remap(
+            second,
+            columns - np.float32(shift),
+            rows,
+            cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
         mean_moved = _sum(moved * on_food) / share
         variance_moved = _sum(moved * moved * on_food) / share - mean_moved * mean_moved
         covariance = _sum(first * moved * on_food) / share - mean * mean_moved
-        spread = np.sqrt(np.maximum(variance, MIN_VARIANCE) * np.maximum(variance_moved, MIN_VARIANCE))
+        spread = np.sqrt(
+            np.maximum(variance, MIN_VARIANCE) * np.maximum(variance_moved, MIN_VARIANCE)
+        )
         np.divide(covariance, spread, out=score)
     best = scores.argmax(axis=0)
     peak = np.clip(best, 1, 2 * REACH_PX - 1)
-    less, here, more = (np.take_along_axis(scores, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1))
+    less, here, more = (
+        np.take_along_axis(scores, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1)
+    )
     curvature = np.minimum(less - 2 * here + more, -1e-6)
     offset = peak - REACH_PX + np.clip(0.5 * (less - more) / curvature, -1, 1)
     # How sharp the peak is tells of the gradients that both views share; those of noise alone make no peak.
     noise = np.maximum((1 - np.clip(here, 0, 1)), MIN_NOISE / np.maximum(variance, MIN_VARIANCE))
     sd = 2 * np.sqrt(noise / (share * -curvature))
-    is_good = (on_food > 0) & (best == peak) & (here > MIN_CORRELATION) & (share > MIN_SHARE * WINDOW_PX**2)
+    is_good = (
+        (on_food > 0)
+        & (best == peak)
+        & (here > MIN_CORRELATION)
+        & (share > MIN_SHARE * WINDOW_PX**2)
+    )
     nan = np.float32(np.nan)
-    return np.where(is_good, offset, nan).astype(np.float32), np.where(is_good, sd, nan).astype(np.float32)
+    return np.where(is_good, offset, nan).astype(np.float32), np.where(is_good, sd, nan).astype(
+        np.float32
+    )
 
 
 def _sum(image: Float32Array) -> Float32Array:
     side = (WINDOW_PX, WINDOW_PX)
     return np.asarray(
-        cv2.boxFilter(image, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32
+        cv2.boxFilter(image, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT),
+        np.float32,
     )

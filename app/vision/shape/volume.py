@@ -17,7 +17,9 @@ from app.vision.geometry.solids import stack_of_slices
 from app.vision.geometry.symmetry import SymmetryAxis, complete, fit_axis, main_body
 from app.vision.model import Float64Array, MaskArray, SliceForm
 
-METHOD_SD = 0.077 * 1.2533  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
+METHOD_SD = (
+    0.077 * 1.2533
+)  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
 SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
 HIDDEN_SD = 0.15  # of the volume that no view shows, relative
 SUPPORT_SD_MM = 1.5  # height of the support under a food
@@ -77,11 +79,16 @@ def estimate_volume(
     completed = complete(points, thickness, axis)
     slices = cut_slices(completed, thickness, axis, chosen, towards_camera)
     if is_in_outline is not None and slices:
-        slices = carve(slices, lambda above: is_in_outline(above + np.array([0.0, 0.0, support_mm])))
+        slices = carve(
+            slices, lambda above: is_in_outline(above + np.array([0.0, 0.0, support_mm]))
+        )
     if len(slices) < MIN_SLICES:
         return None
     volume_ml = sum(each.volume_ml for each in slices)
-    relative_sd = {"pair": float(np.hypot(3 * SCALE_SD, pose_sd)), "item": _item_sd(slices, volume_ml)}
+    relative_sd = {
+        "pair": float(np.hypot(3 * SCALE_SD, pose_sd)),
+        "item": _item_sd(slices, volume_ml),
+    }
     spread = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
     return Volume(
         volume_ml=volume_ml,
@@ -98,8 +105,15 @@ def estimate_volume(
 def _item_sd(slices: list[Slice], volume_ml: float) -> float:
     hidden_ml = sum(each.volume_ml for each in slices if each.source in ("mirrored", "continued"))
     # A radius' relative error counts twice in an area. Half of it is the form's misfit, whose area is kept.
-    residual = float(np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices]))
+    residual = float(
+        np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices])
+    )
     foot_ml = ml_from_mm3(slices[0].area_mm2 * SUPPORT_SD_MM)
     return float(
-        np.sqrt(METHOD_SD**2 + residual**2 + (HIDDEN_SD * hidden_ml / volume_ml) ** 2 + (foot_ml / volume_ml) ** 2)
+        np.sqrt(
+            METHOD_SD**2
+            + residual**2
+            + (HIDDEN_SD * hidden_ml / volume_ml) ** 2
+            + (foot_ml / volume_ml) ** 2
+        )
     )

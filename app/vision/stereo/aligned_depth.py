@@ -40,8 +40,12 @@ def follow_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     if any(camera.distortion):
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         size = (width, height)
-        maps = cv2.initUndistortRectifyMap(matrix, np.array(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1)
-        depth_mm = np.asarray(cv2.remap(depth_mm, *maps, cv2.INTER_NEAREST, borderValue=np.nan), np.float32)
+        maps = cv2.initUndistortRectifyMap(
+            matrix, np.array(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
+        )
+        depth_mm = np.asarray(
+            cv2.remap(depth_mm, *maps, cv2.INTER_NEAREST, borderValue=np.nan), np.float32
+        )
     return replace(depth, depth_mm=depth_mm, fx=fx, fy=fy, cx=cx, cy=cy, is_aligned=False)
 
 

@@ -16,7 +16,9 @@ from app.vision.stereo.rectification import RectifiedPair
 
 STEP_PX = 4  # of the grid, between the pixels by which a map is compared
 MIN_COMPARED = 100
-MAX_SCALE_ERROR = 0.1  # phones' sensors are good to two per cent: more, and it is another unit or another scene
+MAX_SCALE_ERROR = (
+    0.1  # phones' sensors are good to two per cent: more, and it is another unit or another scene
+)
 MAX_TILT = 0.03  # of the scale, from the picture's middle to its border
 TILT_PRIOR = 0.01
 MIN_SHARE = 0.6  # of what is compared, within 3 sd and 1 % of depth
@@ -29,7 +31,12 @@ MIN_WINDOW_SHARE = 0.5  # of it that is measured
 
 
 def agree_with_table(
-    pair: RectifiedPair, measured: DisparityMap, table_px: Float32Array, is_table: MaskArray, *, has_tilt: bool
+    pair: RectifiedPair,
+    measured: DisparityMap,
+    table_px: Float32Array,
+    is_table: MaskArray,
+    *,
+    has_tilt: bool,
 ) -> DisparityMap | None:
     """The map in the scale that the reference has on the table; None where they do not agree.
 
@@ -63,14 +70,25 @@ def agree_with_table(
             return None
         coefficients = np.linalg.solve(normal, weighted.T @ ratio[is_near])
     scale, *tilt = coefficients
-    if np.mean(is_near) < MIN_SHARE or abs(scale - 1.0) > MAX_SCALE_ERROR or np.abs(tilt).max() > MAX_TILT:
+    if (
+        np.mean(is_near) < MIN_SHARE
+        or abs(scale - 1.0) > MAX_SCALE_ERROR
+        or np.abs(tilt).max() > MAX_TILT
+    ):
         return None
     by = (coefficients[0] + coefficients[1] * x + coefficients[2] * y[:, None]).astype(np.float32)
-    return replace(measured, parallax_px=pair.parallax_from_disparity(shown / by), sd_px=measured.sd_px / by)
+    return replace(
+        measured, parallax_px=pair.parallax_from_disparity(shown / by), sd_px=measured.sd_px / by
+    )
 
 
 def fuse_depths(
-    pair: RectifiedPair, match: DisparityMap, maps: Sequence[DisparityMap], match_sd_px: float, *, is_averaged: bool
+    pair: RectifiedPair,
+    match: DisparityMap,
+    maps: Sequence[DisparityMap],
+    match_sd_px: float,
+    *,
+    is_averaged: bool,
 ) -> DisparityMap:
     """The match and the maps weighted by their precision; where they disagree, and where the match failed, the surer.
 
@@ -86,10 +104,14 @@ def fuse_depths(
         if each.sd_px is None:
             continue
         is_shown = np.isfinite(each.parallax_px) & pair.is_seen
-        filling, filling_sd = _sure(pair, each, each.sd_px) if is_averaged else _smooth(pair, each, each.sd_px)
+        filling, filling_sd = (
+            _sure(pair, each, each.sd_px) if is_averaged else _smooth(pair, each, each.sd_px)
+        )
         is_filled = np.isnan(parallax) & np.isfinite(filling.parallax_px) & pair.is_seen
         is_surer = is_shown & (each.sd_px < sd)
-        is_one = is_shown & (np.abs(each.parallax_px - parallax) < AGREEING_SD * np.hypot(sd, each.sd_px))
+        is_one = is_shown & (
+            np.abs(each.parallax_px - parallax) < AGREEING_SD * np.hypot(sd, each.sd_px)
+        )
         share = sd**2 / (sd**2 + each.sd_px**2)
         mixed = parallax + share * (each.parallax_px - parallax)
         parallax = np.where(is_one, mixed, np.where(is_surer, each.parallax_px, parallax))
@@ -101,10 +123,14 @@ def fuse_depths(
     return DisparityMap(parallax, reach, sd)
 
 
-def _sure(pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array) -> tuple[DisparityMap, Float32Array]:
+def _sure(
+    pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array
+) -> tuple[DisparityMap, Float32Array]:
     """The map where its sd is below FILLING_SD_MM, NaN elsewhere, and its sd."""
     is_sure = sd_px < FILLING_SD_MM * _per_mm(pair, measured)
-    return replace(measured, parallax_px=np.where(is_sure, measured.parallax_px, np.float32(np.nan))), sd_px
+    return replace(
+        measured, parallax_px=np.where(is_sure, measured.parallax_px, np.float32(np.nan))
+    ), sd_px
 
 
 def _per_mm(pair: RectifiedPair, measured: DisparityMap) -> Float32Array:
@@ -113,7 +139,9 @@ def _per_mm(pair: RectifiedPair, measured: DisparityMap) -> Float32Array:
     return np.asarray(squared / np.float32(pair.focal_px * pair.baseline_mm), np.float32)
 
 
-def _smooth(pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array) -> tuple[DisparityMap, Float32Array]:
+def _smooth(
+    pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array
+) -> tuple[DisparityMap, Float32Array]:
     """The map averaged until its noise is FILLING_SD_MM, its reach widened by the window, and its sd.
 
     NaN where that takes too wide a window.
@@ -127,8 +155,12 @@ def _smooth(pair: RectifiedPair, measured: DisparityMap, sd_px: Float32Array) ->
     if side > FILLING_WINDOW_PX:
         return replace(measured, parallax_px=nothing), nothing
     share = cv2.boxFilter(is_measured.astype(np.float32), cv2.CV_32F, (side, side))
-    total = cv2.boxFilter(np.where(is_measured, measured.parallax_px, np.float32(0.0)), cv2.CV_32F, (side, side))
-    mean = np.where(share > MIN_WINDOW_SHARE, total / np.maximum(share, np.float32(MIN_WINDOW_SHARE)), nothing)
+    total = cv2.boxFilter(
+        np.where(is_measured, measured.parallax_px, np.float32(0.0)), cv2.CV_32F, (side, side)
+    )
+    mean = np.where(
+        share > MIN_WINDOW_SHARE, total / np.maximum(share, np.float32(MIN_WINDOW_SHARE)), nothing
+    )
     reach = measured.reach_px + np.float32((side - 1) / 2)
     smooth = replace(measured, parallax_px=np.asarray(mean, np.float32), reach_px=reach)
     return smooth, sd_px * np.float32(min(1.0, FILLING_SD_MM / sd_mm))

@@ -15,15 +15,23 @@ import numpy as np
 from app.vision.geometry.pictures import grey_of
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
-RANGE_LEVEL, SEARCH_LEVEL = 4, 2  # reductions: the whole range is searched on the first, what it found on the second
-RANGE_SPECKLE_PX = 60  # on the range level: 30 px across at full size; what is smaller does not widen the search
+RANGE_LEVEL, SEARCH_LEVEL = (
+    4,
+    2,
+)  # reductions: the whole range is searched on the first, what it found on the second
+RANGE_SPECKLE_PX = (
+    60  # on the range level: 30 px across at full size; what is smaller does not widen the search
+)
 RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
 STANDING_PX = 1.5  # over the support, at full size: 3 to 5 mm at usual distances; what is lower needs no finer level
 STANDING_MARGIN_PX = 24  # around what stands
 LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides a coarser one
 STEPS = 2  # of Gauss-Newton on each level; the search leaves half a pixel, the level before a tenth
 WINDOW_PX = 9  # on each level: 36, 18 and 9 px of the working image
-SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = 100, 500  # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
+SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = (
+    100,
+    500,
+)  # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
 SEARCH_WINDOW_PX = 3
 MIN_CORRELATION = 0.6
 MIN_TEXTURE = 1.0  # grey levels, standard deviation in a window: below, it is the sensor's noise that is correlated
@@ -62,7 +70,10 @@ def unmatched(shape: tuple[int, int]) -> DisparityMap:
 
 
 def match_dense(
-    first_bgr: ImageArray, second_bgr: ImageArray, range_px: tuple[float, float], is_seen: MaskArray | None = None
+    first_bgr: ImageArray,
+    second_bgr: ImageArray,
+    range_px: tuple[float, float],
+    is_seen: MaskArray | None = None,
 ) -> DisparityMap:
     """Parallax x_first - x_second, kept where both directions of the search agree and a window confirms it.
 
@@ -87,14 +98,18 @@ def match_dense(
         )
         begun = (_resized(start, size, cv2.INTER_LINEAR) / scale).astype(np.float32)[rows, columns]
         settled = _settle(a[rows, columns], b[rows], begun, level, columns.start or 0)
-        is_good = settled.is_good & (_resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0)
+        is_good = settled.is_good & (
+            _resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0
+        )
         good = np.where(is_good, settled.parallax * scale, np.float32(np.nan))
         whole = (good.shape[1], good.shape[0]) if level == LEVELS[-1] else (width, height)
         kept = _resized(good, whole, cv2.INTER_LINEAR)
         is_kept = np.isfinite(kept)
         np.copyto(parallax[rows, columns], kept, where=is_kept)
         reach[rows, columns][is_kept] = level * WINDOW_PX / 2
-        np.copyto(sd[rows, columns], _resized(settled.sd * scale, whole, cv2.INTER_LINEAR), where=is_kept)
+        np.copyto(
+            sd[rows, columns], _resized(settled.sd * scale, whole, cv2.INTER_LINEAR), where=is_kept
+        )
         if level == SEARCH_LEVEL:  # the finest level sets out from here
             start = np.where(is_good, settled.parallax, begun) * scale
     parallax = _without_speckles(parallax)
@@ -134,13 +149,18 @@ def looks_alike(first: ImageArray, second: ImageArray, parallax_px: Float32Array
     first, second: (H, W), compared on the grid of parallax_px, (h, w), which is in px of the images.
     """
     height, width = parallax_px.shape
-    a, b = (_resized(grey, (width, height), cv2.INTER_AREA).astype(np.float32) for grey in (first, second))
+    a, b = (
+        _resized(grey, (width, height), cv2.INTER_AREA).astype(np.float32)
+        for grey in (first, second)
+    )
     columns = np.arange(width, dtype=np.float32) - parallax_px * np.float32(width / first.shape[1])
     seen = np.asarray(_sample(b, columns, cv2.INTER_LINEAR), np.float32)
     mean, mean_seen = _box(a), _box(seen)
     variance, variance_seen = _box(a * a) - mean * mean, _box(seen * seen) - mean_seen * mean_seen
     together = _box(a * seen) - mean * mean_seen
-    limit = np.float32(MIN_CORRELATION) * np.sqrt(np.maximum(variance * variance_seen, np.float32(1e-6)))
+    limit = np.float32(MIN_CORRELATION) * np.sqrt(
+        np.maximum(variance * variance_seen, np.float32(1e-6))
+    )
     return np.asarray(together > limit, np.bool_)
 
 
@@ -151,12 +171,19 @@ def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:
     small = _resized(is_seen.astype(np.uint8), (shape[1], shape[0]), cv2.INTER_NEAREST)
     side = round(LEVELS[0] * WINDOW_PX * shape[1] / is_seen.shape[1]) + 1
     return np.asarray(
-        cv2.erode(small, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0), np.uint8
+        cv2.erode(
+            small, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
+        ),
+        np.uint8,
     )
 
 
 def _search_range(
-    first: ImageArray, second: ImageArray, range_px: tuple[float, float], level: int, is_seen: MaskArray | None
+    first: ImageArray,
+    second: ImageArray,
+    range_px: tuple[float, float],
+    level: int,
+    is_seen: MaskArray | None,
 ) -> tuple[Float32Array, ImageArray]:
     size = _level_size(first, level)
     a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
@@ -201,12 +228,18 @@ def _standing(parallax: Float32Array) -> tuple[slice, slice]:
     return row_range, column_range
 
 
-def _semi_global(matcher: cv2.StereoSGBM, a: ImageArray, b: ImageArray, low: int, count: int) -> Float32Array:
+def _semi_global(
+    matcher: cv2.StereoSGBM, a: ImageArray, b: ImageArray, low: int, count: int
+) -> Float32Array:
     """(H, W) parallax; the image is widened by the range, since none is searched for within it of the border."""
     left, right = max(0, low + count), max(0, -low)
     wide = [cv2.copyMakeBorder(image, 0, 0, left, right, cv2.BORDER_REPLICATE) for image in (a, b)]
-    fixed_point = np.ascontiguousarray(matcher.compute(wide[0], wide[1])[:, left : left + a.shape[1]])
-    return np.asarray(cv2.medianBlur(fixed_point, 5), np.float32) / np.float32(cv2.STEREO_MATCHER_DISP_SCALE)
+    fixed_point = np.ascontiguousarray(
+        matcher.compute(wide[0], wide[1])[:, left : left + a.shape[1]]
+    )
+    return np.asarray(cv2.medianBlur(fixed_point, 5), np.float32) / np.float32(
+        cv2.STEREO_MATCHER_DISP_SCALE
+    )
 
 
 def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
@@ -228,12 +261,16 @@ def _with_light_of(image: ImageArray, other: ImageArray, is_seen: ImageArray) ->
     """
     compared = is_seen if is_seen.any() else None
     mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=compared))
-    mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared))
+    mean_other, contrast_other = (
+        float(part[0, 0]) for part in cv2.meanStdDev(other, mask=compared)
+    )
     gain = contrast_other / contrast if contrast > 0 else 1.0
     return np.asarray(cv2.addWeighted(image, gain, image, 0.0, mean_other - gain * mean), np.uint8)
 
 
-def _settle(first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int) -> _Settled:
+def _settle(
+    first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int
+) -> _Settled:
     """_settle_band on bands of rows: a band stays in the cache, the whole does not.
 
     second: with all its columns; first and start may begin at its column left_px.
@@ -241,17 +278,28 @@ def _settle(first: ImageArray, second: ImageArray, start: Float32Array, level: i
     height, width = first.shape
     parallax, sd = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     is_good = np.empty((height, width), np.bool_)
-    halo = (WINDOW_PX // 2) * (STEPS + 1)  # what a row's windows, and the windows that they rest on, reach
+    halo = (WINDOW_PX // 2) * (
+        STEPS + 1
+    )  # what a row's windows, and the windows that they rest on, reach
     for top in range(0, height, BAND_ROWS):
         low, high = max(0, top - halo), min(height, top + BAND_ROWS + halo)
         band = _settle_band(first[low:high], second[low:high], start[low:high], level, left_px)
-        inner, here = slice(top - low, top - low + BAND_ROWS), slice(top, min(height, top + BAND_ROWS))
+        inner, here = (
+            slice(top - low, top - low + BAND_ROWS),
+            slice(top, min(height, top + BAND_ROWS)),
+        )
         inner = slice(inner.start, inner.start + here.stop - here.start)
-        parallax[here], sd[here], is_good[here] = band.parallax[inner], band.sd[inner], band.is_good[inner]
+        parallax[here], sd[here], is_good[here] = (
+            band.parallax[inner],
+            band.sd[inner],
+            band.is_good[inner],
+        )
     return _Settled(parallax, sd, is_good)
 
 
-def _settle_band(first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int) -> _Settled:
+def _settle_band(
+    first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int
+) -> _Settled:
     """Parallax that makes each window of the second image most like the first's, from where it starts.
 
     Gauss-Newton on the normalised cross correlation: the second image's window, moved, is regressed on the first's grey
@@ -285,11 +333,15 @@ def _settle_band(first: ImageArray, second: ImageArray, start: Float32Array, lev
     # Of the shift: noise over gain, slope that the grey levels do not explain, and the number of independent pixels.
     information = np.maximum(determinant / np.maximum(aa, np.float32(1e-3)), np.float32(1e-3))
     count = np.float32(INDEPENDENT_SHARE * WINDOW_PX**2)
-    sd = np.sqrt((unexplained + np.float32(0.1)) / (information * count)) / np.maximum(gain, np.float32(0.1))
+    sd = np.sqrt((unexplained + np.float32(0.1)) / (information * count)) / np.maximum(
+        gain, np.float32(0.1)
+    )
     where = columns - parallax
     is_good = (
         (sa > np.float32(MIN_CORRELATION) * np.sqrt(aa * variance))
-        & (aa > np.float32((MIN_TEXTURE / level) ** 2))  # averaging over level^2 pixels divides the noise by level
+        & (
+            aa > np.float32((MIN_TEXTURE / level) ** 2)
+        )  # averaging over level^2 pixels divides the noise by level
         & (sd < np.float32(MAX_SD_PX))
         & (np.abs(parallax - start) < np.float32(MAX_MOVE_PX))
         & (where >= 0)
@@ -314,7 +366,13 @@ def _sample(image: np.ndarray, columns: Float32Array, interpolation: int) -> np.
     """(H, W) image at (columns, own row); its border's value outside."""
     rows = np.broadcast_to(np.arange(columns.shape[0], dtype=np.float32)[:, None], columns.shape)
     return np.asarray(
-        cv2.remap(image, columns, np.ascontiguousarray(rows), interpolation, borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(
+            image,
+            columns,
+            np.ascontiguousarray(rows),
+            interpolation,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
     )
 
 

@@ -17,11 +17,18 @@ from app.vision.stereo.features import MIN_MATCHES, Matches, too_few_matches, un
 DRAWN_MATCHES = 16  # paper, section IV.A
 DRAWS = 120  # of 16; with a third of wrong matches in the food some draw is free of them with certainty over 0.99
 SCORED_MATCHES = 150  # spread over all; more tell draws apart no better
-GATE_PX_AT_12MP = 12.0  # what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
+GATE_PX_AT_12MP = (
+    12.0  # what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
+)
 GOOD_PX_AT_12MP = 4.0  # the same after refinement: SIFT's 0.3 px at reduced size, six times
-SURE_PX_AT_12MP, SURE_MEDIANS = 1.6, 3.0  # of a sure match, at least and in median distances of the good ones
+SURE_PX_AT_12MP, SURE_MEDIANS = (
+    1.6,
+    3.0,
+)  # of a sure match, at least and in median distances of the good ones
 LONG_SIDE_12MP = 4000.0
-MIN_BESIDE_BOARD = 2  # a plane (the board) leaves F free up to two points off it (Hartley, Zisserman, 2004, 13.3)
+MIN_BESIDE_BOARD = (
+    2  # a plane (the board) leaves F free up to two points off it (Hartley, Zisserman, 2004, 13.3)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +46,9 @@ class Epipolar:
     views_distance_px: float
 
 
-def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.random.Generator) -> Epipolar | Failure:
+def compare_fundamentals(
+    first: View, second: View, matches: Matches, rng: np.random.Generator
+) -> Epipolar | Failure:
     """F from random draws of 16 good matches, half of the board, half of the food; and F from the views.
 
     The best draw is the one with the least bounded sum of distances over the good matches (MSAC: Torr and Zisserman,
@@ -64,7 +73,9 @@ def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.ra
         good, good_second = good[scored], good_second[scored]
     for _ in range(DRAWS):
         some = rng.choice(beside, min(DRAWN_MATCHES // 2, len(beside)), replace=False)
-        drawn = np.concatenate([rng.choice(board, min(DRAWN_MATCHES - len(some), len(board)), replace=False), some])
+        drawn = np.concatenate(
+            [rng.choice(board, min(DRAWN_MATCHES - len(some), len(board)), replace=False), some]
+        )
         candidate = fundamental_from_points(x[drawn], x_second[drawn])
         if candidate is None:
             continue
@@ -83,7 +94,9 @@ def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.ra
     )
 
 
-def near_epipolar_lines(first: View, second: View, matches: Matches, limit_px_at_12mp: float) -> NDArray[np.bool_]:
+def near_epipolar_lines(
+    first: View, second: View, matches: Matches, limit_px_at_12mp: float
+) -> NDArray[np.bool_]:
     """(n,) matches beside the board whose symmetric epipolar distance by the views' own F is below the limit."""
     return (_distances_px_at_12mp(first, second, matches) < limit_px_at_12mp) & ~matches.is_board
 
@@ -95,7 +108,11 @@ def surely_on_epipolar_lines(first: View, second: View, matches: Matches) -> NDA
     """
     distances = _distances_px_at_12mp(first, second, matches)
     good = (distances < GOOD_PX_AT_12MP) & ~matches.is_board
-    limit = max(SURE_PX_AT_12MP, SURE_MEDIANS * float(np.median(distances[good]))) if good.any() else 0.0
+    limit = (
+        max(SURE_PX_AT_12MP, SURE_MEDIANS * float(np.median(distances[good])))
+        if good.any()
+        else 0.0
+    )
     return good & (distances < limit)
 
 
@@ -116,7 +133,9 @@ def fundamental_from_points(x: Float64Array, x_second: Float64Array) -> Float64A
     algorithm", 1997. Raises ValueError for fewer than 8 points.
     """
     if len(x) < MIN_MATCHES or len(x) != len(x_second):
-        raise ValueError(f"The 8-point method needs 8 pairs, not {len(x)} and {len(x_second)} points.")
+        raise ValueError(
+            f"The 8-point method needs 8 pairs, not {len(x)} and {len(x_second)} points."
+        )
     transform, transform_second = _normalisation(x), _normalisation(x_second)
     if transform is None or transform_second is None:
         return None
@@ -124,7 +143,9 @@ def fundamental_from_points(x: Float64Array, x_second: Float64Array) -> Float64A
     u_second, v_second = _apply(transform_second, x_second).T
     ones = np.ones_like(u)
     # eq. 8, one row a match
-    a = np.column_stack([u_second * u, u_second * v, u_second, v_second * u, v_second * v, v_second, u, v, ones])
+    a = np.column_stack(
+        [u_second * u, u_second * v, u_second, v_second * u, v_second * v, v_second, u, v, ones]
+    )
     f = np.linalg.svd(a)[2][-1].reshape(3, 3)
     left, singular, right = np.linalg.svd(f)
     rank_two = left @ np.diag([singular[0], singular[1], 0.0]) @ right
@@ -149,13 +170,17 @@ def projection_matrix(view: View) -> Float64Array:
     return view.camera.matrix @ np.column_stack([view.rotation, view.translation_mm])
 
 
-def symmetric_epipolar_distance_px(fundamental: Float64Array, x: Float64Array, x_second: Float64Array) -> Float64Array:
+def symmetric_epipolar_distance_px(
+    fundamental: Float64Array, x: Float64Array, x_second: Float64Array
+) -> Float64Array:
     """(n,) mean distance of each point to the epipolar line of its partner, px."""
     h, h_second = homogeneous(x), homogeneous(x_second)
     lines_second, lines = h @ fundamental.T, h_second @ fundamental
     algebraic = np.abs((h_second * lines_second).sum(1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        distance = algebraic * 0.5 * (1 / np.hypot(*lines_second[:, :2].T) + 1 / np.hypot(*lines[:, :2].T))
+        distance = (
+            algebraic * 0.5 * (1 / np.hypot(*lines_second[:, :2].T) + 1 / np.hypot(*lines[:, :2].T))
+        )
     return np.asarray(np.nan_to_num(distance, nan=np.inf), np.float64)
 
 
@@ -166,7 +191,9 @@ def _normalisation(x: Float64Array) -> Float64Array | None:
     if not spread > 0:
         return None
     scale = np.sqrt(2.0) / spread
-    return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
+    return np.array(
+        [[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]]
+    )
 
 
 def _apply(transform: Float64Array, x: Float64Array) -> Float64Array:

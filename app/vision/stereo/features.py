@@ -19,14 +19,24 @@ from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerObservation, View
 
-MATCHING_SIDE_PX = 512  # long side where SIFT runs: which point is which; where it is, alignment tells
+MATCHING_SIDE_PX = (
+    512  # long side where SIFT runs: which point is which; where it is, alignment tells
+)
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
-MIN_CONTRASTS = (0.01, 0.003)  # SIFT's default is 0.04: food and plates are pale and smooth; the second where that
+MIN_CONTRASTS = (
+    0.01,
+    0.003,
+)  # SIFT's default is 0.04: food and plates are pale and smooth; the second where that
 FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
-GATE_SHARE = 0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
-ALIGNMENT_FACTORS = (1, 2)  # reductions of the aligned size: faint texture shows in larger patches only
+GATE_SHARE = (
+    0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
+)
+ALIGNMENT_FACTORS = (
+    1,
+    2,
+)  # reductions of the aligned size: faint texture shows in larger patches only
 NOISE_BLUR_PX = 0.8  # before alignment; the noise of phones is finer than what the lens resolves
 MAX_MOVE_PX = 4.0  # at the aligned size: SIFT's own error at its size
 FOOD_MIN_HEIGHT_MM = 8.0  # over the marker's plane; what lies lower may be table, sheet or plate
@@ -71,7 +81,11 @@ def match_features(first: View, second: View, gate_share: float = GATE_SHARE) ->
     """
     first_px, second_px = _sift_matches(first, second, gate_share)
     points = triangulate(first, second, first_px, second_px)
-    on_sheet = is_on_sheet(first.marker, points) if first.marker is not None else np.zeros(len(points), np.bool_)
+    on_sheet = (
+        is_on_sheet(first.marker, points)
+        if first.marker is not None
+        else np.zeros(len(points), np.bool_)
+    )
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
     corners_px, corners_second_px = _shared_corners(first, second)
     corners = np.ones(len(corners_px), np.bool_)
@@ -101,12 +115,18 @@ def too_few_matches(count: int) -> Failure:
     )
 
 
-def triangulate(first: View, second: View, first_px: Float64Array, second_px: Float64Array) -> Float64Array:
+def triangulate(
+    first: View, second: View, first_px: Float64Array, second_px: Float64Array
+) -> Float64Array:
     """(n, 3) points in the table frame, mm, from (n, 2) px in each photograph; linear, NaN at infinity."""
     if len(first_px) == 0:
         return np.empty((0, 3))
-    rays = [undistort_to_rays(view, pixels) for view, pixels in ((first, first_px), (second, second_px))]
-    projections = [np.column_stack([view.rotation, view.translation_mm]) for view in (first, second)]
+    rays = [
+        undistort_to_rays(view, pixels) for view, pixels in ((first, first_px), (second, second_px))
+    ]
+    projections = [
+        np.column_stack([view.rotation, view.translation_mm]) for view in (first, second)
+    ]
     solved = cv2.triangulatePoints(projections[0], projections[1], rays[0].T, rays[1].T)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = (solved[:3] / solved[3]).T
@@ -120,7 +140,9 @@ def undistort_to_rays(view: View, pixels: Float64Array) -> Float64Array:
         return np.empty((0, 2))
     camera = view.camera
     ideal = cv2.undistortPoints(
-        np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2), camera.matrix, np.array(camera.distortion)
+        np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2),
+        camera.matrix,
+        np.array(camera.distortion),
     )
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
@@ -131,7 +153,9 @@ def undistort_to_pinhole(view: View, pixels: Float64Array) -> Float64Array:
     return undistort_to_rays(view, pixels) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
 
 
-def is_on_sheet(marker: MarkerObservation, points_table: Float64Array | Float32Array) -> NDArray[np.bool_]:
+def is_on_sheet(
+    marker: MarkerObservation, points_table: Float64Array | Float32Array
+) -> NDArray[np.bool_]:
     """(...,) whether (..., 3) points lie over what is seen of the print, margin included; False for NaN."""
     x, y = points_table[..., 0], points_table[..., 1]
     is_on = np.zeros(x.shape, np.bool_)
@@ -140,16 +164,23 @@ def is_on_sheet(marker: MarkerObservation, points_table: Float64Array | Float32A
     return is_on
 
 
-def shows_sheet(marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Float64Array) -> NDArray[np.bool_]:
+def shows_sheet(
+    marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Float64Array
+) -> NDArray[np.bool_]:
     """(...,) whether a line of sight meets what is seen of the print or, where it is raised, its sides; False for NaN.
 
     plane_mm: (..., 3) where each line of sight meets the table, z = 0. centre_mm: (3,) the camera's. The way from
     z = thick_mm down to the table is a segment over the table; it crosses a rectangle of the print (slab method).
     """
-    rise = np.float32(marker.spec.thick_mm / centre_mm[2])  # of the way from the table to the camera
+    rise = np.float32(
+        marker.spec.thick_mm / centre_mm[2]
+    )  # of the way from the table to the camera
     is_shown = np.zeros(plane_mm.shape[:-1], np.bool_)
     for low_x, low_y, high_x, high_y in seen_print_mm(marker):
-        enter, leave = np.zeros(plane_mm.shape[:-1], np.float32), np.ones(plane_mm.shape[:-1], np.float32)
+        enter, leave = (
+            np.zeros(plane_mm.shape[:-1], np.float32),
+            np.ones(plane_mm.shape[:-1], np.float32),
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
             for axis, (low, high) in enumerate(((low_x, high_x), (low_y, high_y))):
                 low_end = plane_mm[..., axis]
@@ -162,16 +193,26 @@ def shows_sheet(marker: MarkerObservation, plane_mm: Float32Array, centre_mm: Fl
     return is_shown
 
 
-def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64Array, Float64Array]:
+def _sift_matches(
+    first: View, second: View, gate_share: float
+) -> tuple[Float64Array, Float64Array]:
     """(n, 2), (n, 2) px of the photographs: SIFT beside the sheet, near its epipolar line, then aligned.
 
     The second view is first brought onto the first one by the marker's plane, which takes roll, zoom and most of the
     slant away.
     """
-    (grey, factor), (grey_second, factor_second) = (_reduced_grey(view.photo.pixels_bgr) for view in (first, second))
-    to_second = _reduction(factor_second) @ _plane_homography(first, second) @ np.linalg.inv(_reduction(factor))
+    (grey, factor), (grey_second, factor_second) = (
+        _reduced_grey(view.photo.pixels_bgr) for view in (first, second)
+    )
+    to_second = (
+        _reduction(factor_second)
+        @ _plane_homography(first, second)
+        @ np.linalg.inv(_reduction(factor))
+    )
     size = (grey.shape[1], grey.shape[0])
-    turned = cv2.warpPerspective(grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    turned = cv2.warpPerspective(
+        grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
     mask = _beside_sheet(first, factor, size)
     has_tags = first.marker is not None and first.marker.spec.dictionary is not None
     detect = partial(_detect, mask=mask, has_tags=has_tags)
@@ -184,21 +225,29 @@ def _sift_matches(first: View, second: View, gate_share: float) -> tuple[Float64
     jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
     at_second = _aligned((grey, grey_second), at, at_second, jacobians)
     is_aligned = np.isfinite(at_second).all(axis=1)
-    return _at_full_size(at[is_aligned], factor), _at_full_size(at_second[is_aligned], factor_second)
+    return _at_full_size(at[is_aligned], factor), _at_full_size(
+        at_second[is_aligned], factor_second
+    )
 
 
 def _aligned(
-    pictures: tuple[ImageArray, ImageArray], at: Float64Array, at_second: Float64Array, jacobians: Float64Array
+    pictures: tuple[ImageArray, ImageArray],
+    at: Float64Array,
+    at_second: Float64Array,
+    jacobians: Float64Array,
 ) -> Float64Array:
     """(n, 2) px in the second picture, NaN where neither a small patch nor one of twice its size agrees."""
     aligned = np.full_like(at_second, np.nan)
     for factor in ALIGNMENT_FACTORS:
         left = ~np.isfinite(aligned).all(axis=1)
         reduced = [
-            reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor) for grey in pictures
+            reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor)
+            for grey in pictures
         ]
         places = [(points[left] + 0.5) / factor - 0.5 for points in (at, at_second)]
-        moved = align_patches(reduced[0], reduced[1], places[0], places[1], jacobians[left], MAX_MOVE_PX / factor)
+        moved = align_patches(
+            reduced[0], reduced[1], places[0], places[1], jacobians[left], MAX_MOVE_PX / factor
+        )
         aligned[left] = _at_full_size(moved, factor)
     return aligned
 
@@ -222,7 +271,8 @@ def _at_full_size(points: Float64Array, factor: int) -> Float64Array:
 def _plane_homography(first: View, second: View) -> Float64Array:
     """(3, 3) from the first view's px to the second's, of points on the marker's plane; distortion left out."""
     to_first, to_second = (
-        view.camera.matrix @ np.column_stack([view.rotation[:, :2], view.translation_mm]) for view in (first, second)
+        view.camera.matrix @ np.column_stack([view.rotation[:, :2], view.translation_mm])
+        for view in (first, second)
     )
     return to_second @ np.linalg.inv(to_first)
 
@@ -244,13 +294,18 @@ def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
     for low_x, low_y, high_x, high_y in seen_print_mm(view.marker):
         sides = (low_x, high_x), (low_y, high_y), (0.0, view.marker.spec.thick_mm)
         seen = np.array(list(itertools.product(*sides))) @ view.rotation.T + view.translation_mm
-        outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [
+            camera.cx,
+            camera.cy,
+        ]
         hull = cv2.convexHull(np.rint((outline + 0.5) / factor - 0.5).astype(np.int32))
         cv2.fillConvexPoly(mask, hull, 0)
     return mask
 
 
-def _detect(grey: ImageArray, mask: ImageArray, *, has_tags: bool = False) -> tuple[Float64Array, NDArray[np.float32]]:
+def _detect(
+    grey: ImageArray, mask: ImageArray, *, has_tags: bool = False
+) -> tuple[Float64Array, NDArray[np.float32]]:
     """Keypoints (n, 2) in px of grey and their descriptors (n, 128), found at MATCHING_SIDE_PX where mask is not 0.
 
     has_tags: the picture shows a board of tags. OpenCV keeps the strongest keypoints before it looks at the mask, and
@@ -263,7 +318,9 @@ def _detect(grey: ImageArray, mask: ImageArray, *, has_tags: bool = False) -> tu
     for contrast in MIN_CONTRASTS:
         sift = cv2.SIFT.create(0 if has_tags else MAX_FEATURES, contrastThreshold=contrast)
         if has_tags:
-            strongest = sorted(sift.detect(small, small_mask), key=lambda point: -point.response)[:MAX_FEATURES]
+            strongest = sorted(sift.detect(small, small_mask), key=lambda point: -point.response)[
+                :MAX_FEATURES
+            ]
             keypoints, descriptors = sift.compute(small, strongest)
         else:
             keypoints, descriptors = sift.detectAndCompute(small, small_mask)

@@ -10,12 +10,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.pose import CORNER_SD_PX_AT_12MP, FOCAL_SPREAD_UNKNOWN, LONG_SIDE_12MP, BoardFit, fit_board
+from app.vision.board.pose import (
+    CORNER_SD_PX_AT_12MP,
+    FOCAL_SPREAD_UNKNOWN,
+    LONG_SIDE_12MP,
+    BoardFit,
+    fit_board,
+)
 from app.vision.intrinsics import Camera
 from app.vision.model import View
 
 SCALES = np.exp(np.linspace(-0.6, 0.6, 25))  # of the focal length of a common phone
-INDEPENDENT_CORNERS = 12.0  # a view: neighbouring corners share what lens and paper do beyond their models
+INDEPENDENT_CORNERS = (
+    12.0  # a view: neighbouring corners share what lens and paper do beyond their models
+)
 FLAG_SD = 0.05  # of a volume, relative, from which on the unknown focal length is named
 MOST_SD = 0.25  # beyond, a 90 % interval spans more than a factor of two; what fills a bowl has the same limit
 
@@ -35,7 +43,9 @@ def doubt_focal(first: View, second: View, guess: Camera) -> FocalDoubt | None:
         return None
     fits = [(scale, _fit(first, second, guess, float(scale))) for scale in SCALES]
     possible = [
-        (float(np.log(scale)), _cost(fit, first, float(np.log(scale)))) for scale, fit in fits if fit is not None
+        (float(np.log(scale)), _cost(fit, first, float(np.log(scale))))
+        for scale, fit in fits
+        if fit is not None
     ]
     if len(possible) < 2:
         return None
@@ -48,10 +58,17 @@ def doubt_focal(first: View, second: View, guess: Camera) -> FocalDoubt | None:
     fitted_log = float(np.log(first.camera.fx / guess.fx))
     towards = -1.0 if fitted_log > mean else 1.0  # to where the rest of what the board allows lies
     own = _fit(first, second, guess, float(np.exp(fitted_log)))
-    moved = _fit(first, second, guess, float(np.exp(fitted_log + towards * max(log_sd, abs(fitted_log - mean)))))
+    moved = _fit(
+        first,
+        second,
+        guess,
+        float(np.exp(fitted_log + towards * max(log_sd, abs(fitted_log - mean)))),
+    )
     if own is None or moved is None:
         return None
-    return FocalDoubt(log_sd, *((_placed(first, fit, 0), _placed(second, fit, 1)) for fit in (own, moved)))
+    return FocalDoubt(
+        log_sd, *((_placed(first, fit, 0), _placed(second, fit, 1)) for fit in (own, moved))
+    )
 
 
 def too_unsure() -> Failure:
@@ -79,4 +96,6 @@ def _cost(fit: BoardFit, view: View, log_scale: float) -> float:
 
 def _placed(view: View, fit: BoardFit, index: int) -> View:
     rotation, translation_mm = fit.poses[index]
-    return replace(view, camera=fit.cameras[index], rotation=rotation, translation_mm=translation_mm)
+    return replace(
+        view, camera=fit.cameras[index], rotation=rotation, translation_mm=translation_mm
+    )

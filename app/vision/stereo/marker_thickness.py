@@ -24,8 +24,12 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, Float64Array, MaskArray, View
 from app.vision.stereo.relative_pose import RefinedViews
 
-MIN_THICK_MM = 1.5  # below, paper that curls and errors of the poses look the same: TREND_SD_MM twice
-MAX_FOUND_MM = 12.0  # a plaque; deeper, the marker lies on something else, or was moved (stillness.py)
+MIN_THICK_MM = (
+    1.5  # below, paper that curls and errors of the poses look the same: TREND_SD_MM twice
+)
+MAX_FOUND_MM = (
+    12.0  # a plaque; deeper, the marker lies on something else, or was moved (stillness.py)
+)
 STEP_MM = 0.5  # between heights of the table that are tried
 INLIER_MM = (3.0, 2.0, 1.5)  # narrowing, about the plane that is tried
 MIN_SUPPORT_SHARE = 0.5  # of the best supported plane's cells: a lower one with so many is the table, the other a dish
@@ -44,16 +48,24 @@ def find_thickness(spec: MarkerSpec, points_print: Float32Array) -> float:
     low, high = -MAX_FOUND_MM - max(INLIER_MM), max(INLIER_MM) - MIN_THICK_MM + MAX_FOUND_MM
     z = points_print[:, 2]
     near_print = points_print[(z > low) & (z < high)]
-    view = view_from_above(near_print, near_print[:, 2], TABLE_CELL_MM) if len(near_print) >= MIN_TABLE_POINTS else None
+    view = (
+        view_from_above(near_print, near_print[:, 2], TABLE_CELL_MM)
+        if len(near_print) >= MIN_TABLE_POINTS
+        else None
+    )
     if view is None:
         return 0.0
     kept = view.count >= MIN_POINTS_PER_TABLE_CELL
     xy, heights = view.centres_mm()[kept], view.height_mm[kept].astype(np.float64)
-    planes = [_fit_plane(xy, heights, start) for start in -np.arange(0.0, MAX_FOUND_MM + STEP_MM, STEP_MM)]
+    planes = [
+        _fit_plane(xy, heights, start) for start in -np.arange(0.0, MAX_FOUND_MM + STEP_MM, STEP_MM)
+    ]
     support = np.array([np.count_nonzero(is_plane) for _, is_plane in planes])
     level = np.array([coefficients[0] for coefficients, _ in planes])
     lowest = level[support >= MIN_SUPPORT_SHARE * support.max()].min()
-    best = int(np.argmax(np.where(level <= lowest + max(INLIER_MM), support, -1)))  # its cells' own best plane
+    best = int(
+        np.argmax(np.where(level <= lowest + max(INLIER_MM), support, -1))
+    )  # its cells' own best plane
     coefficients, _ = planes[best]
     thick_mm = TREND_MM[0] - float(coefficients[0])
     if not MIN_THICK_MM < thick_mm <= MAX_FOUND_MM:
@@ -62,7 +74,9 @@ def find_thickness(spec: MarkerSpec, points_print: Float32Array) -> float:
     is_near = (np.maximum(beyond, 0.0) ** 2).sum(axis=1) < NEAR_MM**2
     off = heights[is_near] - _terms(xy[is_near]) @ coefficients
     limit = min(max(INLIER_MM), thick_mm / 2)
-    at_plane, at_print = (int(np.count_nonzero(np.abs(off - height) < limit)) for height in (0.0, thick_mm))
+    at_plane, at_print = (
+        int(np.count_nonzero(np.abs(off - height) < limit)) for height in (0.0, thick_mm)
+    )
     is_clear = at_plane >= MIN_NEAR_CELLS and at_plane >= MIN_NEAR_RATIO * at_print
     return round(thick_mm, 2) if is_clear else 0.0
 
@@ -80,7 +94,9 @@ def on_plaque(views: RefinedViews, thick_mm: float) -> RefinedViews:
     return replace(views, first=lifted(views.first), second=lifted(views.second), doubts=doubts)
 
 
-def _fit_plane(xy: Float64Array, heights: Float64Array, start_mm: float) -> tuple[Float64Array, MaskArray]:
+def _fit_plane(
+    xy: Float64Array, heights: Float64Array, start_mm: float
+) -> tuple[Float64Array, MaskArray]:
     """(3,) height at the origin and slopes, (n,) cells at that plane, starting level at start_mm."""
     design = _terms(xy)
     prior = np.diag([0.0, *(1.0 / np.square(TREND_SD_MM[1:3]))]) * CELLS_PER_FACT

@@ -11,7 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.camera import MAX_VIEW_ANGLE_DEG, MIN_VIEW_ANGLE_DEG, camera_from_exif, estimate_views
+from app.vision.board.camera import (
+    MAX_VIEW_ANGLE_DEG,
+    MIN_VIEW_ANGLE_DEG,
+    camera_from_exif,
+    estimate_views,
+)
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.board.pose import solve_pose
 from app.vision.marker_spec import MarkerSpec
@@ -40,9 +45,14 @@ def stereo_partners(pair: PhotoPair, marker: MarkerSpec) -> list[PhotoPair]:
     photos = [pair.both[1], *pair.others]
     angles = {index: _angle_deg(pair.left, left, photo) for index, photo in enumerate(photos)}
     seen = {index: angle for index, angle in angles.items() if angle is not None}
-    best = sorted(seen, key=lambda index: (seen[index] < LEAST_ANGLE_DEG, abs(seen[index] - LEAST_ANGLE_DEG)))
+    best = sorted(
+        seen, key=lambda index: (seen[index] < LEAST_ANGLE_DEG, abs(seen[index] - LEAST_ANGLE_DEG))
+    )
     tried = best[:MOST_PARTNERS] if 0 in best[:MOST_PARTNERS] else [*best[:MOST_PARTNERS], 0]
-    return [PhotoPair(pair.left, photos[index], (*photos[:index], *photos[index + 1 :])) for index in tried]
+    return [
+        PhotoPair(pair.left, photos[index], (*photos[:index], *photos[index + 1 :]))
+        for index in tried
+    ]
 
 
 def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> float | None:
@@ -62,7 +72,9 @@ def _angle_deg(left_photo: Photo, left: MarkerObservation, photo: Photo) -> floa
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def place_other_views(photos: Sequence[Photo], pair: RefinedViews, options: EstimateOptions) -> list[View]:
+def place_other_views(
+    photos: Sequence[Photo], pair: RefinedViews, options: EstimateOptions
+) -> list[View]:
     """Views of the photographs in which the marker is seen and in which nothing moved against the pair's first.
 
     A photograph that cannot be placed adds nothing and costs nothing: the pair alone measures the meal.
@@ -89,8 +101,14 @@ def second_pair(first: View, second: View, others: Sequence[View]) -> tuple[View
 
 def _nearest(pairs: Sequence[tuple[View, View]]) -> tuple[View, View] | None:
     """The pair whose lines of sight are nearest to each other, of those that can be matched."""
-    angles = {index: _sight_angle_deg(*pair) for index, pair in enumerate(pairs) if _is_beside(*pair)}
-    suited = {index: angle for index, angle in angles.items() if LEAST_ANGLE_DEG <= angle <= MAX_VIEW_ANGLE_DEG}
+    angles = {
+        index: _sight_angle_deg(*pair) for index, pair in enumerate(pairs) if _is_beside(*pair)
+    }
+    suited = {
+        index: angle
+        for index, angle in angles.items()
+        if LEAST_ANGLE_DEG <= angle <= MAX_VIEW_ANGLE_DEG
+    }
     return pairs[min(suited, key=lambda index: suited[index])] if suited else None
 
 
@@ -122,7 +140,9 @@ def _placed(photo: Photo, first: View, options: EstimateOptions) -> View | None:
     if isinstance(observation, Failure):
         return None
     both = PhotoPair(first.photo, photo)
-    views = estimate_views(both, agree_on_corners(both, marker, observation), options, is_stereo=False)
+    views = estimate_views(
+        both, agree_on_corners(both, marker, observation), options, is_stereo=False
+    )
     if isinstance(views, Failure):
         return None
     matches = match_features(*views)

@@ -24,7 +24,9 @@ ALONG = 5  # points over which profiles are averaged
 ALONG_BAND = 9  # points over which the bands' colours are averaged
 MAX_COST = 4.0  # of one sample: a speck or a highlight is no boundary
 LAB_NOISE = 4.0  # squared distance in Lab that is none
-CLEAR_CONTRAST = 4.0  # squared colour difference over the bands' variances from which a boundary is certain
+CLEAR_CONTRAST = (
+    4.0  # squared colour difference over the bands' variances from which a boundary is certain
+)
 MIN_CLEAR = 0.15
 ROUNDS = 2
 STEEP_SAMPLE_PX = 0.25  # along a normal
@@ -57,7 +59,9 @@ class Ring:
 def outline(rings: Sequence[Ring], weights: Float64Array) -> Outline:
     """All rings as one."""
     points = np.concatenate([ring.points_px for ring in rings])
-    return Outline(points, np.concatenate([ring.normals for ring in rings]), weights, Nearest(points))
+    return Outline(
+        points, np.concatenate([ring.normals for ring in rings]), weights, Nearest(points)
+    )
 
 
 def rings_of_mask(mask: MaskArray) -> list[Ring]:
@@ -67,8 +71,12 @@ def rings_of_mask(mask: MaskArray) -> list[Ring]:
     rows, columns = window_around(mask, 3)
     low = np.array([rows.start, columns.start])
     soft = mask[rows, columns].astype(np.float32)
-    fine = cv2.resize(soft, None, fx=SUPERSAMPLING, fy=SUPERSAMPLING, interpolation=cv2.INTER_LINEAR)
-    contours, _ = cv2.findContours((fine > 0.5).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    fine = cv2.resize(
+        soft, None, fx=SUPERSAMPLING, fy=SUPERSAMPLING, interpolation=cv2.INTER_LINEAR
+    )
+    contours, _ = cv2.findContours(
+        (fine > 0.5).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+    )
     rings = []
     for contour in contours:
         line = (np.asarray(contour, np.float64).reshape(-1, 2) + 0.5) / SUPERSAMPLING - 0.5
@@ -76,12 +84,16 @@ def rings_of_mask(mask: MaskArray) -> list[Ring]:
             continue
         points = _evenly(_smoothed(line, 3 * SUPERSAMPLING + 1))
         normals = _normals(points)
-        inside = _sample(soft, points - 3 * normals).mean() - _sample(soft, points + 3 * normals).mean()
+        inside = (
+            _sample(soft, points - 3 * normals).mean() - _sample(soft, points + 3 * normals).mean()
+        )
         rings.append(Ring(points + low[::-1], normals if inside > 0 else -normals))
     return rings
 
 
-def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: Reference | None = None) -> Outline:
+def snap(
+    lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: Reference | None = None
+) -> Outline:
     """Each ring moved along its normals, by reach_px at most a round, to where the colours part best.
 
     A glossy limb takes on its surroundings' colour before it ends, so that half way between both colours lies within
@@ -93,7 +105,9 @@ def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: R
     for ring in rings:
         points, clear = ring.points_px, np.zeros(len(ring.points_px))
         for _ in range(ROUNDS):
-            offset, clear = _parting(lab, points, ring.normals, reach_px, reference(points) if reference else None)
+            offset, clear = _parting(
+                lab, points, ring.normals, reach_px, reference(points) if reference else None
+            )
             offset = _median(np.where(clear > MIN_CLEAR, offset, 0.0))
             points = points + offset[:, None] * ring.normals
         offset = _median(np.where(clear > MIN_CLEAR, _steepest(lab, points, ring.normals), 0.0))
@@ -108,7 +122,9 @@ def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: R
 def colours_beside(lab: Float32Array, line: Outline) -> tuple[Float64Array, Float64Array]:
     """(n, 3), (n, 3) mean colour just inside and just outside an outline."""
     inside, outside = (
-        _profiles(lab, line.points_px, line.normals, side * np.arange(*NEAR_BAND_PX, 0.75)).mean(axis=1)
+        _profiles(lab, line.points_px, line.normals, side * np.arange(*NEAR_BAND_PX, 0.75)).mean(
+            axis=1
+        )
         for side in (-1, 1)
     )
     return inside, outside
@@ -130,17 +146,26 @@ def _parting(
     raw = _profiles(lab, points, normals, along)
     profiles = _around(raw, ALONG)
     is_inside, is_outside = along <= -BAND_PX[0], along >= BAND_PX[0]
-    inside, outside = (_around(raw[:, band].mean(axis=1), ALONG_BAND) for band in (is_inside, is_outside))
-    spread = sum(_around(raw[:, band].var(axis=1).sum(axis=-1), ALONG_BAND) for band in (is_inside, is_outside))
+    inside, outside = (
+        _around(raw[:, band].mean(axis=1), ALONG_BAND) for band in (is_inside, is_outside)
+    )
+    spread = sum(
+        _around(raw[:, band].var(axis=1).sum(axis=-1), ALONG_BAND)
+        for band in (is_inside, is_outside)
+    )
     if reference is not None:
         inside, outside = _reconciled(inside, outside, reference)
     difference = inside - outside
     contrast = (difference**2).sum(axis=1)
-    level = ((profiles - outside[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(contrast, 1e-6)[:, None]
+    level = ((profiles - outside[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(
+        contrast, 1e-6
+    )[:, None]
     misfit_inside = np.cumsum(np.clip((level - 1) ** 2, 0, MAX_COST), axis=1)
     misfit_outside = np.cumsum(np.clip(level**2, 0, MAX_COST)[:, ::-1], axis=1)[:, ::-1]
     middle = (along[:-1] + along[1:]) / 2
-    cost = np.where(np.abs(middle) <= reach_px, misfit_inside[:, :-1] + misfit_outside[:, 1:], np.inf)
+    cost = np.where(
+        np.abs(middle) <= reach_px, misfit_inside[:, :-1] + misfit_outside[:, 1:], np.inf
+    )
     best, each = cost.argmin(axis=1), np.arange(len(points))
     here, there = level[each, best], level[each, best + 1]
     falls = here - there > 1e-3
@@ -156,7 +181,9 @@ def _steepest(lab: Float32Array, points: Float64Array, normals: Float64Array) ->
     most = STEEP_REACH_PX + 6 * STEEP_SD_PX
     along = np.arange(-most, most + STEEP_SAMPLE_PX / 2, STEEP_SAMPLE_PX)
     profiles = _around(_profiles(lab, points, normals, along), ALONG)
-    slope = np.linalg.norm(cv2.sepFilter2D(profiles, cv2.CV_64F, STEEP_KERNEL[None], np.ones(1)), axis=2)
+    slope = np.linalg.norm(
+        cv2.sepFilter2D(profiles, cv2.CV_64F, STEEP_KERNEL[None], np.ones(1)), axis=2
+    )
     best = np.where(np.abs(along) <= STEEP_REACH_PX, slope, -np.inf).argmax(axis=1)
     before, there, after = (slope[np.arange(len(points)), best + side] for side in (-1, 0, 1))
     bend = before - 2 * there + after  # a parabola through three samples has its top between them
@@ -180,7 +207,9 @@ def _squared(difference: Float64Array) -> Float64Array:
     return np.asarray((difference**2).sum(axis=1, keepdims=True), np.float64)
 
 
-def _profiles(lab: Float32Array, points: Float64Array, normals: Float64Array, along: Float64Array) -> Float64Array:
+def _profiles(
+    lab: Float32Array, points: Float64Array, normals: Float64Array, along: Float64Array
+) -> Float64Array:
     """(n, len(along), 3) colours along each normal."""
     where = points[:, None] + normals[:, None] * along[None, :, None]
     return np.asarray(sampled(lab, where, beyond=None), np.float64)
@@ -202,7 +231,9 @@ def _median(values: Float64Array) -> Float64Array:
 def _smoothed(line: Float64Array, width: int) -> Float64Array:
     kernel = np.hanning(width + 2)[1:-1]
     padded = np.concatenate([line[-(width // 2) :], line, line[: width // 2]])
-    return np.column_stack([np.convolve(padded[:, axis], kernel / kernel.sum(), "valid") for axis in (0, 1)])
+    return np.column_stack(
+        [np.convolve(padded[:, axis], kernel / kernel.sum(), "valid") for axis in (0, 1)]
+    )
 
 
 def _evenly(line: Float64Array) -> Float64Array:
@@ -218,7 +249,9 @@ def _normals(points: Float64Array) -> Float64Array:
     """(n, 2) of length one, square to the ring, to one and the same side of it."""
     tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     square = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-    return np.asarray(square / np.maximum(np.linalg.norm(square, axis=1, keepdims=True), 1e-9), np.float64)
+    return np.asarray(
+        square / np.maximum(np.linalg.norm(square, axis=1, keepdims=True), 1e-9), np.float64
+    )
 
 
 def _sample(image: Float32Array, points: Float64Array) -> Float64Array:

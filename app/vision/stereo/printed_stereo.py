@@ -25,11 +25,15 @@ from app.vision.stereo.reconstruction import DepthModel, fit_depth_model
 from app.vision.stereo.rectification import RectifiedPair, rectify_by_fundamental, warp_view
 from app.vision.stereo.relative_pose import RefinedViews
 
-WINDOW_PX = 15  # of the correlation: larger than a smoothed search's, since nothing else steadies it
+WINDOW_PX = (
+    15  # of the correlation: larger than a smoothed search's, since nothing else steadies it
+)
 MARGIN_PX = 16  # around the foods, so that windows at their outline are whole
 RANGE_QUANTILES = (0.02, 0.98)  # of the matches' disparities; single wrong ones lie outside
 MAX_RANGE_PX = 256  # of the search
-SURFACE_STEP_PX = 1.0  # of disparity from one pixel to the next: a larger one is a wrong match or another surface
+SURFACE_STEP_PX = (
+    1.0  # of disparity from one pixel to the next: a larger one is a wrong match or another surface
+)
 MIN_DEVIATION = 0.5  # grey levels in a window; below, there is nothing to correlate
 
 
@@ -59,7 +63,11 @@ class PrintedStereo:
 
 
 def reconstruct_as_printed(
-    views: RefinedViews, matches: Matches, pair: RectifiedPair, masks: list[MaskArray], rng: np.random.Generator
+    views: RefinedViews,
+    matches: Matches,
+    pair: RectifiedPair,
+    masks: list[MaskArray],
+    rng: np.random.Generator,
 ) -> PrintedStereo | Failure:
     """Points of the foods. masks: (H, W) on the grid of `pair`, which serves for nothing else.
 
@@ -67,7 +75,10 @@ def reconstruct_as_printed(
     photographs, or the marker's disparities do not fall with depth.
     """
     first, second = views.first, views.second
-    x, x_second = undistort_to_pinhole(first, matches.first_px), undistort_to_pinhole(second, matches.second_px)
+    x, x_second = (
+        undistort_to_pinhole(first, matches.first_px),
+        undistort_to_pinhole(second, matches.second_px),
+    )
     candidates = np.flatnonzero(matches.is_board | matches.is_food)  # section IV.A
     if len(candidates) < DRAWN_MATCHES:
         return too_few_matches(len(candidates))
@@ -75,7 +86,9 @@ def reconstruct_as_printed(
     sides = _rectify(views, x[drawn], x_second[drawn])
     if isinstance(sides, Failure):
         return sides
-    places_px = undistort_to_pinhole(first, pair.first_map_px[np.any(masks, axis=0)].astype(np.float64))
+    places_px = undistort_to_pinhole(
+        first, pair.first_map_px[np.any(masks, axis=0)].astype(np.float64)
+    )
     if not sides[0].is_ahead(places_px) or not sides[1].is_ahead(x_second[drawn]):
         return _unusable("it turns the photograph inside out")
     depth = _fit_depth(views, sides)
@@ -88,12 +101,18 @@ def reconstruct_as_printed(
     matched_px -= map_points(sides[1].homography, x_second[candidates])[:, 0]
     measured_px = _match_foods(views, sides, frame, grid, _search_range(matched_px * frame[0, 0]))
 
-    columns, rows = np.meshgrid(np.arange(grid[0], dtype=np.float64), np.arange(grid[1], dtype=np.float64))
+    columns, rows = np.meshgrid(
+        np.arange(grid[0], dtype=np.float64), np.arange(grid[1], dtype=np.float64)
+    )
     in_first = np.column_stack([columns.ravel(), rows.ravel()])
-    in_second: Float64Array = in_first - np.column_stack([measured_px.ravel(), np.zeros(measured_px.size)])
+    in_second: Float64Array = in_first - np.column_stack(
+        [measured_px.ravel(), np.zeros(measured_px.size)]
+    )
     to_pixels: Float64Array = np.asarray(np.linalg.inv(frame), np.float64)
     rectified_px, second_px = map_points(to_pixels, in_first), map_points(to_pixels, in_second)
-    disparity_px: Float64Array = sign * (sides[0].metric_x(rectified_px) - sides[1].metric_x(second_px))
+    disparity_px: Float64Array = sign * (
+        sides[0].metric_x(rectified_px) - sides[1].metric_x(second_px)
+    )
     rays = sides[0].rays(rectified_px)
     points = rays * model.depth_mm(disparity_px.astype(np.float32))[:, None]  # eq. 12
     carried = [_carried(mask, pair, rays @ first.rotation, measured_px.shape) for mask in masks]
@@ -132,7 +151,9 @@ class _Side:
             homography, rows = -homography, -rows
         baseline = np.cross(rows[1], rows[2])
         baseline *= np.sign(rows[0] @ baseline) / np.linalg.norm(baseline)
-        return cls(homography, np.asarray(np.linalg.inv(camera), np.float64), rows[2], baseline, focal_px)
+        return cls(
+            homography, np.asarray(np.linalg.inv(camera), np.float64), rows[2], baseline, focal_px
+        )
 
     def is_ahead(self, pixels: Float64Array) -> bool:
         """Whether H keeps all of (n, 2) px of the pinhole on one side of its horizon."""
@@ -144,7 +165,11 @@ class _Side:
 
     def rays(self, pixels: Float64Array) -> Float64Array:
         """(n, 2) rectified px -> (n, 3) in the camera's frame, one long along the depth axis."""
-        return homogeneous(pixels) @ (self.inverse_camera @ np.linalg.inv(self.homography)).T * self.length()
+        return (
+            homogeneous(pixels)
+            @ (self.inverse_camera @ np.linalg.inv(self.homography)).T
+            * self.length()
+        )
 
     def length(self) -> float:
         return float(np.linalg.norm(self.axis))
@@ -162,7 +187,9 @@ class _Side:
         return rotation_along(self.baseline, self.axis)
 
 
-def _rectify(views: RefinedViews, x: Float64Array, x_second: Float64Array) -> tuple[_Side, _Side] | Failure:
+def _rectify(
+    views: RefinedViews, x: Float64Array, x_second: Float64Array
+) -> tuple[_Side, _Side] | Failure:
     """H and H' of F from the drawn matches, (16, 2) px of the pinholes (eq. 4-9). Failure "draw_unusable"."""
     first, second = views.first.camera, views.second.camera
     fundamental = fundamental_from_points(x, x_second)
@@ -171,7 +198,9 @@ def _rectify(views: RefinedViews, x: Float64Array, x_second: Float64Array) -> tu
     homographies = rectify_by_fundamental(fundamental, x, x_second, (first.width, first.height))
     if homographies is None:
         return _unusable("its epipole lies within the photograph")
-    return _Side.of(homographies[0], first.matrix, first.fx), _Side.of(homographies[1], second.matrix, first.fx)
+    return _Side.of(homographies[0], first.matrix, first.fx), _Side.of(
+        homographies[1], second.matrix, first.fx
+    )
 
 
 def _unusable(reason: str) -> Failure:
@@ -182,7 +211,9 @@ def _unusable(reason: str) -> Failure:
     )
 
 
-def _fit_depth(views: RefinedViews, sides: tuple[_Side, _Side]) -> tuple[DepthModel, Float64Array, float] | None:
+def _fit_depth(
+    views: RefinedViews, sides: tuple[_Side, _Side]
+) -> tuple[DepthModel, Float64Array, float] | None:
     """Fit p and q to the marker's points (eq. 14); with them, their covariance and the sign of disparities.
 
     None unless all depths of tie points are positive and fall as disparity grows.
@@ -190,7 +221,9 @@ def _fit_depth(views: RefinedViews, sides: tuple[_Side, _Side]) -> tuple[DepthMo
     common = common_points(views.first.required_marker, views.second.required_marker)
     x, x_second = (
         side.metric_x(map_points(side.homography, undistort_to_pinhole(view, px)))
-        for side, view, px in zip(sides, (views.first, views.second), (common.first_px, common.second_px), strict=True)
+        for side, view, px in zip(
+            sides, (views.first, views.second), (common.first_px, common.second_px), strict=True
+        )
     )
     corners = common.of(bent_points(views.first.required_marker.spec, views.bend_mm))
     in_camera = corners @ views.first.rotation.T + views.first.translation_mm
@@ -212,10 +245,15 @@ def _frame(places_px: Float64Array, masks: list[MaskArray]) -> tuple[Float64Arra
     """(3, 3) from rectified px to a grid around the foods, as fine as the masks' own, and its (width, height)."""
     rows, columns = np.nonzero(np.any(masks, axis=0))
     low, high = places_px.min(axis=0), places_px.max(axis=0)
-    scale = max(1.0, float(np.ptp(rows)), float(np.ptp(columns))) / max(float((high - low).max()), 1e-9)
+    scale = max(1.0, float(np.ptp(rows)), float(np.ptp(columns))) / max(
+        float((high - low).max()), 1e-9
+    )
     width, height = (int(np.ceil(side * scale)) + 2 * MARGIN_PX for side in high - low)
     shift = MARGIN_PX - low * scale
-    return np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]], [0.0, 0.0, 1.0]]), (width, height)
+    return np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]], [0.0, 0.0, 1.0]]), (
+        width,
+        height,
+    )
 
 
 def _search_range(disparity_px: Float64Array) -> tuple[int, int]:
@@ -241,12 +279,16 @@ def _match_foods(
         (views.second, sides[1], wider, grid[0] + high - low),
     ):
         camera = view.camera.matrix
-        picture, _ = warp_view(view, to_grid @ camera, side.turn(camera) @ view.rotation, (width, grid[1]))
+        picture, _ = warp_view(
+            view, to_grid @ camera, side.turn(camera) @ view.rotation, (width, grid[1])
+        )
         pictures.append(picture)
     return match_by_correlation(pictures[0], pictures[1], low, high)
 
 
-def match_by_correlation(first_bgr: ImageArray, second_bgr: ImageArray, low: int, high: int) -> Float32Array:
+def match_by_correlation(
+    first_bgr: ImageArray, second_bgr: ImageArray, low: int, high: int
+) -> Float32Array:
     """(H, W) disparity x - x' of the greatest normalised cross correlation (section IV.D), px; NaN where unmatched.
 
     first_bgr: (H, W, 3). second_bgr: (H, W + high - low, 3), whose column c is x' = c - high. A parabola through the
@@ -263,7 +305,11 @@ def match_by_correlation(first_bgr: ImageArray, second_bgr: ImageArray, low: int
         there = slice(high - disparity, high - disparity + width)
         covariance = _box(first * second[:, there]) - mean * second_mean[:, there]
         scale = deviation * second_deviation[:, there]
-        score = np.where(scale > MIN_DEVIATION**2, covariance / np.maximum(scale, np.float32(1e-6)), np.float32(-1.0))
+        score = np.where(
+            scale > MIN_DEVIATION**2,
+            covariance / np.maximum(scale, np.float32(1e-6)),
+            np.float32(-1.0),
+        )
         after = np.where(at == disparity - 1, score, after)
         is_better = score > best
         best, before = np.where(is_better, score, best), np.where(is_better, previous, before)
@@ -292,19 +338,28 @@ def _largest_surface(disparity_px: Float32Array, mask: MaskArray) -> MaskArray:
     ends = []
     for here, beside in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         joins = is_measured[here] & is_measured[beside]
-        joins[joins] = np.abs(disparity_px[here][joins] - disparity_px[beside][joins]) < SURFACE_STEP_PX
+        joins[joins] = (
+            np.abs(disparity_px[here][joins] - disparity_px[beside][joins]) < SURFACE_STEP_PX
+        )
         ends.append(np.stack([index[here][joins], index[beside][joins]]))
     start, end = np.concatenate(ends, axis=1)
-    graph = scipy.sparse.coo_array((np.ones(len(start), np.int8), (start, end)), shape=(mask.size, mask.size))
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(start), np.int8), (start, end)), shape=(mask.size, mask.size)
+    )
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
     if not is_measured.any():
         return is_measured
     return np.asarray(is_measured & (label == np.bincount(label[is_measured]).argmax()), np.bool_)
 
 
-def _carried(mask: MaskArray, pair: RectifiedPair, rays_table: Float64Array, shape: tuple[int, ...]) -> MaskArray:
+def _carried(
+    mask: MaskArray, pair: RectifiedPair, rays_table: Float64Array, shape: tuple[int, ...]
+) -> MaskArray:
     """A mask of the grid of `pair` on the printed grid of this shape, whose rays (n, 3) are known, table frame."""
     rays = rays_table @ pair.rotation.T
     pixels = pair.focal_px * rays[:, :2] / rays[:, 2:] + pair.centre_px
     maps = pixels.reshape(*shape[:2], 2).astype(np.float32)
-    return np.asarray(cv2.remap(mask.astype(np.uint8), maps[..., 0], maps[..., 1], cv2.INTER_NEAREST) > 0, np.bool_)
+    return np.asarray(
+        cv2.remap(mask.astype(np.uint8), maps[..., 0], maps[..., 1], cv2.INTER_NEAREST) > 0,
+        np.bool_,
+    )

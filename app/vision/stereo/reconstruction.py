@@ -38,7 +38,9 @@ def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> Depth
     """
     if len(disparity_px) < 2 or np.ptp(disparity_px) <= 0:
         raise ValueError("Two tie points of different disparity are needed.")
-    design = np.column_stack([np.ones_like(disparity_px), 1.0 / disparity_px]) * disparity_px[:, None]
+    design = (
+        np.column_stack([np.ones_like(disparity_px), 1.0 / disparity_px]) * disparity_px[:, None]
+    )
     (p_mm, q_mm_px), *_ = np.linalg.lstsq(design, depth_mm * disparity_px, rcond=None)
     return DepthModel(float(p_mm), float(q_mm_px))
 
@@ -57,7 +59,9 @@ def ideal_depth(pair: RectifiedPair) -> DepthModel:
     return DepthModel(0.0, pair.focal_px * pair.baseline_mm)
 
 
-def plane_points(pair: RectifiedPair, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
+def plane_points(
+    pair: RectifiedPair, window: tuple[slice, slice] = (slice(None), slice(None))
+) -> Float32Array:
     """(H, W, 3) where each pixel's ray meets the marker's plane, table frame, mm; NaN above the horizon.
 
     window: rows and columns of the grid that (H, W) are of.
@@ -66,16 +70,22 @@ def plane_points(pair: RectifiedPair, window: tuple[slice, slice] = (slice(None)
     return back_project(pair, depth_mm, (window[0].start or 0, window[1].start or 0))
 
 
-def back_project(pair: RectifiedPair, depth_mm: Float32Array, origin: tuple[int, int] = (0, 0)) -> Float32Array:
+def back_project(
+    pair: RectifiedPair, depth_mm: Float32Array, origin: tuple[int, int] = (0, 0)
+) -> Float32Array:
     """(H, W, 3) points in the table frame, mm, from depth (H, W) along the rectified axis (eq. 12-13); NaN kept.
 
     origin: row and column of the grid at which the depth's first pixel lies.
     """
-    rows, columns = (np.arange(side) + first for side, first in zip(depth_mm.shape, origin, strict=True))
+    rows, columns = (
+        np.arange(side) + first for side, first in zip(depth_mm.shape, origin, strict=True)
+    )
     u = (columns - pair.centre_px[0]) / pair.focal_px
     v = ((rows - pair.centre_px[1]) / pair.focal_px)[:, None]
     points = np.empty((*depth_mm.shape, 3), np.float32)
-    for axis in range(3):  # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
+    for axis in range(
+        3
+    ):  # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
         along_x, along_y, along_z = pair.rotation[:, axis]
         ray = (along_x * u).astype(np.float32) + (along_y * v + along_z).astype(np.float32)
         np.add(ray * depth_mm, np.float32(pair.first_centre_mm[axis]), out=points[..., axis])

@@ -14,8 +14,13 @@ from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray, View
 from app.vision.stereo.features import undistort_to_rays
 
-WORKING_SIDE_PX = 1280  # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
-MIN_HEIGHT_MM, MAX_HEIGHT_MM = -15.0, 200.0  # over the marker's plane: what the disparity search covers
+WORKING_SIDE_PX = (
+    1280  # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
+)
+MIN_HEIGHT_MM, MAX_HEIGHT_MM = (
+    -15.0,
+    200.0,
+)  # over the marker's plane: what the disparity search covers
 MAP_STEP_PX = 8  # between computed points of the maps: the error of interpolation stays below a hundredth of a pixel
 ALIASING_FREE = 0.9  # of the reduction from photograph to grid: what is left, linear sampling bears
 INVERSE_DEPTH_BASELINE_MM = 10.0  # of a single view: its unit of inverse depth, f B px mm
@@ -72,7 +77,9 @@ class RectifiedPair:
         """(H, W) disparity of the marker's plane."""
         height, width = self.shape
         a, b, c = self.plane_px
-        return (a * np.arange(width)).astype(np.float32) + (b * np.arange(height) + c).astype(np.float32)[:, None]
+        return (a * np.arange(width)).astype(np.float32) + (b * np.arange(height) + c).astype(
+            np.float32
+        )[:, None]
 
     def disparity_from_parallax(self, parallax_px: Float32Array) -> Float32Array:
         """(H, W) disparity x_first - x_second of the row-aligned pair, px, from parallax against the marker's plane.
@@ -120,7 +127,9 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     """
     baseline = second.centre_mm - first.centre_mm
     baseline_mm = float(np.linalg.norm(baseline))
-    rotation = rotation_along(baseline, first.rotation[2] + second.rotation[2])  # near both optical axes
+    rotation = rotation_along(
+        baseline, first.rotation[2] + second.rotation[2]
+    )  # near both optical axes
     # Along a ray (u, v, 1) the marker's plane lies at inverse depth plane . (u, v, 1): z = 0 in the table frame.
     plane = -rotation[:, 2] / first.centre_mm[2]
     low, high = _seen_bounds(first, second, rotation, plane, baseline_mm)
@@ -129,7 +138,9 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     # Of a wide pair, one view may miss the table behind a food that both of them show.
     lift = _lift(first, second)
     low_tall, high_tall = _seen_bounds(first, second, rotation, plane, baseline_mm, lift)
-    before = np.ceil(np.maximum(low - low_tall, 0.0) * focal / MAP_STEP_PX) * MAP_STEP_PX  # the rest stays as it is
+    before = (
+        np.ceil(np.maximum(low - low_tall, 0.0) * focal / MAP_STEP_PX) * MAP_STEP_PX
+    )  # the rest stays as it is
     low, high = low - before / focal, np.maximum(high, high_tall)
     width, height = (int(np.ceil(side * focal)) for side in high - low)
     centre_x, centre_y = -low * focal
@@ -145,7 +156,12 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     tall_px = np.arange(width) - (lift / (1.0 - a) * disparity).astype(np.float32)
     rows = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], tall_px.shape)
     is_tall_seen = (
-        cv2.remap(in_second.astype(np.uint8), tall_px.astype(np.float32), np.ascontiguousarray(rows), cv2.INTER_NEAREST)
+        cv2.remap(
+            in_second.astype(np.uint8),
+            tall_px.astype(np.float32),
+            np.ascontiguousarray(rows),
+            cv2.INTER_NEAREST,
+        )
         > 0
     )
     is_seen = (disparity > 0) & _is_inside(first, first_map) & (in_second | is_tall_seen)
@@ -173,7 +189,9 @@ def rectify_alone(view: View) -> RectifiedPair:
     rotation = view.rotation
     plane = -rotation[:, 2] / view.centre_mm[2]
     low, high = _own_bounds(view, plane)
-    focal = min(float(np.sqrt(view.camera.fx * view.camera.fy)), WORKING_SIDE_PX / float((high - low).max()))
+    focal = min(
+        float(np.sqrt(view.camera.fx * view.camera.fy)), WORKING_SIDE_PX / float((high - low).max())
+    )
     width, height = (int(np.ceil(side * focal)) for side in high - low)
     centre_x, centre_y = -low * focal
     matrix = np.array([[focal, 0.0, centre_x], [0.0, focal, centre_y], [0.0, 0.0, 1.0]])
@@ -231,19 +249,29 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
     cosine, sine = moved[:2] / length * (1.0 if moved[0] >= 0 else -1.0)
     rotation = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     on_axis = rotation @ moved
-    to_infinity = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-on_axis[2] / on_axis[0], 0.0, 1.0]])  # -1 / f
+    to_infinity = np.array(
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-on_axis[2] / on_axis[0], 0.0, 1.0]]
+    )  # -1 / f
     return np.asarray(to_infinity @ rotation @ translation, np.float64)
 
 
 def _lift(first: View, second: View) -> float:
     """By which share of itself the disparity of what stands TALL_MM high exceeds that of the plane under it."""
-    camera_mm, lower_mm = float(first.centre_mm[2]), float(min(first.centre_mm[2], second.centre_mm[2]))
+    camera_mm, lower_mm = (
+        float(first.centre_mm[2]),
+        float(min(first.centre_mm[2], second.centre_mm[2])),
+    )
     tall_mm = min(TALL_MM, TALL_SHARE * lower_mm)
     return tall_mm / (camera_mm - tall_mm)
 
 
 def _seen_bounds(
-    first: View, second: View, rotation: Float64Array, plane: Float64Array, baseline_mm: float, lift: float = 0.0
+    first: View,
+    second: View,
+    rotation: Float64Array,
+    plane: Float64Array,
+    baseline_mm: float,
+    lift: float = 0.0,
 ) -> tuple[Float64Array, Float64Array]:
     """(2,), (2,) least and greatest x / z, y / z of rectified rays that meet the plane within both views.
 
@@ -261,9 +289,15 @@ def _seen_bounds(
     from_second = turned - np.outer((1.0 + lift) * disparity, [1.0, 0.0, 0.0])
     in_second = from_second @ rotation @ second.rotation.T
     ahead = in_second[:, 2] > 0
-    pixels = in_second[:, :2] / np.where(ahead, in_second[:, 2], 1.0)[:, None] * [second.camera.fx, second.camera.fy]
+    pixels = (
+        in_second[:, :2]
+        / np.where(ahead, in_second[:, 2], 1.0)[:, None]
+        * [second.camera.fx, second.camera.fy]
+    )
     pixels += [second.camera.cx, second.camera.cy]
-    in_photo = (pixels >= 0).all(axis=1) & (pixels < second.photo.pixels_bgr.shape[1::-1]).all(axis=1)
+    in_photo = (pixels >= 0).all(axis=1) & (pixels < second.photo.pixels_bgr.shape[1::-1]).all(
+        axis=1
+    )
     is_shared = ahead & in_photo & (inverse_depth > 0)
     if np.count_nonzero(is_shared) < 2:
         is_shared = np.ones(len(turned), np.bool_)
@@ -292,7 +326,10 @@ def warp_view(
     width, height = size
     # The map is smooth: computed on a grid of every eighth pixel, one point beyond each border, and interpolated.
     shrink = np.array(
-        [[1.0 / MAP_STEP_PX, 0.0, 0.5 / MAP_STEP_PX + 0.5], [0.0, 1.0 / MAP_STEP_PX, 0.5 / MAP_STEP_PX + 0.5]]
+        [
+            [1.0 / MAP_STEP_PX, 0.0, 0.5 / MAP_STEP_PX + 0.5],
+            [0.0, 1.0 / MAP_STEP_PX, 0.5 / MAP_STEP_PX + 0.5],
+        ]
     )
     to_coarse = np.vstack([shrink, [0.0, 0.0, 1.0]])
     columns, rows = (-(-side // MAP_STEP_PX) for side in size)
@@ -306,11 +343,17 @@ def warp_view(
     )
     wide = (coarse.shape[1] * MAP_STEP_PX, coarse.shape[0] * MAP_STEP_PX)
     whole = cv2.resize(coarse, wide, interpolation=cv2.INTER_LINEAR)
-    first_map = np.ascontiguousarray(whole[MAP_STEP_PX : MAP_STEP_PX + height, MAP_STEP_PX : MAP_STEP_PX + width])
+    first_map = np.ascontiguousarray(
+        whole[MAP_STEP_PX : MAP_STEP_PX + height, MAP_STEP_PX : MAP_STEP_PX + width]
+    )
     # Averaged before sampling, or fine texture aliases; by a whole factor, which takes a tenth of any other's time.
     factor = max(1, round(ALIASING_FREE * camera.fy / matrix[1, 1]))
     small = reduce_by(pixels, factor)
-    in_small = first_map if factor == 1 else (first_map + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
+    in_small = (
+        first_map
+        if factor == 1
+        else (first_map + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
+    )
     # The stub asks for a second map, which two channels in the first make needless.
     warped = cv2.remap(small, in_small, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
     return np.asarray(warped, np.uint8), np.asarray(first_map, np.float32)

@@ -44,7 +44,9 @@ RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of th
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 TABLE_SD_MM = 1.0  # of a table's height about a plane
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
-LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
+LENS_UNKNOWNS = (
+    5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +108,14 @@ def fit_views(
         table = None if table is None else replace(table, is_table=table.is_table[chosen])
     views = (first, second)
     bases = tuple(_prior_camera(view) for view in guesses or views)
-    matched = [_to_rays(camera, pixels) for camera, pixels in zip(bases, (first_px, second_px), strict=True)]
-    corners = [_to_rays(base, view.required_marker.corners_px) for base, view in zip(bases, views, strict=True)]
+    matched = [
+        _to_rays(camera, pixels)
+        for camera, pixels in zip(bases, (first_px, second_px), strict=True)
+    ]
+    corners = [
+        _to_rays(base, view.required_marker.corners_px)
+        for base, view in zip(bases, views, strict=True)
+    ]
     unit = max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
     prior = _lens_prior(bases[0], bases[1])
     lenses = [_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)]
@@ -115,7 +123,9 @@ def fit_views(
 
     @lru_cache(maxsize=4)  # most of a fit's steps change another unknown than a view's lens
     def ideal_rays(index: int, *lens: float) -> tuple[Float64Array, Float64Array]:
-        corner_rays, match_rays = (undistort_by_lens(rays[index], np.array(lens)) for rays in (corners, matched))
+        corner_rays, match_rays = (
+            undistort_by_lens(rays[index], np.array(lens)) for rays in (corners, matched)
+        )
         return corner_rays, match_rays
 
     def residual(unknowns: Float64Array) -> Float64Array:
@@ -143,7 +153,9 @@ def fit_views(
         for index, (view, base) in enumerate(zip(views, bases, strict=True)):
             rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
             camera = camera_with_lens(base, lens)
-            moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=translation_mm))
+            moved.append(
+                replace(view, camera=camera, rotation=rotation, translation_mm=translation_mm)
+            )
         return moved[0], moved[1]
 
     solved, normal = minimise(residual, start)
@@ -158,10 +170,14 @@ def _unknown_pose(view: View, lens: Float64Array) -> Float64Array:
     A board seen from straight above stays in place when distance and focal length grow together; in these unknowns
     that is one of them alone, and the search runs straight along it.
     """
-    return np.concatenate([np.ravel(cv2.Rodrigues(view.rotation)[0]), view.translation_mm / np.exp(lens[0])])
+    return np.concatenate(
+        [np.ravel(cv2.Rodrigues(view.rotation)[0]), view.translation_mm / np.exp(lens[0])]
+    )
 
 
-def _pose_and_lens(unknowns: Float64Array, index: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _pose_and_lens(
+    unknowns: Float64Array, index: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Rotation (3, 3), translation (3,) mm and lens (5,) of a view."""
     pose = unknowns[6 * index : 6 * index + 6]
     lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
@@ -179,7 +195,9 @@ def _to_rays(camera: Camera, pixels: Float64Array) -> Float64Array:
         return np.empty((0, 2))
     if not any(camera.distortion):
         return (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    ideal = cv2.undistortPoints(np.ascontiguousarray(pixels)[:, None], camera.matrix, np.array(camera.distortion))
+    ideal = cv2.undistortPoints(
+        np.ascontiguousarray(pixels)[:, None], camera.matrix, np.array(camera.distortion)
+    )
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
 
@@ -199,7 +217,13 @@ def undistort_by_lens(rays: Float64Array, lens: Float64Array) -> Float64Array:
 def _lens_of(camera: Camera, base: Camera) -> Float64Array:
     """(5,) how a camera's lens differs from its guess."""
     shift = [(camera.cx - base.cx) / base.fx, (camera.cy - base.cy) / base.fy]
-    return np.array([np.log(camera.fx / base.fx), *shift, *np.subtract(camera.distortion[:2], base.distortion[:2])])
+    return np.array(
+        [
+            np.log(camera.fx / base.fx),
+            *shift,
+            *np.subtract(camera.distortion[:2], base.distortion[:2]),
+        ]
+    )
 
 
 def camera_with_lens(base: Camera, lens: Float64Array) -> Camera:
@@ -226,7 +250,9 @@ def _lens_prior(first: Camera, second: Camera) -> Float64Array:
     for index, camera in enumerate((first, second)):
         for axis in (1, 2):
             row = np.zeros(2 * LENS_UNKNOWNS)
-            row[LENS_UNKNOWNS * index + axis] = camera.fx / (CENTRE_SPREAD * max(camera.width, camera.height))
+            row[LENS_UNKNOWNS * index + axis] = camera.fx / (
+                CENTRE_SPREAD * max(camera.width, camera.height)
+            )
             rows.append(row)
     focal_spread = FOCAL_SPREAD_EXIF if first.source == "exif" else FOCAL_SPREAD_UNKNOWN
     for at, own, change in (
@@ -271,7 +297,9 @@ def _off_table(
     return np.asarray(along * focal_px / np.hypot(sd_px, length * focal_px), np.float64)
 
 
-def sampson_distance(essential: Float64Array, x: Float64Array, x_second: Float64Array) -> Float64Array:
+def sampson_distance(
+    essential: Float64Array, x: Float64Array, x_second: Float64Array
+) -> Float64Array:
     """(n,) signed Sampson distance (Hartley and Zisserman, 2004, eq. 11.9) in rays' units, x / z.
 
     essential: (3, 3), x_second^T E x = 0. x, x_second: (n, 2) rays of the first and the second view.

@@ -20,7 +20,11 @@ from app.vision.geometry.robust_fit import minimise
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, Int64Array, MaskArray, Photo, PhotoPair, View
 from app.vision.rig import StereoRig, adapt_rig
-from app.vision.stereo.epipolar import GATE_PX_AT_12MP, near_epipolar_lines, surely_on_epipolar_lines
+from app.vision.stereo.epipolar import (
+    GATE_PX_AT_12MP,
+    near_epipolar_lines,
+    surely_on_epipolar_lines,
+)
 from app.vision.stereo.features import MIN_MATCHES, Matches, match_features, undistort_to_rays
 from app.vision.stereo.relative_pose import (
     CENTRE_SPREAD,
@@ -42,7 +46,9 @@ SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
 # and by 0.2 to 0.5 degrees between two photographs of a table.
 POSES_TURN_SD_RAD = 6e-3
 POSES_SHIFT_SD_SHARE = 0.02
-ROUGH_GATE_SHARE = 0.025  # of the long side: what such poses put matches off their epipolar lines, three sd
+ROUGH_GATE_SHARE = (
+    0.025  # of the long side: what such poses put matches off their epipolar lines, three sd
+)
 ROUGH_DISTANCE_MM = 400.0  # of a table from a phone, where its true distance is not known yet
 
 Source = Literal["rig", "poses"]
@@ -60,7 +66,9 @@ ROUNDS: Mapping[Source, tuple[Callable[[View, View, Matches], MaskArray], ...]] 
 }
 
 
-def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> tuple[View, View] | Failure:
+def views_of_rig(
+    pair: PhotoPair, rig: StereoRig, rng: np.random.Generator
+) -> tuple[View, View] | Failure:
     """Left and right view over the table.
 
     Failures: camera_mismatch, same_photograph, table_not_found, poses_mismatch.
@@ -72,7 +80,9 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
             "Both photographs are the same one.",
             "Send the photographs of both cameras of the rig.",
         )
-    left_size, right_size = ((photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0]) for photo in photos)
+    left_size, right_size = (
+        (photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0]) for photo in photos
+    )
     cameras = adapt_rig(rig, left_size, right_size)
     if isinstance(cameras, Failure):
         return cameras
@@ -82,7 +92,10 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
         adjusted = _adjusted_views(photos, cameras, pose, up)
         if isinstance(adjusted, Failure):
             return adjusted
-        cameras, pose = (adjusted.first.camera, adjusted.second.camera), _relative_pose(adjusted.first, adjusted.second)
+        cameras, pose = (
+            (adjusted.first.camera, adjusted.second.camera),
+            _relative_pose(adjusted.first, adjusted.second),
+        )
     plane = find_table_plane((photos[0].pixels_bgr, photos[1].pixels_bgr), cameras, pose, rng, up)
     if isinstance(plane, Failure):
         return plane
@@ -90,7 +103,10 @@ def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> t
 
 
 def _adjusted_views(
-    photos: tuple[Photo, Photo], cameras: tuple[Camera, Camera], pose: RigPose, up: Float64Array | None
+    photos: tuple[Photo, Photo],
+    cameras: tuple[Camera, Camera],
+    pose: RigPose,
+    up: Float64Array | None,
 ) -> RefinedViews | Failure:
     """A rough pose, and the lenses, adjusted to matches that are looked for over a table at a usual distance."""
     towards = np.array([0.0, 0.0, -1.0])
@@ -135,10 +151,19 @@ def _prior_sd(source: Source, first: View, second: View) -> Float64Array:
     logarithm of the focal length, then the principal point over it.
     """
     turn_rad, shift_share = PRIORS[source]
-    pose = np.repeat([turn_rad, shift_share * float(np.linalg.norm(_relative_pose(first, second).translation_mm))], 3)
+    pose = np.repeat(
+        [
+            turn_rad,
+            shift_share * float(np.linalg.norm(_relative_pose(first, second).translation_mm)),
+        ],
+        3,
+    )
     if source == "rig":
         return pose
-    sides = [(FOCAL_SPREAD, *2 * (CENTRE_SPREAD * _long_side(view) / view.camera.fx,)) for view in (first, second)]
+    sides = [
+        (FOCAL_SPREAD, *2 * (CENTRE_SPREAD * _long_side(view) / view.camera.fx,))
+        for view in (first, second)
+    ]
     return np.concatenate([pose, *sides])
 
 
@@ -147,7 +172,12 @@ def _long_side(view: View) -> int:
 
 
 def _fit_pose(
-    first: View, second: View, matches: Matches, chosen: Int64Array, spread: Float64Array, start: Float64Array
+    first: View,
+    second: View,
+    matches: Matches,
+    chosen: Int64Array,
+    spread: Float64Array,
+    start: Float64Array,
 ) -> tuple[RefinedViews, Float64Array]:
     """The second view, and perhaps both lenses, fitted to the chosen matches; and the change, in units of spread.
 
@@ -158,13 +188,21 @@ def _fit_pose(
     first_px, second_px = matches.first_px[chosen], matches.second_px[chosen]
     rays, second_rays = undistort_to_rays(first, first_px), undistort_to_rays(second, second_px)
     calibrated = _relative_pose(first, second)
-    match_sd = MATCH_SD_PX_AT_12MP * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP / first.camera.fx
+    match_sd = (
+        MATCH_SD_PX_AT_12MP
+        * max(first.camera.width, first.camera.height)
+        / LONG_SIDE_12MP
+        / first.camera.fx
+    )
 
     def residual(change: Float64Array) -> Float64Array:
         values = change * spread
         moved, lenses = _changed(calibrated, values[:6]), _lenses(values)
         essential = cross_matrix(moved.translation_mm) @ moved.rotation
-        ideal = [undistort_by_lens(each, lens) for each, lens in zip((rays, second_rays), lenses, strict=True)]
+        ideal = [
+            undistort_by_lens(each, lens)
+            for each, lens in zip((rays, second_rays), lenses, strict=True)
+        ]
         # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
         focal = float(np.exp((lenses[0][0] + lenses[1][0]) / 2))
         return np.concatenate([change, sampson_distance(essential, *ideal) * focal / match_sd])
@@ -174,8 +212,13 @@ def _fit_pose(
 
     def with_change(values: Float64Array) -> tuple[View, View]:
         moved, lenses = _changed(calibrated, values[:6] * spread[:6]), _lenses(values * spread)
-        cameras = [camera_with_lens(view.camera, lens) for view, lens in zip((first, second), lenses, strict=True)]
-        return replace(first, camera=cameras[0]), replace(_placed(second, first, moved), camera=cameras[1])
+        cameras = [
+            camera_with_lens(view.camera, lens)
+            for view, lens in zip((first, second), lenses, strict=True)
+        ]
+        return replace(first, camera=cameras[0]), replace(
+            _placed(second, first, moved), camera=cameras[1]
+        )
 
     doubts = tuple(with_change(change + axis) for axis in axes)
     return RefinedViews(*with_change(change), np.zeros(3), len(chosen), doubts), change
@@ -201,7 +244,10 @@ def _changed(pose: RigPose, change: Float64Array) -> RigPose:
 
 
 def _second_pose(first: View, pose: RigPose) -> tuple[Float64Array, Float64Array]:
-    return pose.rotation @ first.rotation, pose.rotation @ first.translation_mm + pose.translation_mm
+    return (
+        pose.rotation @ first.rotation,
+        pose.rotation @ first.translation_mm + pose.translation_mm,
+    )
 
 
 def _placed(second: View, first: View, pose: RigPose) -> View:

@@ -45,7 +45,12 @@ class Sight:
     def depth_mm(self, pixels: Float64Array, parallax_px: Float64Array) -> Float64Array:
         """(n,) depth along the rectified axis of (n, 2) px of the first view with this parallax."""
         pair, (a, b, c) = self.pair, self.pair.plane_px
-        disparity = a * pixels[:, 0] + b * pixels[:, 1] + c + (1 - a) * (parallax_px - self.drift_px(pixels))
+        disparity = (
+            a * pixels[:, 0]
+            + b * pixels[:, 1]
+            + c
+            + (1 - a) * (parallax_px - self.drift_px(pixels))
+        )
         return pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6)
 
     def points(self, pixels: Float64Array, parallax_px: Float64Array) -> Float64Array:
@@ -77,9 +82,13 @@ class Sight:
         return np.column_stack([pixels[:, 0] - parallax_px, pixels[:, 1]])
 
 
-def sight_of(pair: RectifiedPair, trend: TableTrend, plane_xy_mm: Float32Array, window: tuple[slice, slice]) -> Sight:
+def sight_of(
+    pair: RectifiedPair, trend: TableTrend, plane_xy_mm: Float32Array, window: tuple[slice, slice]
+) -> Sight:
     """The pair with the drift around a food. window: rows, columns of it. plane_xy_mm: there, see plane_points."""
-    rows, columns = (np.linspace(each.start, each.stop - 1, SAMPLES).astype(np.int64) for each in window)
+    rows, columns = (
+        np.linspace(each.start, each.stop - 1, SAMPLES).astype(np.int64) for each in window
+    )
     y, x = (each.ravel() for each in np.meshgrid(rows, columns, indexing="ij"))
     height = trend.height_mm(plane_xy_mm[y - window[0].start, x - window[1].start])
     camera_height = pair.first_centre_mm[2]

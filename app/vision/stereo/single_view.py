@@ -25,7 +25,9 @@ from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, P
 from app.vision.stereo.features import undistort_to_rays
 
 CORNERS_PER_FACT = 4.0  # neighbouring corners share what lens and paper do beyond their models
-STEP = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-4])  # of the differences: radians, mm, log of f
+STEP = np.array(
+    [1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-4]
+)  # of the differences: radians, mm, log of f
 CUBE_MM = 60.0
 LEAST_SD = 0.006  # as of a pair, and what the sheet's bend does to a single view's heights
 DEPTH_SCALE_SD = 0.04  # of a volume by a depth map's scale: phones' sensors are good to one or two per cent of depth
@@ -40,7 +42,9 @@ class SingleView:
     doubts: tuple[View, ...]
 
 
-def place_alone(photo: Photo, observation: MarkerObservation, options: EstimateOptions) -> SingleView | Failure:
+def place_alone(
+    photo: Photo, observation: MarkerObservation, options: EstimateOptions
+) -> SingleView | Failure:
     """The photograph's view by the marker alone. Failures: see camera.estimate_view."""
     view = estimate_view(photo, observation, options)
     return view if isinstance(view, Failure) else SingleView(view, _doubts(view))
@@ -50,7 +54,9 @@ def single_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
     if view.first.marker is None:
         return DEPTH_SCALE_SD
-    corners = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]) - [0.5, 0.5, 0.0]
+    corners = np.array(
+        [[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    ) - [0.5, 0.5, 0.0]
     cube = corners * CUBE_MM + [*middle_mm, 0.0]
     pixels = project(view.first.camera, cube, _pose_vector(view.first))
     own = _log_volume(view.first, pixels)
@@ -101,6 +107,8 @@ def _log_volume(view: View, pixels: Float64Array) -> float:
     following = np.roll(foot, -1, axis=0)
     area = abs(float((foot[:, 0] * following[:, 1] - foot[:, 1] * following[:, 0]).sum())) / 2
     flat = rays[4:, :2]
-    reach = ((foot - camera[:2]) * flat).sum(axis=1) / np.maximum((flat**2).sum(axis=1), MIN_SLANT**2)
+    reach = ((foot - camera[:2]) * flat).sum(axis=1) / np.maximum(
+        (flat**2).sum(axis=1), MIN_SLANT**2
+    )
     height = float(np.mean(camera[2] + reach * rays[4:, 2]))
     return float(np.log(max(area, 1e-6)) + np.log(max(height, 1e-6)))

@@ -19,11 +19,16 @@ from app.vision.stereo.table_matches import points_of_matches
 
 RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
 AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
-MIN_SHARE_AT_MARKER = 0.4  # of what is measured in the ring; a plate's rim beside the sheet takes some of it
+MIN_SHARE_AT_MARKER = (
+    0.4  # of what is measured in the ring; a plate's rim beside the sheet takes some of it
+)
 MIN_MEASURED = 500  # pixels of the ring
 MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
 MIN_JUDGED_MATCHES = 20
-UNDER_MM, UNDER_SD = 14.0, 3.0  # more than a plaque is thick, and standard deviations of a match's height beyond it
+UNDER_MM, UNDER_SD = (
+    14.0,
+    3.0,
+)  # more than a plaque is thick, and standard deviations of a match's height beyond it
 SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
 MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
 
@@ -52,7 +57,9 @@ def judge_matches(
         return poses_mismatch(
             f"{judged} points were found again in the other photograph, but only {good} of them near."
         )
-    return _moved(f"The marker and the rest of the meal moved against each other: {placed} puts them.")
+    return _moved(
+        f"The marker and the rest of the meal moved against each other: {placed} puts them."
+    )
 
 
 def judge_missing(first: View, second: View) -> Failure | None:
@@ -101,7 +108,9 @@ def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:
     )
 
 
-def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32Array) -> Failure | None:
+def judge_table(
+    spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32Array
+) -> Failure | None:
     """Failure "scene_moved" if what surrounds the sheet does not lie at its height; None if it does or is not seen.
 
     plane_mm: (H, W, 3) where each line of sight meets the marker's plane. points_table: (H, W, 3) mm, NaN.

@@ -100,8 +100,10 @@ def _slopes(xy_mm: Float64Array, height_mm: Float64Array) -> Float64Array:
     first, second, determinant = first[kept], second[kept], determinant[kept]
     slopes = np.column_stack(
         [
-            (height_mm[first] * xy_mm[second, 1] - height_mm[second] * xy_mm[first, 1]) / determinant,
-            (xy_mm[first, 0] * height_mm[second] - xy_mm[second, 0] * height_mm[first]) / determinant,
+            (height_mm[first] * xy_mm[second, 1] - height_mm[second] * xy_mm[first, 1])
+            / determinant,
+            (xy_mm[first, 0] * height_mm[second] - xy_mm[second, 0] * height_mm[first])
+            / determinant,
         ]
     )
     return np.asarray(slopes[np.hypot(slopes[:, 0], slopes[:, 1]) < MAX_SLOPE], np.float64)

@@ -36,7 +36,9 @@ MIN_SURE_SHARE = 0.08  # of what surely matches: foods and a dish's rim have the
 MIN_SHARE_UNDER = 0.1  # of what is matched, on a plane under that one
 ROUNDS = 5
 MAX_OFF_UP_DEG = 10.0  # of gravity, by tracking 1 degree, of tables 2; what is left is the plane of three coarse points
-MAX_TILT_DEG = 80.0  # between the camera's axis and the plane's normal: flatter, and it is a wall or chance
+MAX_TILT_DEG = (
+    80.0  # between the camera's axis and the plane's normal: flatter, and it is a wall or chance
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,11 @@ def find_table_plane(
 
 
 def _plane_of(
-    coarse: "_Coarse", is_chosen: MaskArray, min_share: float, up: Float64Array | None, rng: np.random.Generator
+    coarse: "_Coarse",
+    is_chosen: MaskArray,
+    min_share: float,
+    up: Float64Array | None,
+    rng: np.random.Generator,
 ) -> Float64Array | None:
     """lowest_plane of a sample of the chosen pixels of the coarse match, about level where up is known."""
     rows, columns = np.nonzero(is_chosen)
@@ -85,7 +91,9 @@ def _plane_of(
     level = None if up is None else coarse.rotation @ up
 
     def is_level(plane: Float64Array) -> bool:
-        return level is None or float(_normal_of(plane, coarse)[0] @ level) > np.cos(np.radians(MAX_OFF_UP_DEG))
+        return level is None or float(_normal_of(plane, coarse)[0] @ level) > np.cos(
+            np.radians(MAX_OFF_UP_DEG)
+        )
 
     # In a rectified pair a plane's disparity is linear in x and y, and its noise is the same everywhere.
     return lowest_plane(homogeneous(pixels), disparity, rng, min_share, is_level)
@@ -132,9 +140,13 @@ class _Coarse:
     rotation: Float64Array
 
 
-def _coarse_match(pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera, Camera], pose: RigPose) -> _Coarse:
+def _coarse_match(
+    pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera, Camera], pose: RigPose
+) -> _Coarse:
     """Disparity of the pair at reduced size, x_first - x_second in px, rows along the baseline."""
-    baseline = -pose.rotation.T @ pose.translation_mm  # the second centre in the first camera's frame
+    baseline = (
+        -pose.rotation.T @ pose.translation_mm
+    )  # the second centre in the first camera's frame
     baseline_mm = float(np.linalg.norm(baseline))
     rotation = rotation_along(baseline, np.array([0.0, 0.0, 1.0]) + pose.rotation[2])
     low, high = _turned_bounds(cameras[0], rotation)
@@ -169,18 +181,34 @@ def _coarse_match(pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera
     )
     # Left of the first `steps` columns nothing is searched: a margin there keeps the picture whole.
     padded = [cv2.copyMakeBorder(grey, 0, 0, steps, 0, cv2.BORDER_CONSTANT) for grey in greys]
-    disparity = matcher.compute(padded[0], padded[1])[:, steps:].astype(np.float64) / DISPARITY_STEPS
+    disparity = (
+        matcher.compute(padded[0], padded[1])[:, steps:].astype(np.float64) / DISPARITY_STEPS
+    )
     is_matched = (disparity > 0) & seen[0]
     columns = np.broadcast_to(np.arange(width), disparity.shape)
     partner = np.rint(columns - disparity).astype(np.int64)
-    is_matched &= (partner >= 0) & seen[1][np.arange(height)[:, None], np.clip(partner, 0, width - 1)]
+    is_matched &= (partner >= 0) & seen[1][
+        np.arange(height)[:, None], np.clip(partner, 0, width - 1)
+    ]
     half = (max(1, width // NOISE_REDUCTION), max(1, height // NOISE_REDUCTION))
-    reduced = np.asarray(cv2.resize(disparity.astype(np.float32), half, interpolation=cv2.INTER_NEAREST), np.float32)
+    reduced = np.asarray(
+        cv2.resize(disparity.astype(np.float32), half, interpolation=cv2.INTER_NEAREST), np.float32
+    )
     alike = cv2.resize(
-        looks_alike(greys[0], greys[1], reduced).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
+        looks_alike(greys[0], greys[1], reduced).astype(np.uint8),
+        (width, height),
+        interpolation=cv2.INTER_NEAREST,
     )
     is_alike = is_matched & (alike > 0)
-    return _Coarse(disparity, is_matched, is_alike, focal, (float(centre[0]), float(centre[1])), baseline_mm, rotation)
+    return _Coarse(
+        disparity,
+        is_matched,
+        is_alike,
+        focal,
+        (float(centre[0]), float(centre[1])),
+        baseline_mm,
+        rotation,
+    )
 
 
 def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -192,7 +220,9 @@ def _turned_bounds(camera: Camera, rotation: Float64Array) -> tuple[Float64Array
             for y in (0.0, camera.height / 2, camera.height - 1.0)
         ]
     )
-    rays = cv2.undistortPoints(corners[:, None], camera.matrix, np.array(camera.distortion)).reshape(-1, 2)
+    rays = cv2.undistortPoints(
+        corners[:, None], camera.matrix, np.array(camera.distortion)
+    ).reshape(-1, 2)
     turned = homogeneous(np.asarray(rays, np.float64)) @ rotation.T
     turned = turned[:, :2] / turned[:, 2:]
     return turned.min(axis=0), turned.max(axis=0)
@@ -223,7 +253,9 @@ def lowest_plane(
     return _settled(_parallel_under(plane, pixels, disparity_px), pixels, disparity_px)
 
 
-def _parallel_under(plane: Float64Array, pixels: Float64Array, disparity_px: Float64Array) -> Float64Array:
+def _parallel_under(
+    plane: Float64Array, pixels: Float64Array, disparity_px: Float64Array
+) -> Float64Array:
     """The farthest plane parallel to this one that a good part of the points share; the same one where there is none.
 
     A tray or a large plate may fill the picture and show more texture than the table that carries it.
@@ -246,7 +278,9 @@ def _settled(plane: Float64Array, pixels: Float64Array, disparity_px: Float64Arr
         is_on = np.abs(disparity_px - pixels @ plane) < ON_PLANE_PX
         if np.count_nonzero(is_on) < 3:
             return plane
-        plane = np.asarray(np.linalg.lstsq(pixels[is_on], disparity_px[is_on], rcond=None)[0], np.float64)
+        plane = np.asarray(
+            np.linalg.lstsq(pixels[is_on], disparity_px[is_on], rcond=None)[0], np.float64
+        )
     return plane
 
 

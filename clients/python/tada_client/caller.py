@@ -40,8 +40,16 @@ class Caller:
         seconds: the longest silence of the server within an attempt.
         """
         url = httpx2.URL(server)
-        if url.scheme not in {"http", "https"} or not url.host or url.userinfo or url.query or url.fragment:
-            raise ValueError(f"No address of a server, such as https://tada.example.org: {server!r}")
+        if (
+            url.scheme not in {"http", "https"}
+            or not url.host
+            or url.userinfo
+            or url.query
+            or url.fragment
+        ):
+            raise ValueError(
+                f"No address of a server, such as https://tada.example.org: {server!r}"
+            )
         self.token = token
         self.seconds = seconds
         self.retries = retries or RetryPolicy()
@@ -52,7 +60,12 @@ class Caller:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -128,7 +141,9 @@ class Caller:
             length = part.stat().st_size if etag and part.exists() else 0
             headers = {"Range": f"bytes={length}-", "If-Range": etag} if length else {}
             with self._answer(self._request("GET", path, query, headers, None)) as response:
-                etag = response.headers.get("ETag", "") if "Accept-Ranges" in response.headers else ""
+                etag = (
+                    response.headers.get("ETag", "") if "Accept-Ranges" in response.headers else ""
+                )
                 with part.open("ab" if response.status_code == PARTIAL else "wb") as file:
                     for piece in response.iter_bytes():
                         file.write(piece)
@@ -164,9 +179,16 @@ class Caller:
             own["Authorization"] = f"Bearer {self.token}"
         if self._app_version is not None:
             own["X-App-Version"] = self._app_version
-        params = {name: value for name, value in query.items() if value is not None} if query else None
+        params = (
+            {name: value for name, value in query.items() if value is not None} if query else None
+        )
         return self._client.build_request(
-            method, path, params=params, headers=own | dict(headers), timeout=seconds or self.seconds, **body
+            method,
+            path,
+            params=params,
+            headers=own | dict(headers),
+            timeout=seconds or self.seconds,
+            **body,
         )
 
     @contextmanager

@@ -13,7 +13,10 @@ class Problem(Exception):  # noqa: N818  # RFC 9457's name for it
     """
 
     def __init__(
-        self, status: int, document: Mapping[str, object] | None = None, retry_after_seconds: float | None = None
+        self,
+        status: int,
+        document: Mapping[str, object] | None = None,
+        retry_after_seconds: float | None = None,
     ) -> None:
         self.status = status
         self.document = dict(document or {})

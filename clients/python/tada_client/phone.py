@@ -84,10 +84,15 @@ class Phone(Caller):
         self, left: bytes, right: bytes, metadata: schemas.CheckMetadataIn | None = None
     ) -> schemas.CheckOut:
         """Say whether this pair is good enough. Nothing is kept."""
-        files = {name: (f"{name}.jpg", content, "image/jpeg") for name, content in (("left", left), ("right", right))}
+        files = {
+            name: (f"{name}.jpg", content, "image/jpeg")
+            for name, content in (("left", left), ("right", right))
+        }
         if metadata is not None:
             files["metadata"] = ("metadata.json", dumps(metadata).encode(), "application/json")
-        return cast(schemas.CheckOut, self.call("POST", "/v1/checks", files=files, seconds=UPLOAD_SECONDS))
+        return cast(
+            schemas.CheckOut, self.call("POST", "/v1/checks", files=files, seconds=UPLOAD_SECONDS)
+        )
 
     def send_meal(
         self,
@@ -115,7 +120,10 @@ class Phone(Caller):
         """Send what was left of a meal: when it was taken, then `after_left` and `after_right`, as `send_meal` does."""
         meal: schemas.MealOut = self.call("PUT", path_of("meals", meal_id, "after"), json=metadata)
         return self._send_missing(
-            meal, lambda meal: meal["after"]["missing"] if meal["after"] is not None else [], photographs, on_progress
+            meal,
+            lambda meal: meal["after"]["missing"] if meal["after"] is not None else [],
+            photographs,
+            on_progress,
         )
 
     def put_meal(self, meal_id: Id, metadata: schemas.MealMetadataIn) -> schemas.MealOut:
@@ -134,7 +142,9 @@ class Phone(Caller):
             if meal is not None:
                 return meal
         path = path_of("meals", meal_id, "images", slot)
-        return cast(schemas.MealOut, self.call("PUT", path, file=photograph, seconds=UPLOAD_SECONDS))
+        return cast(
+            schemas.MealOut, self.call("PUT", path, file=photograph, seconds=UPLOAD_SECONDS)
+        )
 
     def declare_meal(self, meal: schemas.DeclaredMealIn) -> schemas.MealOut:
         """Enter a meal without photographs."""
@@ -143,7 +153,9 @@ class Phone(Caller):
     @overload
     def get_meal(self, meal_id: Id) -> schemas.MealOut: ...
     @overload
-    def get_meal(self, meal_id: Id, known_version: int, wait_seconds: float = 0) -> schemas.MealOut | None: ...
+    def get_meal(
+        self, meal_id: Id, known_version: int, wait_seconds: float = 0
+    ) -> schemas.MealOut | None: ...
     def get_meal(
         self, meal_id: Id, known_version: int | None = None, wait_seconds: float = 0
     ) -> schemas.MealOut | None:
@@ -151,7 +163,9 @@ class Phone(Caller):
         headers = {"If-None-Match": f'"{known_version}"'} if known_version is not None else {}
         query = {"wait": wait_seconds} if wait_seconds else None
         seconds = self.seconds + wait_seconds
-        answer = self.call("GET", path_of("meals", meal_id), query=query, headers=headers, seconds=seconds)
+        answer = self.call(
+            "GET", path_of("meals", meal_id), query=query, headers=headers, seconds=seconds
+        )
         return cast(schemas.MealOut | None, answer)
 
     def wait_for_estimate(
@@ -188,13 +202,21 @@ class Phone(Caller):
         """Cancel an estimate that is not made yet: the meal fails with `cancelled`."""
         return cast(schemas.MealOut, self.call("POST", path_of("meals", meal_id, "cancel")))
 
-    def download_photograph(self, meal_id: Id, slot: str, target: Path, width: int | None = None) -> Path:
+    def download_photograph(
+        self, meal_id: Id, slot: str, target: Path, width: int | None = None
+    ) -> Path:
         """Save a photograph of a meal; width: reduced to at most so many pixels."""
-        return self.download(path_of("meals", meal_id, "images", slot), target, query={"width": width})
+        return self.download(
+            path_of("meals", meal_id, "images", slot), target, query={"width": width}
+        )
 
-    def download_artefact(self, meal_id: Id, name: str, target: Path, pair: Literal["meal", "after"] = "meal") -> Path:
+    def download_artefact(
+        self, meal_id: Id, name: str, target: Path, pair: Literal["meal", "after"] = "meal"
+    ) -> Path:
         """Save a picture, the points or the scene of a meal's last run; name: as the run lists it."""
-        return self.download(path_of("meals", meal_id, "artefacts", name), target, query={"pair": pair})
+        return self.download(
+            path_of("meals", meal_id, "artefacts", name), target, query={"pair": pair}
+        )
 
     def send_event(self, meal: schemas.MealOut, event: Mapping[str, object]) -> schemas.MealOut:
         """Confirm, correct, add or answer: `{"kind": "confirm", "item": item["id"]}`; docs/review.md lists all events.
@@ -231,7 +253,10 @@ class Phone(Caller):
     def put_day(self, date: str, version: int, entry: schemas.DayIn) -> schemas.DayOut:
         """Close a day, say that nothing was eaten, or open it again. version: as it was read; 0: it was not listed."""
         headers = {"If-Match": f'"{version}"'}
-        return cast(schemas.DayOut, self.call("PUT", path_of("me", "days", date), json=entry, headers=headers))
+        return cast(
+            schemas.DayOut,
+            self.call("PUT", path_of("me", "days", date), json=entry, headers=headers),
+        )
 
     def get_summary(self, date: str | None = None) -> schemas.SummaryOut:
         """Return a day in figures and sentences. Raises Problem `feedback_off` where the study gives no feedback."""

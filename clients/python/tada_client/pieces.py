@@ -38,8 +38,14 @@ def send_in_pieces(
 
     An upload of another length is begun anew. meal: its id. Raises Problem, NetworkError, OSError.
     """
-    upload, size, digest = path_of("meals", meal, "images", slot, "upload"), size_of(photograph), _sha256(photograph)
-    of_whole = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}  # RFC 9530; older servers ignore it
+    upload, size, digest = (
+        path_of("meals", meal, "images", slot, "upload"),
+        size_of(photograph),
+        _sha256(photograph),
+    )
+    of_whole = {
+        "Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"
+    }  # RFC 9530; older servers ignore it
     offset = _offset_of(caller, upload, size)
     if offset is None:
         if not _begin(caller, upload, size):
@@ -48,7 +54,11 @@ def send_in_pieces(
     farthest, failures = offset, 0
     while offset < size:
         piece = _read(photograph, offset)
-        headers = TUS | of_whole | {"Content-Type": "application/offset+octet-stream", "Upload-Offset": str(offset)}
+        headers = (
+            TUS
+            | of_whole
+            | {"Content-Type": "application/offset+octet-stream", "Upload-Offset": str(offset)}
+        )
         try:
             caller.call("PATCH", upload, file=piece, headers=headers, seconds=seconds, attempts=1)
             offset += len(piece)
@@ -108,5 +118,7 @@ def _sha256(photograph: Path | bytes) -> bytes:
 
 
 def _has_bytes(meal: schemas.MealOut, slot: str, digest: bytes) -> bool:
-    image = (meal["images"] | (meal["after"]["images"] if meal["after"] is not None else {})).get(slot)
+    image = (meal["images"] | (meal["after"]["images"] if meal["after"] is not None else {})).get(
+        slot
+    )
     return image is not None and image["durable"] and image["received_sha256"] == digest.hex()

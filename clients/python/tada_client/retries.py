@@ -26,11 +26,15 @@ class RetryPolicy:
         """Seconds until the attempt after this one; None: do not repeat. attempt: from 1."""
         if attempt >= self.attempts or not is_transient(error):
             return None
-        jitter = self.random() * min(self.longest_seconds, self.first_seconds * 2.0 ** (attempt - 1))
+        jitter = self.random() * min(
+            self.longest_seconds, self.first_seconds * 2.0 ** (attempt - 1)
+        )
         asked = error.retry_after_seconds if isinstance(error, Problem) else None
         if asked is None:
             return jitter
-        return asked + jitter if asked <= self.longest_seconds else None  # not all clients at the same moment
+        return (
+            asked + jitter if asked <= self.longest_seconds else None
+        )  # not all clients at the same moment
 
 
 def is_transient(error: Problem | NetworkError) -> bool:

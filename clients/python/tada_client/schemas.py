@@ -10,8 +10,12 @@ AfterHintIn = TypedDict(
         "box": NotRequired[list[float] | None],
         "polygon": NotRequired[list[list[float]] | list[list[list[float]]] | None],
         "food": NotRequired[str | None],
-        "lies_as": NotRequired[Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"] | None],
-        "form": NotRequired[Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"] | None],
+        "lies_as": NotRequired[
+            Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"] | None
+        ],
+        "form": NotRequired[
+            Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"] | None
+        ],
         "vessel": NotRequired[str | None],
         "item": NotRequired[str | None],
         "class": NotRequired[Literal["food_left", "refuse"] | None],
@@ -29,7 +33,18 @@ class AfterMetadataIn(TypedDict):
 
 
 class AfterOut(TypedDict):
-    status: Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"] | None
+    status: (
+        Literal[
+            "receiving",
+            "queued",
+            "processing",
+            "estimated",
+            "needs_review",
+            "failed",
+            "nothing_left",
+        ]
+        | None
+    )
     due_at: str | None
     captured_at: str | None
     ignored: list[str]
@@ -117,7 +132,9 @@ class ComparedOut(TypedDict):
     coverage: float
     reference: float
     kind: Literal["rda", "ai", "cdrr"]
-    verdict: Literal["reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"]
+    verdict: Literal[
+        "reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"
+    ]
 
 
 class ComparisonOut(TypedDict):
@@ -258,7 +275,17 @@ ExportFiltersIn = TypedDict(
         "needs": NotRequired[Literal["review", "answer"] | None],
         "failure": NotRequired[list[str]],
         "after_status": NotRequired[
-            list[Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]]
+            list[
+                Literal[
+                    "receiving",
+                    "queued",
+                    "processing",
+                    "estimated",
+                    "needs_review",
+                    "failed",
+                    "nothing_left",
+                ]
+            ]
         ],
     },
 )
@@ -387,7 +414,9 @@ class ItemOut(TypedDict):
     volume_interval_ml: list[float] | None
     density_g_per_ml: float | None
     density_sd_g_per_ml: float | None
-    density_basis: Literal["study", "measured", "fao", "portion", "related", "composition", "group"] | None
+    density_basis: (
+        Literal["study", "measured", "fao", "portion", "related", "composition", "group"] | None
+    )
     density_source: str | None
     mass_g: float | None
     mass_interval_g: list[float] | None
@@ -446,7 +475,9 @@ class MealListItem(TypedDict):
     id: str
     study: str
     participant: str
-    status: Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+    status: Literal[
+        "receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"
+    ]
     stage: str | None
     failure_code: str | None
     captured_at: str
@@ -456,7 +487,16 @@ class MealListItem(TypedDict):
     upload_delay_seconds: float
     origin: Literal["photographed", "declared"]
     after_status: (
-        Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"] | None
+        Literal[
+            "receiving",
+            "queued",
+            "processing",
+            "estimated",
+            "needs_review",
+            "failed",
+            "nothing_left",
+        ]
+        | None
     )
     provisional: bool
     version: int
@@ -482,7 +522,9 @@ class MealMetadataIn(TypedDict):
     complete: NotRequired[bool]
     views: NotRequired[int]
     depth_camera: NotRequired["DepthCameraIn | None"]
-    depth_maps: NotRequired[list[Literal["left_depth", "right_depth", "left_confidence", "right_confidence"]] | None]
+    depth_maps: NotRequired[
+        list[Literal["left_depth", "right_depth", "left_confidence", "right_confidence"]] | None
+    ]
     location: NotRequired["LocationIn | None"]
     app_version: NotRequired[str | None]
 
@@ -491,7 +533,9 @@ class MealOut(TypedDict):
     id: str
     study: str
     participant: str
-    status: Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+    status: Literal[
+        "receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"
+    ]
     stage: str | None
     captured_at: str
     time_zone: str

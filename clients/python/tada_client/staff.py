@@ -24,7 +24,9 @@ class Staff(Caller):
         """Create a study."""
         return cast(schemas.StudyOut, self.call("POST", "/v1/studies", json=study))
 
-    def create_participant(self, study: str, participant: schemas.ParticipantIn) -> schemas.ParticipantOut:
+    def create_participant(
+        self, study: str, participant: schemas.ParticipantIn
+    ) -> schemas.ParticipantOut:
         """Create a participant."""
         path = path_of("studies", study, "participants")
         return cast(schemas.ParticipantOut, self.call("POST", path, json=participant))
@@ -69,7 +71,9 @@ class Staff(Caller):
         Raises Problem 409 `export_failed` or `export_cancelled` if it was not made, and NetworkError if the saved bytes
         are not those that were made.
         """
-        made: schemas.ExportOut = self.call("POST", path_of("studies", study, "exports"), json=request)
+        made: schemas.ExportOut = self.call(
+            "POST", path_of("studies", study, "exports"), json=request
+        )
         path = path_of("studies", study, "exports", made["id"])
         while made["state"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
