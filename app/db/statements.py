@@ -7,6 +7,5 @@ from sqlalchemy.orm import InstrumentedAttribute
 
 AnyColumn = sa.ColumnElement[Any] | InstrumentedAttribute[Any]
 AnyQuery = sa.Select[*tuple[Any, ...]]
-AnyRow = sa.Row[*tuple[Any, ...]]
 Condition = sa.ColumnElement[bool]
 Conditions = tuple[Condition, ...]

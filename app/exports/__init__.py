@@ -1,4 +1,5 @@
 """Data for researchers: exports in the background, the data dictionary, streamed files.
 
-exports/tables has the tables, exports/lists the lists by page, exports/fhir FHIR. Frozen data belong to releases.
+exports/views has one SQL view per table, exports/lists the lists by page, exports/fhir FHIR.
+Frozen data belong to releases.
 """

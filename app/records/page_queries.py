@@ -31,15 +31,10 @@ EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same 
 # A local day ends so long after the same day of UTC has begun: the day itself, 12 h in the westernmost zone, 24 h where
 # the study's day starts late, and 24 h where a zone moved over the date line and has no such day (services/meal_time).
 LATEST_END = timedelta(days=3, hours=12)
-BEFORE_ALL = (
-    datetime(1900, 1, 1, tzinfo=UTC),
-    uuid.UUID(int=0),
-)  # the key of no record, before all of them
 CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
 
 MOST_PLANNED = 8  # PostgreSQL plans each branch by itself, in half a millisecond; more of them are given as arrays
 ORDER = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
-AFTER_INSTANT, AFTER_ITEM = "after_instant", "after_item"  # parameters of RecordSearch.pages
 
 Key = tuple[datetime, uuid.UUID]
 Branch = tuple[object, ...]  # a value of each key column
@@ -68,16 +63,6 @@ class RecordSearch:
         if self.is_on_sqlite or len(self.branches) <= MOST_PLANNED:
             return self._page(conditions, limit, columns)
         return self._page_by_arrays(conditions, limit, columns)
-
-    def pages(self, limit: int, *columns: AnyColumn) -> sa.CTE:
-        """The same for one page after the other: AFTER_INSTANT and AFTER_ITEM are the statement's parameters."""
-        record = EffectiveRecord
-        after = (
-            sa.bindparam(AFTER_INSTANT, type_=record.captured_at.type),
-            sa.bindparam(AFTER_ITEM, type_=record.item_id.type),
-        )
-        behind = sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after)
-        return self._page((*self.conditions, behind), limit, columns)
 
     def rows(self, *columns: AnyColumn) -> AnyQuery | sa.CompoundSelect[*tuple[Any, ...]]:
         """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""

@@ -16,8 +16,6 @@ from app.people import privacy_queries as privacy
 from app.people.models import Study
 
 KEYS_A_STATEMENT = 500
-UsedFood = tuple[str, int | None, str]  # key, version, table
-FoodNutrientRow = tuple[str, str | None, str, str, float]  # number, tagname, name, unit, per 100 g
 T = TypeVar("T")
 Deed = Literal["meal", "erase", "anonymise"]
 

@@ -109,21 +109,6 @@ def search_of(
     )
 
 
-def pages_of_keys(
-    session: Session, chosen: RowFilter, *, size: int = 1000, is_newest_first: bool = False
-) -> Iterator[list[Key]]:
-    """Yield all keys of the filters, page by page, for an export in one transaction."""
-    search = search_of(session, chosen, is_newest_first=is_newest_first)
-    after: Key | None = None
-    while search is not None:
-        keys = keys_of(session, search, after, size, is_newest_first=is_newest_first)
-        if keys:
-            yield keys
-        if len(keys) < size:
-            return
-        after = keys[-1]
-
-
 def keys_of(
     session: Session, search: MealSearch, after: Key | None, limit: int, *, is_newest_first: bool
 ) -> list[Key]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, defer
 
-from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
+from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
 from app.meals.models import MEAL_STATUSES, Meal, MealImage
@@ -78,7 +78,10 @@ def page_of_meals(
 
 def most_doubtful(session: Session, chosen: RowFilter, searched: int, limit: int) -> list[MealRow]:
     """Return the `limit` most doubtful meals of the newest `searched`, by their most doubtful record."""
-    keys = next(pages_of_keys(session, chosen, size=searched, is_newest_first=True), [])
+    search = search_of(session, chosen)
+    if search is None:
+        return []
+    keys = keys_of(session, search, None, searched, is_newest_first=True)
     record = EffectiveRecord
     worst = sa.func.max(record.doubt)
     query = (

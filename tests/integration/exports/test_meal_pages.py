@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.exports.lists import meal_page_queries as meal_pages
-from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
+from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.http.row_filter import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
@@ -28,6 +28,18 @@ CODES = (None, "marker_not_found", "baseline_too_small")
 @pytest.fixture
 def meals(database):
     return fill_once(database, lay_meals)
+
+
+def pages_of_keys(session, chosen, size=1000, *, is_newest_first=False):
+    """All keys of a filter, page by page."""
+    search, after = search_of(session, chosen, is_newest_first=is_newest_first), None
+    while search is not None:
+        keys = keys_of(session, search, after, size, is_newest_first=is_newest_first)
+        if keys:
+            yield keys
+        if len(keys) < size:
+            return
+        after = keys[-1]
 
 
 def lay_meals(database):
