@@ -50,7 +50,8 @@ def _billionths_postgresql(element: billionths, compiler: SQLCompiler, **options
 @compiles(billionths, "sqlite")
 def _billionths_sqlite(element: billionths, compiler: SQLCompiler, **options: object) -> str:
     number = compiler.process(element.clauses, **options)
-    return f"CAST({number} * 1e9 + 0.5 * SIGN({number}) AS INTEGER)"  # which truncates
+    half = f"CASE WHEN {number} < 0 THEN -0.5 ELSE 0.5 END"  # SIGN is not in every build of SQLite
+    return f"CAST({number} * 1e9 + {half} AS INTEGER)"  # which truncates
 
 
 class microseconds_between(FunctionElement[int]):  # noqa: N801  # named as the SQL function that it stands for

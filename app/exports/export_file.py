@@ -1,7 +1,7 @@
 """A table as a file that is made at once and sent, recorded in each study's audit log."""
 
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -11,8 +11,7 @@ from pydantic import JsonValue
 from app.core.settings import Settings
 from app.db.session import Database
 from app.exports.export_places import ExportPlaces
-from app.exports.export_spec import ExportSpec, check_spec
-from app.exports.export_table import export_request
+from app.exports.export_spec import ExportSpec, check_spec, spec_as_json
 from app.exports.file_task import FileTasks
 from app.people.access import audit
 from app.people.access.caller import (
@@ -130,3 +129,22 @@ def _open_file(path: Path, leave: Callable[[], None]) -> OpenFile:
             yield piece
 
     return OpenFile(path.stat().st_size, pieces(), close)
+
+
+def export_request(
+    spec: ExportSpec,
+    study_ids: Collection[uuid.UUID] | None,
+    participant_ids: Collection[uuid.UUID] | None,
+    path: Path,
+) -> dict[str, JsonValue]:
+    """What export_table.py is asked. study_ids, participant_ids: whose rows; None: all."""
+    return {
+        "spec": spec_as_json(spec),
+        "studies": _listed(study_ids),
+        "participants": _listed(participant_ids),
+        "path": str(path),
+    }
+
+
+def _listed(ids: Collection[uuid.UUID] | None) -> JsonValue:
+    return None if ids is None else [str(id_) for id_ in sorted(ids)]

@@ -1,31 +1,14 @@
-"""The task of writing one table into a file, and its request as JSON."""
+"""The task of writing one table into a file."""
 
-import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import duckdb
-from pydantic import JsonValue
 
-from app.exports.export_spec import ExportSpec, spec_as_json, spec_of_json
+from app.exports.export_spec import spec_of_json
 from app.exports.table_selects import Scope, select_table
 from app.exports.write_table import write_table
-
-
-def export_request(
-    spec: ExportSpec,
-    study_ids: Collection[uuid.UUID] | None,
-    participant_ids: Collection[uuid.UUID] | None,
-    path: Path,
-) -> dict[str, JsonValue]:
-    """What `export_table` is asked. study_ids, participant_ids: whose rows; None: all."""
-    return {
-        "spec": spec_as_json(spec),
-        "studies": _listed(study_ids),
-        "participants": _listed(participant_ids),
-        "path": str(path),
-    }
 
 
 def export_table(
@@ -36,7 +19,3 @@ def export_table(
     table = select_table(connection, spec, Scope(request["studies"], request["participants"]))
     rows = write_table(connection, table, spec.output, Path(request["path"]))
     return {"rows": rows}
-
-
-def _listed(ids: Collection[uuid.UUID] | None) -> JsonValue:
-    return None if ids is None else [str(id_) for id_ in sorted(ids)]

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from app.exports import queries as exports
 from app.people.access.secret_box import SecretBox
 from app.releases import queries as releases
-from app.releases.alter_release import meal_digest, participant_digest
+from app.releases.digests import meal_digest, participant_digest
 
 
 def erase_meal_from_files(

@@ -21,6 +21,7 @@ from app.exports.table_selects import TableSelect
 from app.http.columns.column import Column
 from app.http.columns.record_columns import HEADLINES
 from app.people.access.secret_box import SecretBox
+from app.releases.digests import meal_digest, participant_digest
 from app.releases.freeze_release import create_view, rows_in_order, write_pair
 from app.releases.manifest import Manifest
 from app.releases.tables import OF_FOODS, PERSONAL_COLUMNS, TABLES
@@ -42,16 +43,6 @@ COUNTED = (
 OF_PEOPLE = ("days", "participants")  # tables without meals
 GONE = None
 Key = tuple[str, str | None]  # participant, meal
-
-
-def meal_digest(box: SecretBox, participant_code: str, meal_id: uuid.UUID | str) -> str:
-    """Return the digest by which a meal's rows are recognised in a release."""
-    return box.digest("release.meal", f"{participant_code}\n{meal_id}")
-
-
-def participant_digest(box: SecretBox, participant_code: str) -> str:
-    """Return the digest by which a participant's rows are recognised in a release."""
-    return box.digest("release.participant", participant_code)
 
 
 @dataclass(slots=True)

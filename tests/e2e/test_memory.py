@@ -11,7 +11,7 @@ import app
 from tests.e2e.processes import Server, enrolled_client
 
 PHOTOS = Path(app.__file__).parent / "demo_data"
-OTHERS = {"cv2", "opencv_python_headless.libs", "numpy", "scipy", "PIL", "pyarrow", "obstore"}
+OTHERS = {"cv2", "opencv_python_headless.libs", "numpy", "scipy", "PIL", "pyarrow", "obstore", "duckdb"}
 MOST_MB = 180.0  # seen: 136; 290 while it migrated, hashed a password and had OpenCV by itself
 
 

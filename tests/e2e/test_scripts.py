@@ -12,6 +12,10 @@ from dataclasses import dataclass
 
 import pytest
 
+from app.core.settings import Settings
+from app.people.access.secret_box import open_secret_box
+from app.releases.file_runner import FileRunner
+from app.storage.opening import open_blob_store
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 from tests.e2e.processes import REPOSITORY
 from tests.support.estimates import found_item, unmeasured_item
@@ -101,12 +105,11 @@ def world(tmp_path_factory):
 
 
 def make_files(served):
-    """As the worker's own process would."""
-    command = [sys.executable, "-m", "app.file_worker", "--parent", str(os.getpid()), "--claim", uuid.uuid4().hex]
-    done = subprocess.run(
-        command, env=served.server.environment, cwd=REPOSITORY, capture_output=True, text=True, check=False
-    )
-    assert '"outcome": "done"' in done.stdout, done.stderr
+    """As a worker would."""
+    settings = Settings(data_dir=served.server.data_dir, database_url=None, blob_url=None, erasure_url=None)
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
+    runner = FileRunner(served.database, blobs, settings, open_secret_box(settings), uuid.uuid4())
+    assert runner.run_one().outcome == "done"
 
 
 def test_every_block_is_run_here():

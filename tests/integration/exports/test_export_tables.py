@@ -11,8 +11,9 @@ import sqlalchemy as sa
 from pyarrow import parquet
 
 from app.exports.data_dictionary import columns_for
+from app.exports.export_file import export_request
 from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec
-from app.exports.export_table import export_request, export_table
+from app.exports.export_table import export_table
 from app.exports.live_tables import live_tables
 from app.meals.item_state import fold_meal
 from app.meals.meal_parts import parts_of
