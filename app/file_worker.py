@@ -1,11 +1,12 @@
 """Runs one task on the live tables and ends: `python -m app.file_worker`, by exports/file_task.py.
 
 The task stands on standard input as JSON, its answer on standard output. This process never opens
-the database but by DuckDB, and never starts SQLAlchemy.
+the database but by DuckDB.
 """
 
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from app.releases.freeze_release import freeze_tables
 
 Task = Callable[[duckdb.DuckDBPyConnection, Mapping[str, Any]], dict[str, Any]]
 TASKS: Mapping[str, Task] = {"export": export_table, "freeze": freeze_tables}
+QUOTED = re.compile(r"""'[^']*'|"[^"]*\"""")
 NO_SPACE = "No space left on device"
 
 
@@ -42,8 +44,13 @@ def answer_to(message: Mapping[str, Any]) -> dict[str, Any]:
         with live_tables(message["database_url"], Path(message["folder"])) as connection:
             return {"result": TASKS[message["task"]](connection, message["request"])}
     except (duckdb.Error, OSError) as error:
-        print(f"{message['task']} failed: {error}", file=sys.stderr)  # noqa: T201  # the log's
-        return {"error": {"kind": _kind_of(error), "message": str(error)}}
+        return {"error": {"kind": _kind_of(error), "message": without_values(error)}}
+
+
+def without_values(error: Exception) -> str:
+    """An error's kind and first line, without what it quotes: values are personal."""
+    first_line = str(error).partition("\n")[0]
+    return f"{type(error).__name__}: {QUOTED.sub('...', first_line)}"
 
 
 def _kind_of(error: Exception) -> str:

@@ -14,10 +14,13 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import structlog
 from pydantic import JsonValue
 
 from app.core.errors import StorageFullError, TadaError, UnavailableError
 from app.db.session import Database
+
+log = structlog.get_logger()
 
 COMMAND = (sys.executable, "-m", "app.file_worker")
 LOOK_SECONDS = 0.2
@@ -25,7 +28,7 @@ ROOM_LOOK_SECONDS = 2.0
 
 
 class FileTaskError(Exception):
-    """The process failed: a defect, which its own log explains."""
+    """The process failed: a defect."""
 
 
 class FileTasks:
@@ -110,6 +113,7 @@ def _read(answer: bytes) -> dict[str, JsonValue]:
         raise FileTaskError("the process died") from None
     if "result" in told:
         return told["result"]
+    log.warning("file_task_failed", **told["error"])
     raise _error_of(str(told["error"]["kind"]), str(told["error"]["message"]))
 
 

@@ -5,6 +5,7 @@ process drop each other's locks. So files are made in a process of their own (fi
 """
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import date
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import duckdb
+import sqlalchemy as sa
 from duckdb.sqltypes import DOUBLE, VARCHAR, DuckDBPyType
 
 from app.diary.study_days import judge_days
@@ -33,13 +35,18 @@ def live_tables(database_url: str, temporary_folder: Path) -> Iterator[duckdb.Du
     database_url: of SQLite or PostgreSQL, as SQLAlchemy has it.
     temporary_folder: what does not fit into memory is written here, and removed at the end.
     """
-    kind, _, rest = database_url.partition("://")
-    is_sqlite = kind.startswith("sqlite")
+    url = sa.make_url(database_url)
+    is_sqlite = url.get_backend_name() == "sqlite"
     with limited_duckdb(temporary_folder) as connection:
         if is_sqlite:
-            _attach(connection, "sqlite", rest.removeprefix("/"))
+            _attach(connection, "sqlite", str(url.database))
         else:
-            _attach(connection, "postgres", f"postgresql://{rest}")
+            if url.password is not None:  # not in the address, which errors quote
+                os.environ["PGPASSWORD"] = str(url.password)
+            address = sa.URL.create(
+                "postgresql", url.username, None, url.host, url.port, url.database, url.query
+            )
+            _attach(connection, "postgres", address.render_as_string())
         schema = "main" if is_sqlite else "public"
         connection.execute(f"SET search_path = 'memory.main,live.{schema}'")
         connection.execute("SET TimeZone = 'UTC'")

@@ -3,7 +3,6 @@
 Unfinished files are in the store's staging folder, which is removed after its process has died.
 """
 
-import hashlib
 import tempfile
 import threading
 import uuid
@@ -24,6 +23,7 @@ from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
 from app.exports.file_task import FileTasks
 from app.exports.file_work_queries import OneWork, Progress, Work
+from app.meals.receive_photo import sha256_of_file
 from app.storage.blob_store import BlobStore
 
 MADE_FILES = "made"  # first part of the keys of a study's files
@@ -149,8 +149,7 @@ class Attempt(Generic[OneWork]):
     def seal(self, path: Path, *names: str) -> SealedFile:
         """Move a file into the store, under a key that differs for every attempt."""
         length = path.stat().st_size
-        with path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        sha256 = sha256_of_file(path)
         work = self.work
         parts = (MADE_FILES, f"{work.__tablename__}s", str(work.study_id), str(work.id))
         key = "/".join((*parts, self._claim.hex, *names, sha256))

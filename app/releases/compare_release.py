@@ -4,7 +4,6 @@ The current data are frozen into a temporary folder and compared by checksum, an
 the rows' keys. Nothing is changed.
 """
 
-import hashlib
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from app.db.session import Database
 from app.exports.file_task import FileTasks
 from app.exports.live_tables import limited_duckdb
 from app.exports.release_models import Release
+from app.meals.receive_photo import sha256_of_file
 from app.people import queries as people
 from app.releases import queries as releases
 from app.releases.freeze_release import create_view
@@ -81,7 +81,7 @@ def compare_release(database: Database, blobs: BlobStore, study_code: str, name:
     with tempfile.TemporaryDirectory(prefix="made-", dir=blobs.staging_folder()) as folder:
         now, frozen = Path(folder) / "now", Path(folder) / "frozen"
         tables_now = _freeze_now(database, row.release, now)
-        checksum_now = checksum_of({path.name: _sha256_of(path) for path in now.iterdir()})
+        checksum_now = checksum_of({path.name: sha256_of_file(path) for path in now.iterdir()})
         if not checked.is_whole:
             return Comparison(checked, checksum_now, None)
         manifest = _fetch(blobs, row, frozen)
@@ -115,10 +115,7 @@ def _find(session: Session, study_code: str, name: str) -> ReleaseRow:
     row = releases.find_release(session, study.id, name) if study is not None else None
     if row is None:
         raise NotFoundError(f"Study {study_code!r} has no release {name!r}.")
-    if row.release.state not in (
-        "ready",
-        "changing",
-    ):  # a changing release may wait for a missing file
+    if row.release.state not in ("ready", "changing"):
         raise ConflictError(
             f"The release is {row.release.state}, not ready.", code="release_not_ready"
         )
@@ -133,11 +130,6 @@ def _freeze_now(database: Database, release: Release, folder: Path) -> dict[str,
     tables: dict[str, Any] = tasks.run("freeze", request, most_seconds=MOST_SECONDS)
     write_files(folder, tables)
     return tables
-
-
-def _sha256_of(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _fetch(blobs: BlobStore, row: ReleaseRow, folder: Path) -> Manifest:

@@ -5,7 +5,6 @@ may have been erased since its moment; for a changed one no further removal may 
 until its next version is made. Only undamaged files are rewritten: damaged ones are deleted, and the release fails.
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +19,7 @@ from app.exports import queries as exports
 from app.exports.made_file import Attempt
 from app.exports.release_models import Release, ReleaseFile
 from app.http.columns.dictionary import dictionary_csv, entries
+from app.meals.receive_photo import sha256_of_file
 from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.secret_box import SecretBox
@@ -39,16 +39,18 @@ from app.releases.tables import DICTIONARY, FORMER_MANIFEST, MANIFEST
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 PROTOCOL = (  # parts of a study's protocol that explain the data
-    *(
-        "code",
-        "name",
-        "marker",
-        "expects_after_pair",
-        "after_window_minutes",
-        "location_policy",
-        "location_decimals",
-    ),
-    *("withdrawal_policy", "retention_days", "gives_feedback", "day_starts_minutes", "version"),
+    "code",
+    "name",
+    "marker",
+    "expects_after_pair",
+    "after_window_minutes",
+    "location_policy",
+    "location_decimals",
+    "withdrawal_policy",
+    "retention_days",
+    "gives_feedback",
+    "day_starts_minutes",
+    "version",
 )
 
 
@@ -240,6 +242,5 @@ def _fetch_all(blobs: BlobStore, files: Mapping[str, ReleaseFile], folder: Path)
             raise FilesLostError(f"{file.blob_key} is not in the store.") from None
         except BlobDamagedError:
             raise damaged from None
-        with path.open("rb") as content:
-            if hashlib.file_digest(content, "sha256").hexdigest() != file.sha256:
-                raise damaged
+        if sha256_of_file(path) != file.sha256:
+            raise damaged

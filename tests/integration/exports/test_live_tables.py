@@ -1,5 +1,6 @@
 """The live tables: all of one moment, while others write; one study's alone for `tada sql`."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sys
 import pytest
 
 from app.db.session import normalise_url
+from app.file_worker import without_values
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 READER = """
@@ -59,3 +61,14 @@ def test_command_queries_the_tables_of_one_study_and_changes_nothing(state, enro
     assert sql("--study", "other", query) == (0, "participant,energy_kcal\n")
     assert sql("SELECT count(*) AS foods FROM components WHERE tagname = 'FE'") == (0, "foods\n1\n")
     assert sql("DELETE FROM live.study")[0] == 2
+
+
+def test_error_tells_neither_the_password_nor_a_value(tmp_path):
+    url = "postgresql+psycopg://tada:s3cret@127.0.0.1:1/tada"
+    message = {"task": "export", "database_url": url, "folder": str(tmp_path), "request": {}}
+    program = f"import json; from app.file_worker import answer_to; print(json.dumps(answer_to({message!r})))"
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    error = json.loads(ended.stdout)["error"]
+    assert error["kind"] == "unavailable"
+    assert "s3cret" not in ended.stdout + ended.stderr
+    assert without_values(ValueError("no 'P001' in \"x\"\nLINE 1: P001")) == "ValueError: no ... in ..."
