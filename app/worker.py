@@ -34,9 +34,8 @@ log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
 NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
-NICENESS_BESIDE_SERVER = (
-    5  # it keeps all cores busy while meals wait; the server on them still answers first
-)
+# it keeps all cores busy while meals wait; the server on them still answers first
+NICENESS_BESIDE_SERVER = 5
 
 
 def run_worker(settings: Settings) -> int:

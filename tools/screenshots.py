@@ -32,9 +32,8 @@ PHONE: dict[str, Any] = {
     "color_scheme": "dark",
 }
 MOST_SKIPPED = 20  # items that are told in words come first
-SETTLED_MS = (
-    300  # of review.js: a key that comes sooner is taken for one that was meant for the item before
-)
+# of review.js: a key that comes sooner is taken for one that was meant for the item before
+SETTLED_MS = 300
 BASE = f"/dashboard/studies/{STUDY}"
 
 

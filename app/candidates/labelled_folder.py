@@ -23,9 +23,8 @@ from app.vision.photo import read_photo
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif"})
 LAYOUT = tuple(BlockLayout(block.name, block.size, block.kind == "histogram") for block in BLOCKS)
-UNBOXED_MARGIN = (
-    0.05  # of each side of a photograph without a box: what lies there is taken for background
-)
+# of each side of a photograph without a box: what lies there is taken for background
+UNBOXED_MARGIN = 0.05
 SPECIMEN_DEPTH = 3  # parts of <label>/<specimen>/<photo>
 
 

@@ -18,9 +18,8 @@ from app.meals.meal_parts import FROM_INDEX, FROM_MODEL
 from app.meals.record_models import Item, ItemCandidate
 from app.meals.run_answer import CandidateAnswer, ItemAnswer
 
-ASSIGNED_FROM = (
-    0.8  # probability of the first candidate; a wrong food must not enter sums unnoticed
-)
+# probability of the first candidate; a wrong food must not enter sums unnoticed
+ASSIGNED_FROM = 0.8
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 

@@ -12,9 +12,8 @@ from app.meals.item_state import SCALE_DOUBTFUL
 from app.meals.models import HintDetails, Meal
 from app.meals.run_answer import ItemAnswer, RunAnswer
 
-PLAUSIBLE_FACTOR = (
-    "plausible_scale_factor"  # a parameter of the run: what all lengths should be multiplied by
-)
+# a parameter of the run: what all lengths should be multiplied by
+PLAUSIBLE_FACTOR = "plausible_scale_factor"
 
 
 def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -> None:

@@ -31,9 +31,8 @@ from app.photos.inspect import COSTLY_PIXELS
 log = structlog.get_logger()
 
 TASKS = "app.estimates.child_tasks:TASKS"
-WAITING_A_CHILD = (
-    10  # with two children sixteen uploads of one study may wait, and threads are left for others
-)
+# with two children sixteen uploads of one study may wait, and threads are left for others
+WAITING_A_CHILD = 10
 WAIT_SECONDS = 6.0
 INSPECT_SECONDS = 5.0  # of processor time; reading the structure of 30 MB takes a tenth
 MAX_UNDECODABLE = 100_000  # remembered photographs: some 10 MB

@@ -43,9 +43,8 @@ KEPT_VARIABLES = (
     "LD_LIBRARY_PATH",
 )  # none of the settings, so no password
 
-PATIENCE = (
-    10.0  # limit by the clock, in limits of processor time: a child may get only a tenth of a core
-)
+# limit by the clock, in limits of processor time: a child may get only a tenth of a core
+PATIENCE = 10.0
 
 Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
 PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # a retry may succeed

@@ -13,9 +13,8 @@ from app.core.settings import MEBIBYTE, Settings
 
 # Resident, at the most seen: 300 MB for a pair of 12 megapixels, as phones send; 520 MB for one of 48 (docs/jobs.md).
 ESTIMATE_BYTES = 512 * MEBIBYTE
-SHARE_OF_MEMORY = (
-    0.75  # the rest is for the worker itself, the system, and a database or server beside it
-)
+# the rest is for the worker itself, the system, and a database or server beside it
+SHARE_OF_MEMORY = 0.75
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",

@@ -2,9 +2,8 @@
 
 import gc
 
-OBJECTS_PER_COLLECTION = (
-    50_000  # a batch of an export has fewer; Python's 700 cost an export a tenth of its time
-)
+# a batch of an export has fewer; Python's 700 cost an export a tenth of its time
+OBJECTS_PER_COLLECTION = 50_000
 
 
 def collect_rarely() -> None:

@@ -37,9 +37,8 @@ POLL_SECONDS = 0.2  # interval at which a waiting migrator tries the lock
 PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of an expired lock_timeout
 PG_DEADLOCK = "40P01"
 PG_INVALID_PARAMETER_VALUE = "22023"
-PG_CHECKS_CLIENTS = (
-    140_000  # the first PostgreSQL version that can detect a dead client during a statement
-)
+# the first PostgreSQL version that can detect a dead client during a statement
+PG_CHECKS_CLIENTS = 140_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +46,8 @@ class Patience:
     """Limits of a migrator's waits, in seconds; tests use others."""
 
     turn_seconds: float = 120.0  # for another migrator; on SQLite for any writer
-    lock_seconds: float = (
-        5.0  # PostgreSQL: for one table's lock; later statements on it queue behind this wait
-    )
+    # PostgreSQL: for one table's lock; later statements on it queue behind this wait
+    lock_seconds: float = 5.0
     tries: int = 8  # attempts to get the tables' locks; others continue in between
     pause_seconds: float = 2.0
     statement_seconds: float = 3600.0  # PostgreSQL: for an index on the largest table

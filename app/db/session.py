@@ -25,9 +25,8 @@ from app.core.settings import Settings
 
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
 POOL_WAIT_SECONDS = 10.0  # for a free connection; then the request fails with 503
-CONNECTION_LIFE_SECONDS = (
-    1800.0  # PostgreSQL: connections are replaced after this time, to follow a failover
-)
+# PostgreSQL: connections are replaced after this time, to follow a failover
+CONNECTION_LIFE_SECONDS = 1800.0
 CONNECT_SECONDS = 10  # PostgreSQL: to connect
 # PostgreSQL: a vanished host (no FIN, no RST) is detected within a minute, even during a statement
 TCP_LIVENESS = {

@@ -34,9 +34,8 @@ from app.people.studies import enter_study
 if TYPE_CHECKING:
     from app.nutrition.intakes.usual_intake import Scale
 
-MIN_COVERAGE = (
-    0.9  # of a day's grams; days with less are left out, since they would count as a low intake
-)
+# of a day's grams; days with less are left out, since they would count as a low intake
+MIN_COVERAGE = 0.9
 COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
 SUBTRACTED: Mapping[str, str] = {
     "205": "291"

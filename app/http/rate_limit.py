@@ -27,9 +27,8 @@ from app.core.settings import Settings
 CallClass = Literal["upload", "export", "call"]
 CallerKind = Literal["address", "device", "staff"]
 
-IPV6_HOME = (
-    64  # bits that a network gives to one customer: who has one such address has 2^64 of them
-)
+# bits that a network gives to one customer: who has one such address has 2^64 of them
+IPV6_HOME = 64
 UPLOAD_PATHS = re.compile(
     r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations)$"
 )

@@ -19,9 +19,8 @@ from app.identification.metric import Vectors
 from app.identification.sizes import FoodSize, food_size, size_log_likelihood
 
 MOST_EATEN = 1400  # of the study's items that show what is eaten at a time of day: each answer looks at all of them
-MOST_EXAMPLES = (
-    1400  # learned, beside those that ship: what one linear system solves in less than a second
-)
+# learned, beside those that ship: what one linear system solves in less than a second
+MOST_EXAMPLES = 1400
 
 
 @dataclass(frozen=True, slots=True)

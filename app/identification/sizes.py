@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ANY_LOG_ML, ANY_LOG_SD = math.log(150.0), 1.1  # of foods on plates at large: 17 to 1,300 ml in 95 %
-OWN_LOG_SD = (
-    0.5  # between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
-)
+# between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
+OWN_LOG_SD = 0.5
 OWN_WEIGHT = 2.0  # pieces that this stands for
 AS_EXPECTED = 0.8  # of items: one whole piece, as those that are known; the others are cut, several, or half eaten
 

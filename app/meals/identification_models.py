@@ -8,9 +8,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal
 
-OF_ITS_ITEM = (
-    "CASCADE"  # during a rolling upgrade, a process that does not know these tables may erase meals
-)
+# during a rolling upgrade, a process that does not know these tables may erase meals
+OF_ITS_ITEM = "CASCADE"
 
 
 class ItemIdentification(Base):

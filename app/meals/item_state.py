@@ -43,12 +43,10 @@ REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
 OF_REJECTED = "of_rejected"
-SCALE_DOUBTFUL = (
-    "scale_doubtful"  # dishes and foods around are of unusual sizes by the marker's declared size
-)
-IMPLAUSIBLE_AMOUNT = (
-    "implausible_amount"  # nobody eats so much of a food, or the photographs show far more or less
-)
+# dishes and foods around are of unusual sizes by the marker's declared size
+SCALE_DOUBTFUL = "scale_doubtful"
+# nobody eats so much of a food, or the photographs show far more or less
+IMPLAUSIBLE_AMOUNT = "implausible_amount"
 FOOD_IDENTIFIED = "food_identified"  # only the server has identified it
 FOOD_DOUBTFUL = "food_doubtful"  # the index is sure of another food than the hint's
 

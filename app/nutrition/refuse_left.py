@@ -12,12 +12,10 @@ from typing import Literal
 from app.nutrition.doubt import Z_90
 from app.nutrition.mass import Mass
 
-REFUSE_ASSUMED = (
-    "refuse_assumed"  # classified as refuse by its amount: it may be a small piece of food
-)
-REFUSE_POSSIBLE = (
-    "refuse_possible"  # classified as food by its amount: it may be, or contain, refuse
-)
+# classified as refuse by its amount: it may be a small piece of food
+REFUSE_ASSUMED = "refuse_assumed"
+# classified as food by its amount: it may be, or contain, refuse
+REFUSE_POSSIBLE = "refuse_possible"
 
 HOLLOW = 2.0  # largest factor by which a hollow peel's mass is overestimated: an assumption without a source
 

@@ -14,15 +14,13 @@ from app.nutrition.packaged_rows import packaged_rows
 from app.nutrition.words import is_unspaced, singular, split_words, word_forms
 
 MAX_QUERY_WORDS = 10  # further words are ignored
-STARRED_LETTERS = (
-    2  # prefixes up to this length match only at the beginning of labels (posting_ranks)
-)
+# prefixes up to this length match only at the beginning of labels (posting_ranks)
+STARRED_LETTERS = 2
 
 # Costs, in tenths of an extra word. They were tuned on half of the judged queries (tests/data/food_search/judged.csv).
 OTHER_LABEL = 10  # the label is an alias
-SHARED_LABEL = (
-    40  # an alias of a published table: many foods share it ("hamburger", of ground beef)
-)
+# an alias of a published table: many foods share it ("hamburger", of ground beef)
+SHARED_LABEL = 40
 TYPO, FURTHER_TYPO = 120, 60  # considered only if no food has the words as typed
 JOINED = 30  # "icecream" for "ice cream"
 BEGUN, BEGUN_PER_LETTER = 40, 2  # "app" for "apple"

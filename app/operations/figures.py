@@ -50,9 +50,8 @@ class DeploymentFigures(Collector):
         self._blobs = blobs
         self._settings = settings
         self._lock = threading.Condition()
-        self._cached: tuple[float, Deployment | None] | None = (
-            None  # time (monotonic), figures; None: no result
-        )
+        # time (monotonic), figures; None: no result
+        self._cached: tuple[float, Deployment | None] | None = None
         self._is_querying = False
 
     def collect(self) -> Iterator[GaugeMetricFamily]:

@@ -36,9 +36,8 @@ LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
 MAX_PER_DEVICE = 100
 MAX_STUDY_RIGS = 100  # in use: one per model of phone, and some to spare
-AUTHOR_PHONE = (
-    "device"  # not the participant's alias, which only the audit log and the participant's row hold
-)
+# not the participant's alias, which only the audit log and the participant's row hold
+AUTHOR_PHONE = "device"
 MAX_LISTED = 1000
 PHOTOGRAPH_AGAIN = (
     "Photograph the whole board about ten times: from different sides, tilted by 30 to 45 degrees, near the middle and "

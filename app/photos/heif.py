@@ -174,9 +174,8 @@ def read_heif_layout(data: Data, *, has_auxiliaries: bool = False) -> HeifLayout
             )
             layout.damage = error.damage
         return layout
-    layout.damage = (
-        None  # past the boxes may be a maker's record, or a cut video: the items' places decide
-    )
+    # past the boxes may be a maker's record, or a cut video: the items' places decide
+    layout.damage = None
     with damage_recorded(layout):
         _read_meta(file, meta)
         _read_primary_picture(file, layout)

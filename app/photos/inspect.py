@@ -36,9 +36,8 @@ READERS: dict[str, Callable[[Data], Layout]] = {
     WEBP: read_webp_layout,
 }
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
-COSTLY_PIXELS = (
-    200_000_000  # more than a baseline JPEG of 108 megapixels, or a progressive one of 12
-)
+# more than a baseline JPEG of 108 megapixels, or a progressive one of 12
+COSTLY_PIXELS = 200_000_000
 HEIC_PASSES = 6  # decoding a pixel of HEVC takes as long as that of 6 pixels of a baseline JPEG
 ADVICE = "Send a JPEG, PNG, WebP or HEIC file."
 

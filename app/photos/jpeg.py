@@ -21,12 +21,10 @@ ALONE = frozenset(
 )  # markers without length
 FIRST_SEGMENT_MARKER = b"\xc0"  # below are TEM and codes that no encoder may write
 
-MAX_SCANS = (
-    100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
-)
-MAX_SCAN_PIXELS = (
-    1_200_000_000  # scans x pixels: 20 scans of the largest photograph that is taken by default
-)
+# of a progressive picture; encoders write some ten, and each is a pass over all pixels
+MAX_SCANS = 100
+# scans x pixels: 20 scans of the largest photograph that is taken by default
+MAX_SCAN_PIXELS = 1_200_000_000
 FILL = re.compile(rb"\xff*+")
 SCAN_END = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
 

@@ -20,9 +20,8 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 BATCH = 200
-MAX_CONSECUTIVE_FAULTS = (
-    3  # then the store is at fault, not a blob, and the rest waits for the next run
-)
+# then the store is at fault, not a blob, and the rest waits for the next run
+MAX_CONSECUTIVE_FAULTS = 3
 ORPHAN_GRACE = timedelta(
     hours=24
 )  # far longer than an upload or an estimate takes from sealing to commit
@@ -34,9 +33,8 @@ class BlobDeleter:
     def __init__(self, database: Database, blobs: BlobStore) -> None:
         self._database = database
         self._blobs = blobs
-        self._log_may_hold_erased = (
-            True  # an earlier process may have left erased rows in SQLite's log
-        )
+        # an earlier process may have left erased rows in SQLite's log
+        self._log_may_hold_erased = True
 
     def delete_scheduled(self) -> int:
         """Delete the blobs that erasures have scheduled. Returns the number of deletions carried out.

@@ -35,9 +35,8 @@ LATE = timedelta(minutes=30)  # a reminder that is later, since no worker ran, i
 BEFORE_END = timedelta(minutes=30)  # of an after-meal window
 LOOK_AGAIN = timedelta(days=1)  # at a phone whose time zone is not known here
 KEPT_SECONDS = 30 * 60  # by the push service, for a phone that is off
-END_SECONDS = (
-    2.0  # for messages under way when the worker ends; the other chores' ends come after it
-)
+# for messages under way when the worker ends; the other chores' ends come after it
+END_SECONDS = 2.0
 GONE = frozenset({404, 410})  # RFC 8030, section 7.3: the browser has unsubscribed
 COLUMNS: dict[Kind, str] = {"meal": "next_at", "after_meal": "after_reminded_at"}
 

@@ -10,9 +10,8 @@ from app.vision.vessel_frustum import capacity_from_fill_line, profile_capacity_
 from app.vision.vessel_library import VesselModel, vessel_from_mapping
 
 NAME_LENGTH = 100
-MIN_SHARE_OF_CYLINDER = (
-    0.05  # a deep plate with a broad rim holds a fifth of the cylinder over its brim
-)
+# a deep plate with a broad rim holds a fifth of the cylinder over its brim
+MIN_SHARE_OF_CYLINDER = 0.05
 MAX_SHARE_OF_CYLINDER = 4.0  # a belly of twice the rim's width
 MAX_CAPACITY_RATIO = 1.5  # of capacity and profile: a ruler's profile is good to a tenth or two
 

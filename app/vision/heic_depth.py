@@ -21,9 +21,8 @@ from app.vision.photo import DECODE_ERRORS, TRANSPOSED
 MM_PER_M = 1000.0
 OPEN: Callable[[io.BytesIO], Image.Image] = HeifImageFile
 RELATIVE_MM = (500.0, 1000.0)
-LONG_SIDE_PX = (
-    256  # phones enlarge and smooth what their sensors measure, after which neighbours err together
-)
+# phones enlarge and smooth what their sensors measure, after which neighbours err together
+LONG_SIDE_PX = 256
 
 
 def decode_heic_depth(

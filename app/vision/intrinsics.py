@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 LARGEST = 1e9  # of a number in a camera or rig file
 ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
-TOLERATED_RMS_PX = (
-    0.5  # of a board's corners, reprojected: as good as phones and printed boards get
-)
+# of a board's corners, reprojected: as good as phones and printed boards get
+TOLERATED_RMS_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True)

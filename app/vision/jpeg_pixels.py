@@ -6,9 +6,8 @@ import simplejpeg
 
 LOST = re.compile("premature end|bad huffman code", re.IGNORECASE)  # in libjpeg's warnings
 TOO_MANY = re.compile(r"(\d+) extraneous bytes")
-MOST_PADDING_BYTES = (
-    1024  # some encoders fill up a block; more are the rest of a scan whose header is lost
-)
+# some encoders fill up a block; more are the rest of a scan whose header is lost
+MOST_PADDING_BYTES = 1024
 
 
 def lacks_pixels(data: bytes) -> bool:

@@ -32,9 +32,8 @@ COLOUR_COLUMNS, COLOUR_ROWS = (
     4,
     5,
 )  # of the colour board; which square has which colour: colour_board.py
-TAG_SHEET_MARGIN_MM = (
-    8.0  # of white around a board of tags, as tada marker prints it; a tag needs one of its cells
-)
+# of white around a board of tags, as tada marker prints it; a tag needs one of its cells
+TAG_SHEET_MARGIN_MM = 8.0
 # OpenCV's predefined dictionaries: how many tags there are, and a tag's bits a side without its black border.
 DICTIONARIES: Mapping[str, tuple[int, int]] = {
     **{

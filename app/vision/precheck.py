@@ -42,32 +42,25 @@ from app.vision.stereo.stillness import (
     judge_missing,
 )
 
-LEAST_LONG_SIDE_PX = (
-    1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
-)
+# where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
+LEAST_LONG_SIDE_PX = 1600
 NEAR_BLUR_SHARE = 0.75  # of the width where measuring ends
-SMALL_ANGLE_DEG = (
-    3.0  # twice the least: the depth noise of 5 mm that is left there is a tenth of a 50 mm food
-)
-COARSE_MM_PER_PX = (
-    0.5  # an outline that is a pixel off moves the volume of a 60 mm food by 3 x 0.5 / 30 = 5 %
-)
-LOW_RESOLUTION_LONG_SIDE_PX = (
-    1600  # photographs below it are coarse by themselves; larger ones are taken too far off
-)
+# twice the least: the depth noise of 5 mm that is left there is a tenth of a 50 mm food
+SMALL_ANGLE_DEG = 3.0
+# an outline that is a pixel off moves the volume of a 60 mm food by 3 x 0.5 / 30 = 5 %
+COARSE_MM_PER_PX = 0.5
+# photographs below it are coarse by themselves; larger ones are taken too far off
+LOW_RESOLUTION_LONG_SIDE_PX = 1600
 MAX_CLIPPED_SHARE = 0.2  # of a photograph without any texture to match; a white plate fills less
 GLARE_STEP_SHARE = 0.5  # a dark square this far up towards the light ones reflects a lamp
-SURE_STEP_PX = (
-    12.0  # a reduced square below it is too small for the corners' fit to accuse the board
-)
+# a reduced square below it is too small for the corners' fit to accuse the board
+SURE_STEP_PX = 12.0
 BORDER_SHARE = 0.02  # of the long side; nearer, the rest of the food is as likely outside
-RAISED_MM = (
-    15.0  # over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
-)
+# over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
+RAISED_MM = 15.0
 LEAST_AT_BORDER = (3, 0.1)  # raised matches, and their share of all: one may be wrong
-MAX_SHARE_UNDER_MARKER = (
-    0.5  # of what is seen; nothing lies under the table that the marker lies on
-)
+# of what is seen; nothing lies under the table that the marker lies on
+MAX_SHARE_UNDER_MARKER = 0.5
 
 SideName = Literal["left", "right"]
 Severity = Literal["stop", "warn"]

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ORTHONORMAL = 1e-3  # by which a rotation's rows may differ from orthogonal unit vectors: written with four digits
-MAX_FORWARD_SHARE = (
-    0.7  # of the baseline along the right camera's axis: beyond, no rows can be aligned
-)
+# of the baseline along the right camera's axis: beyond, no rows can be aligned
+MAX_FORWARD_SHARE = 0.7
 MIN_BASELINE_MM, MAX_BASELINE_MM = 1.0, 1000.0
 Row = tuple[float, float, float]
 

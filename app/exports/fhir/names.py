@@ -25,9 +25,8 @@ ABSENT = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
 ABSENT_CODES = "http://terminology.hl7.org/CodeSystem/data-absent-reason"
 EVENT_STATUS = "http://hl7.org/fhir/event-status"
 TIME_ZONE = "http://hl7.org/fhir/StructureDefinition/timezone"
-FOOD_DATA_CENTRAL = (
-    "https://fdc.nal.usda.gov/"  # as in the standard's own examples of NutritionProduct
-)
+# as in the standard's own examples of NutritionProduct
+FOOD_DATA_CENTRAL = "https://fdc.nal.usda.gov/"
 
 Resource = dict[str, JsonValue]
 

@@ -34,9 +34,8 @@ from app.records.streams import MealSearch, Stream
 
 MOST_BY_ARRAYS = 2000  # branches of a statement on PostgreSQL, which plans them as one
 MOST_LISTS = 2000  # different lists of flags in a study
-MOST_STUDIES_FLAGGED = (
-    64  # studies whose lists of flags are read; for more, meals are read in their order
-)
+# studies whose lists of flags are read; for more, meals are read in their order
+MOST_STUDIES_FLAGGED = 64
 SAMPLED = 1000  # meals of each filter that are sampled to find the rarest filter
 
 Span = tuple[datetime | None, datetime | None]  # both included; None: no bound

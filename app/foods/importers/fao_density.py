@@ -25,9 +25,8 @@ FORMAT = "fao-density"
 SHEET = "Density DB"
 RELEASED_ON = date(2012, 1, 1)  # the workbook states only the year
 WATER_G_PER_ML = 0.998  # at 20 C, which turns the rows that give only a specific gravity into g/ml
-CRUMB_RELATIVE_SD = (
-    0.2  # SR28 and FAO differ by half for crumb and leaves, which hold more or less air
-)
+# SR28 and FAO differ by half for crumb and leaves, which hold more or less air
+CRUMB_RELATIVE_SD = 0.2
 LEAVES_RELATIVE_SD = 0.4
 SILO_SOURCE = "ASI"
 

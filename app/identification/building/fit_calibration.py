@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from app.identification.calibrate import NONE_PRIOR, Calibration, posterior
 from app.identification.metric import Vectors
 
-LEAST_TEMPERATURE = (
-    0.01  # of scores that run from 0 to 1: e^100 for one class over another is certainty enough
-)
+# of scores that run from 0 to 1: e^100 for one class over another is certainty enough
+LEAST_TEMPERATURE = 0.01
 SEARCH_FROM = (np.log(0.1), 0.4)
 
 

@@ -26,12 +26,10 @@ from app.privacy.missing_blobs import find_missing
 from app.releases import queries as releases
 from app.storage.blob_store import BlobStore
 
-LEAST_POSTGRES = (
-    140_000  # server_version_num; older servers do not detect dead clients (app/db/migrate.py)
-)
-CLOCKS_APART_SECONDS = (
-    5.0  # a larger difference distorts expiry of tokens, retention and ages in the queue
-)
+# server_version_num; older servers do not detect dead clients (app/db/migrate.py)
+LEAST_POSTGRES = 140_000
+# a larger difference distorts expiry of tokens, retention and ages in the queue
+CLOCKS_APART_SECONDS = 5.0
 BACK_SECONDS = 60.0
 BUSY_SHARE = 0.8  # of max_connections
 MOUNTS = Path("/proc/self/mountinfo")

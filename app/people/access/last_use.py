@@ -25,9 +25,8 @@ log = structlog.get_logger()
 INTERVAL_SECONDS = 300.0
 MAX_REMEMBERED = 10_000  # callers; the use of one that is dropped is only stored again
 VERSION_LENGTH = 64
-LARGEST_SKEW_SECONDS = (
-    1e10  # three centuries; a clock that was reset is within, a larger value is invalid
-)
+# three centuries; a clock that was reset is within, a larger value is invalid
+LARGEST_SKEW_SECONDS = 1e10
 
 
 class LastUse:

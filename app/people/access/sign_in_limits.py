@@ -20,9 +20,8 @@ from app.people.access.secret_box import SecretBox
 from app.people.access.staff import normal_name
 from app.people.models import SignInAttempt
 
-ADDRESS_FACTOR = (
-    3  # attempts from one address, as a multiple of those of one name: a clinic is one address
-)
+# attempts from one address, as a multiple of those of one name: a clinic is one address
+ADDRESS_FACTOR = 3
 NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
 WINDOW = timedelta(minutes=1)
 FAILURES_KEPT, SUCCESSES_KEPT = timedelta(hours=1), timedelta(days=90)

@@ -32,9 +32,8 @@ WEB_PATHS = re.compile(r"^/v1/")
 LOCAL_HOSTS = frozenset({"localhost", "127.0.0.1", "[::1]"})
 ORIGIN = re.compile(r"(https?)://(\[::1\]|[a-z0-9](?:[a-z0-9.-]*[a-z0-9])?)(?::([1-9][0-9]{0,4}))?")
 DEFAULT_PORTS = {"https": "443", "http": "80"}
-KNOWN_SECONDS = (
-    5.0  # how long origins of studies are remembered: preflights need no token and are not counted
-)
+# how long origins of studies are remembered: preflights need no token and are not counted
+KNOWN_SECONDS = 5.0
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 REQUEST_HEADERS = (
     "Authorization", "Content-Type", "If-Match", "If-None-Match", "If-Range", "Range", "X-App-Version", "X-Request-Id",

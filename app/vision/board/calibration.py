@@ -19,9 +19,8 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation, Photo
 
 MIN_VIEWS = 3  # two planes fix five intrinsics in theory, a third makes them bear noise
-MIN_TILT_SPREAD_DEG = (
-    10.0  # between the steepest different views; parallel planes leave the focal length open
-)
+# between the steepest different views; parallel planes leave the focal length open
+MIN_TILT_SPREAD_DEG = 10.0
 MAX_VIEW_RMS_FACTOR = 3.0  # of the median view's; beyond, a view's board was bent or moved
 CALIBRATE_ADVICE = (
     "Photograph the whole board ten times or so: from different sides, tilted by 30 to 45 degrees, near the middle"

@@ -29,9 +29,8 @@ DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells no
 # below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
 MIN_VIEW_ANGLE_DEG = 1.5
 MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a food and hardly match
-MAX_RMS_SQUARES = (
-    0.03  # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
-)
+# of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
+MAX_RMS_SQUARES = 0.03
 MAX_BEND_MM = 5.0  # at the board's edge; bent further, heights over the sheet mean little
 SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
 SAMPLE_ROWS = 64  # one row of so many is compared first

@@ -22,9 +22,8 @@ COLOUR_SQUARES: dict[
     (4, 3): (65, 70, 160),
 }
 MIN_CHROMA = 0.2  # mean over the dark squares, of white's level; the colour board has 0.5, a black and white one 0.05
-MAX_COLOUR_DISTANCE = (
-    0.25  # mean over squares and channels, of white's level; light and white balance move it by 0.1
-)
+# mean over squares and channels, of white's level; light and white balance move it by 0.1
+MAX_COLOUR_DISTANCE = 0.25
 
 
 def dark_square_chroma(means_bgr: Float64Array, first_is_dark: bool) -> float:

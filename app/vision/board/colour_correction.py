@@ -12,9 +12,8 @@ from app.vision.board.colour_samples import BoardSamples, find_white, light_by_s
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB, encode_srgb, linear_rgb
 from app.vision.model import ColourCorrection, Float64Array, ImageArray, MarkerObservation, Photo
 
-MAX_BLACK_SHARE = (
-    0.25  # of white's light; printed black has 0.04 to 0.08, more than a quarter is glare or haze
-)
+# of white's light; printed black has 0.04 to 0.08, more than a quarter is glare or haze
+MAX_BLACK_SHARE = 0.25
 BRIGHT_PERCENTILE = 95
 MAX_BRIGHT = 1.25  # of a perfect white in the marker's light; brighter surfaces are few where both have the same light
 EVERY_PX = 8  # of the photograph, for its brightness

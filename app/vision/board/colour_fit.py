@@ -25,9 +25,8 @@ DARK_FLOOR = 0.05  # linear; below it a colour's error counts no more, since noi
 LIGHTNESS_SLOPE = (
     116.0 / 3.0
 )  # dL*/dY at Y = 1 (CIE 15:2004, 8.2.1): makes weighted residuals about lightness units
-MAX_RESIDUAL = (
-    12.0  # lightness units a channel; a print's own faults stay below, glare and dirt do not
-)
+# lightness units a channel; a print's own faults stay below, glare and dirt do not
+MAX_RESIDUAL = 12.0
 MIN_SQUARES = 6
 MIN_FOR_WHITE = 4  # squares whose channel tells its gain
 MAX_MEAN_DELTA_E = 8.0  # above, what was printed is not the board's colours

@@ -21,16 +21,14 @@ SAMPLES_A_SIDE = 15
 DARKEST = 1e-4  # linear, a third of a byte's first step
 BLACK_BYTE = 50
 CLIPPED_BYTE = 254  # JPEG moves a clipped 255 by one
-CLIPPED_SHARE = (
-    0.25  # of a square's samples: up to there the mean of their middle half does not feel it
-)
+# of a square's samples: up to there the mean of their middle half does not feel it
+CLIPPED_SHARE = 0.25
 LIT_SHARE = 0.75  # of the sheet's bright paper; what is darker lies in a shadow or under something
 BRIGHT_PERCENTILE = 80
 MIN_WHITES = 3
 MIN_GOOD_SHARE = 0.75  # of the lit paper; where more is clipped the rest lies in weaker light
-MIN_WHITE = (
-    0.02  # linear; below it a byte's step is a twentieth and more of the black squares' level
-)
+# linear; below it a byte's step is a twentieth and more of the black squares' level
+MIN_WHITE = 0.02
 EVEN_LIGHT = 1.12  # brightest by darkest of three white neighbours of an evenly lit square; a shadow's edge has 1.5
 SLOPING_LIGHT = 1.3  # of two opposite ones, where the other two tell the same level
 SAME_LIGHT = 1.08  # between what the two pairs of opposite neighbours tell

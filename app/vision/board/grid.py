@@ -10,14 +10,12 @@ import numpy as np
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
-MAX_RESIDUAL_SQUARES = (
-    0.12  # of a square; lens distortion and curled paper bend a true grid by far less
-)
+# of a square; lens distortion and curled paper bend a true grid by far less
+MAX_RESIDUAL_SQUARES = 0.12
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
 MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; noise of a phone's dark areas is below 4
-REFINEMENT_WINDOW_SQUARES = (
-    0.3  # of a square's shorter side on either side of a corner: no other corner comes near
-)
+# of a square's shorter side on either side of a corner: no other corner comes near
+REFINEMENT_WINDOW_SQUARES = 0.3
 REFINEMENT_WINDOW_PX = (3, 14)
 REFINEMENT_BANDS = (
     0.5,

@@ -25,9 +25,8 @@ from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo,
 
 Side = Literal["left", "right"]
 
-MIN_CORRECT_SHARE = (
-    0.9  # of neighbouring squares that must step from dark to light as the print does
-)
+# of neighbouring squares that must step from dark to light as the print does
+MIN_CORRECT_SHARE = 0.9
 CLEAR_ANGLE_DEG = 10.0  # between camera directions of two readings; focal length and bent paper move one by some 3
 CLEAR_CORRELATION = 0.1  # between two readings' surroundings; bare tables differ by less, textured ones by 0.3 and more
 SURROUNDINGS_SQUARES = 4  # of table around the board that are compared

@@ -19,14 +19,12 @@ from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, MarkerObservation
 
-CORNER_SD_PX_AT_12MP = (
-    0.3  # the detector's 0.1 px, and what bend and distortion of higher order leave
-)
+# the detector's 0.1 px, and what bend and distortion of higher order leave
+CORNER_SD_PX_AT_12MP = 0.3
 LONG_SIDE_12MP = 4000.0
 BEND_SD_MM = 1.0  # prior: height of the sheet's edges over its middle, paper on a table
-FOCAL_SPREAD_EXIF = (
-    0.08  # prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
-)
+# prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
+FOCAL_SPREAD_EXIF = 0.08
 FOCAL_SPREAD_UNKNOWN = 0.25  # prior, relative: main cameras of phones lie between 22 and 35 mm
 RADIAL_SPREAD = 0.1  # prior of k1: phones correct most of their distortion themselves
 

@@ -15,12 +15,10 @@ DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
 MAX_EDGE_WIDTH = (
     1 / 250
 )  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
-MAX_EDGE_WIDTH_SQUARES = (
-    0.4  # of a square: beyond, the blurs of neighbouring edges mix and corners move
-)
-MIN_EDGE_WIDTH_LIMIT_PX = (
-    8.0  # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
-)
+# of a square: beyond, the blurs of neighbouring edges mix and corners move
+MAX_EDGE_WIDTH_SQUARES = 0.4
+# every lens and demosaicing make edges of 3 to 5 px, in small photographs too
+MIN_EDGE_WIDTH_LIMIT_PX = 8.0
 CLIPPED_LEVEL = 252  # of 255: JPEG moves full white by a few levels
 MIN_EDGE_CONTRAST = 25.0  # grey levels across an edge for its width to be measured
 

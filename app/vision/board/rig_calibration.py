@@ -27,9 +27,8 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, Photo, PhotoPair
 from app.vision.rig import MAX_BASELINE_MM, MIN_BASELINE_MM, StereoRig
 
-MIN_COMMON_POINTS = (
-    8  # of a partly covered board; the pose of a plane is well determined by twice its four corners
-)
+# of a partly covered board; the pose of a plane is well determined by twice its four corners
+MIN_COMMON_POINTS = 8
 RIG_ADVICE = (
     "Photograph the board ten times or so with both cameras at the same moment: from different sides, tilted by 30 to"
     " 45 degrees, near the middle and near the corners of both pictures."

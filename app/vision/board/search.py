@@ -22,9 +22,8 @@ from app.vision.board.grid import (
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float64Array, ImageArray
 
-REGION_SIDE_PX = (
-    1000  # long side on which saddle points are sought: squares of 5 px and more have them
-)
+# long side on which saddle points are sought: squares of 5 px and more have them
+REGION_SIDE_PX = 1000
 SADDLE_BLUR_PX = 1.5
 MIN_SADDLE_STEP = 6.0  # grey levels between dark and light squares; board_grid.MIN_SQUARE_STEP for a sharp corner is 8
 MIN_SADDLE_SHARE = 0.2  # of the strong ones' step: the part of a board that lies in a shadow
@@ -32,19 +31,16 @@ MIN_SADDLES = 9  # in a region: 4 x 4 squares have as many
 # Of the long side: saddle points nearer than twice that belong to one region. A board beside a plate has squares of a
 # fortieth and less; one that fills the photograph, as for calibration, of a tenth.
 JOINED_SHARES = (1 / 40, 1 / 12)
-MAX_REGIONS = (
-    2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
-)
+# of either kind, with the most saddle points; a chequered cloth beside the board is one
+MAX_REGIONS = 2
 SAME_REGION = 0.8  # of the larger one's area
 ALL_OF_IT = 0.5  # of the photograph: a region beyond it saves nothing, and a shadow may hide the rest of the board
-CROP_SIDE_PX = (
-    500  # long side of a region for the detectors; twice that where it is the whole photograph
-)
+# long side of a region for the detectors; twice that where it is the whole photograph
+CROP_SIDE_PX = 500
 # Local thresholds find quadrangles in uneven light: 5 ms a crop; up to a second where the whole photograph has texture.
 QUICK_ON_CROPS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-MIN_ALTERNATING_EDGE = (
-    0.8  # of the squares of an outermost row; beside a white margin half of them step
-)
+# of the squares of an outermost row; beside a white margin half of them step
+MIN_ALTERNATING_EDGE = 0.8
 MAX_GROWTH = 80  # rows and columns
 GROWN_CORNER_SQUARES = 0.3  # of a square: how far a corner may lie from where the others expect it
 

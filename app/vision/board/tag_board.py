@@ -29,26 +29,22 @@ from app.vision.model import (
     Photo,
 )
 
-MIN_PERIMETER_SHARE = (
-    0.02  # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
-)
+# of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
+MIN_PERIMETER_SHARE = 0.02
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
-LONGER_THAN_ALIKE = (
-    1.1  # than the outlines of which there are too many: a cloth's squares are all alike
-)
+# than the outlines of which there are too many: a cloth's squares are all alike
+LONGER_THAN_ALIKE = 1.1
 QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
 QUICK_TAGS = 100  # in a dictionary: of more, the detector is given those alone that are possible, to save time
-FOREIGN_SIDE_PX = (
-    2016  # long side on which tags that were not announced are sought: they only explain a refusal
-)
+# long side on which tags that were not announced are sought: they only explain a refusal
+FOREIGN_SIDE_PX = 2016
 MIN_TAGS = 4
 MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two by half
 # With so many points that spread so much, as a share of the whole board's spread along its narrower axis, corners that
 # are 0.12 px off leave the distance right to 0.25 % and the slant to some degree, in nine of ten.
 MIN_POINTS, MIN_SPREAD = 8, 0.4
-MAX_STRAY_TAG = (
-    0.2  # of a tag's side, from where the others put it; lenses and curled paper move it by less
-)
+# of a tag's side, from where the others put it; lenses and curled paper move it by less
+MAX_STRAY_TAG = 0.2
 MAX_STRAYS = (
     1,
     0.1,

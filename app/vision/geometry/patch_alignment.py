@@ -11,13 +11,11 @@ from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, Float64Array, ImageArray
 
 HALF_PATCH_PX = 7
-WINDOW_SD_PX = (
-    4.0  # the patch's rim counts little: there the surface is no longer the plane that is fitted
-)
+# the patch's rim counts little: there the surface is no longer the plane that is fitted
+WINDOW_SD_PX = 4.0
 STEPS = 6
-WARP_SPREAD = (
-    0.3  # prior of stretch and shear beyond what the guess has: a surface tilted by some 30 degrees
-)
+# prior of stretch and shear beyond what the guess has: a surface tilted by some 30 degrees
+WARP_SPREAD = 0.3
 MIN_CORRELATION = 0.7
 MAX_LAST_STEP_PX = 0.1  # not settled by then: there is no optimum there
 MAX_SD_PX = 0.2

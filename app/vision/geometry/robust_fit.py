@@ -8,9 +8,8 @@ from app.vision.model import Float64Array
 
 OUTLIER_SD = 3.0  # beyond, a residual pulls only linearly
 MAX_STEPS = 20
-LEAST_PROGRESS = (
-    0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
-)
+# in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
+LEAST_PROGRESS = 0.02
 DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
 
 

@@ -18,9 +18,8 @@ SLICES = 32  # over the food's height, so that a step of a sphere's outline is a
 MIN_THICKNESS_MM = 1.0  # thinner, depth noise moves points between slices
 CELLS_ACROSS = 96  # of a slice's binary picture
 CLOSING_CELLS = 3  # gaps of the outline that morphology closes
-MIN_FREE_SHARE = (
-    0.6  # of the sectors with points, for a slice's own form; else the common shape is scaled
-)
+# of the sectors with points, for a slice's own form; else the common shape is scaled
+MIN_FREE_SHARE = 0.6
 MIN_SHARE = 0.12  # of the sectors; below, a slice counts as not seen
 PAD_CELLS = 2
 WIDEST_SHARE = 0.95  # of the greatest area: the slices whose mean height is the mirror's, steadier than the greatest

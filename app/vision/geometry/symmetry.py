@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from app.vision.model import Float64Array, SliceForm
 
 SECTORS = 48
-OUTER_QUANTILE = (
-    0.9  # of the radii in a sector: its outline, on a flat top too, less a stray point or two
-)
+# of the radii in a sector: its outline, on a flat top too, less a stray point or two
+OUTER_QUANTILE = 0.9
 MIN_POINTS = 3  # in a sector of a slice; one or two may be strays
 ELLIPSE_FROM_ASPECT = 1.15  # below, noise of the outline makes an ellipse of a circle
 MAX_LOG_ASPECT = float(np.log(6.0))

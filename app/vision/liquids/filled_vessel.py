@@ -57,9 +57,8 @@ RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = (
     5.0,
     0.05,
 )  # within which a library vessel's rim must lie: poses scale heights
-MODEL_SD_MM = (
-    1.0  # of a library vessel's level: a lip is round, and which of its lines is the brim differs
-)
+# of a library vessel's level: a lip is round, and which of its lines is the brim differs
+MODEL_SD_MM = 1.0
 STEP_MM, SLICE_MM = 0.5, 4.0
 MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200

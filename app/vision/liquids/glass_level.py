@@ -18,9 +18,8 @@ STEP_MM = 1.0
 BANDS_MM = (-1.5, -0.5, 0.5, 1.5)  # across the surface's edge, where its colours are taken
 SAMPLES, ARCS = 240, 24  # directions, and the arcs over which their noise is averaged
 CLEAR_MM = 4.0  # outside the rim's circle, so that the rim's own edge is not the surface's
-LEAST_HIDDEN = (
-    0.3  # of the near part that must lie behind the wall: else an opaque vessel would look the same
-)
+# of the near part that must lie behind the wall: else an opaque vessel would look the same
+LEAST_HIDDEN = 0.3
 MOST_STEP = 10.0  # CIELAB: a stronger step of one arc proves no more
 LEAST_STEP = 5.0  # CIELAB, in the near and the far part; walls, prints and clear water reach 3.7 where no surface is
 LEAST_RATIO = 1.6  # to the next best height: floor and base of a glass are circles as well

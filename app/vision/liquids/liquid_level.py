@@ -13,9 +13,8 @@ from app.vision.liquids.rims import SAMPLES, Circle, across, circle_points
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.sight import Sight
 
-LEAST_BELOW_MM = (
-    3.0  # the rim: a surface nearer to the brim is that of something solid, or the rim itself
-)
+# the rim: a surface nearer to the brim is that of something solid, or the rim itself
+LEAST_BELOW_MM = 3.0
 LOWEST_SHARE = 0.2  # of the rim's height: lower circles are where a floor begins
 RADIUS_SHARES = (0.4, 1.0)  # of the rim's
 LEVEL_STEP_MM, RADIUS_STEP_MM = 2.0, 1.5
@@ -29,9 +28,8 @@ CENTRE_SD_MM = 0.5  # of the surface's axis about the rim's
 LEAST_SD_MM = 0.4
 PIXEL_SD = 0.5  # of an edge's place, px; neighbouring directions err alike
 DIRECTIONS_PER_FACT = 6.0
-SHARED_SD_PX = (
-    0.4  # of parallax, by poses and by edges that are not quite the same line in both views
-)
+# of parallax, by poses and by edges that are not quite the same line in both views
+SHARED_SD_PX = 0.4
 
 
 @dataclass(frozen=True, slots=True)

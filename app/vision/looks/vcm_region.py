@@ -15,9 +15,8 @@ import numpy as np
 
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-SIDE_PX = (
-    128  # of a region's longer side: the grain of bread and the pores of an orange are still there
-)
+# of a region's longer side: the grain of bread and the pores of an orange are still there
+SIDE_PX = 128
 MARGIN = 0.25  # of the region's sides, on each side: what lies around it
 CUT_SIDE_PX = 64  # of a box while the food in it is told from its background, which takes time
 CUT_ROUNDS = 2  # more of them tell foods apart no better, and take half the time of naming one

@@ -64,9 +64,8 @@ SECTORS = 48
 TRIALS = 300
 OUTLINE_POINTS = 240
 RIM_MM = (3.0, 16.0)  # inward, where a dish is bare
-BESIDE_RIM_MM = (
-    8.0  # inward from a dish's outline, up to which what differs is its decoration or its edge
-)
+# inward from a dish's outline, up to which what differs is its decoration or its edge
+BESIDE_RIM_MM = 8.0
 SHARE_INSIDE = 0.4  # of what lies on a dish, that is seen within its rim
 MAX_SHARE_ON_DISH = 0.75  # of a dish that what lies on it may hide
 

@@ -41,9 +41,8 @@ MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high l
 # Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
 MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
 MAX_CLIMBING = 0.45  # of the sectors in which the rim is seen: where the surface climbs on just within, it is a flank
-ROUND_EDGE_COVER = (
-    0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
-)
+# of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+ROUND_EDGE_COVER = 0.75
 BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0

@@ -17,9 +17,8 @@ CUTLERY_ASPECT = 0.3  # width over length of knives, forks and spoons
 MIRROR_MM, GREY_CHROMA = 25.0, 5.0  # height and chroma of a spoon's bowl
 MIRROR_BLUR = 0.1  # of correlation, which a mirrored room costs
 TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are measured
-MAX_BORDER_SHARE = (
-    0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
-)
+# of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
+MAX_BORDER_SHARE = 0.15
 
 
 def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskArray) -> bool:

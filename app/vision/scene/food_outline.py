@@ -41,9 +41,8 @@ RAISED_MM = 5.0
 RAISED_NATS = 1.5
 FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
 MAX_LOST = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
-MORE_SOLID = (
-    0.02  # of its convex hull that the outline fills, where several pieces together may be more
-)
+# of its convex hull that the outline fills, where several pieces together may be more
+MORE_SOLID = 0.02
 ROUNDS = 2
 
 

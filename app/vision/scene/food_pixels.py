@@ -25,9 +25,8 @@ from app.vision.scene.places import OVER_RIM_MM, UNMEASURED_MM, Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
-SURE_DEPTH_MM = (
-    8.0  # this far (and two windows) within its outline, a raised part is food whatever its colour
-)
+# this far (and two windows) within its outline, a raised part is food whatever its colour
+SURE_DEPTH_MM = 8.0
 SIDE_PX = 360
 MARGIN_PX = 12
 ROUNDS = 3

@@ -42,9 +42,8 @@ SHADE_WEIGHT = 0.5  # of a difference of light alone, which the two faces of one
 STEP_AT_MM = (4.0, 8.0)  # from the cut, where distances are taken that are continued to it
 STEP_MM = (5.0, 25.0)  # between what is in front and behind: no step, and one that counts in full
 STEP_WEIGHT = 1.0
-FULL_NOTCH = (
-    0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
-)
+# of the disc around a corner of the outline, beyond the half that a smooth outline fills
+FULL_NOTCH = 0.25
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
 SMALL_PART_WEIGHT = 5.0

@@ -23,16 +23,14 @@ from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bin
 
 MIN_GAP_MM2 = 60.0
 LOW_SHARE = 0.5  # of the height around a gap, below which it is one and not a dent
-MAX_FOOD_NATS = (
-    1.0  # of colour for the food, above which a gap is food in shade, or gloss whose depth deceives
-)
+# of colour for the food, above which a gap is food in shade, or gloss whose depth deceives
+MAX_FOOD_NATS = 1.0
 MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the rest is for the image's edges to tell
 AROUND_PX = 4
 MIN_POINTS = 5
 MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
-HOLE_HEIGHT_SHARE = (
-    0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
-)
+# of the food's height around it, below which a hole is one and not gloss or a pale spot
+HOLE_HEIGHT_SHARE = 0.6
 MIN_HOLE_POINTS = 8
 COLOUR_NATS = 4.0
 UNSEEN = 3e-5  # probability of a colour that a model has not seen

@@ -18,20 +18,17 @@ from app.vision.scene.scene import FINE_REACH_PX, Scene
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
 MIN_RAISED_MM2 = 20.0
-MAX_FLAT_SHARE = (
-    0.2  # of what is measured in a blob; where more is flat, it is a picture on the support
-)
+# of what is measured in a blob; where more is flat, it is a picture on the support
+MAX_FLAT_SHARE = 0.2
 MIN_BLOB_MM2 = 250.0
 MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
 MIN_SUPPORT_PX = 500
-FAMILIAR = (
-    1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
-)
+# probability of a colour bin; a quarter of what it would be if all colours were alike
+FAMILIAR = 1e-5
 BESIDE_PX = 3
 MIN_SOLIDITY = 0.3  # of a blob: one that fills less of its convex hull is a band painted along a rim, or a part of it
-MIN_WIDTH_PX = (
-    9  # of an unmeasured blob: what the second view does not see beside a food is narrower
-)
+# of an unmeasured blob: what the second view does not see beside a food is narrower
+MIN_WIDTH_PX = 9
 AROUND_PX = 6
 SECTORS = 24
 MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table

@@ -22,9 +22,8 @@ BOX_IOU = 0.6  # of a found food's own box with a person's, from which on they m
 INSIDE_SHARE = 0.85  # of a found food that must lie within the box
 SPAN = 0.85  # of the box's sides, which its food reaches across
 AROUND_SHARE = 0.2  # of the box's sides: the margin whose colours are the surroundings'
-MIN_RAISED_SHARE = (
-    0.15  # of a box, to learn the food's colours there rather than in the box's middle
-)
+# of a box, to learn the food's colours there rather than in the box's middle
+MIN_RAISED_SHARE = 0.15
 CORE_SHARE = 0.6  # of the box's sides: the ellipse in its middle
 FLAT_MM = 2.5
 RAISED_NATS, FLAT_NATS = 2.0, -3.0

@@ -27,9 +27,8 @@ REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are c
 LOWEST_MM = -30.0  # below the table: strays
 CLEAR_OF_DISH_MM = 10.0  # beyond its outline, where the table is seen
 TABLE_WINDOW_PX = 15
-TABLE_TEXTURE = (
-    4.0  # grey levels, standard deviation in a window, from which on the views can be compared
-)
+# grey levels, standard deviation in a window, from which on the views can be compared
+TABLE_TEXTURE = 4.0
 MOST_OF_IT = 0.5  # of what a mask shows, that lies over a dish
 
 

@@ -26,9 +26,8 @@ BESIDE_SHARE, BESIDE_REACH_PX = (
     0.34,
     2 * BESIDE_PX,
 )  # of a strip's outline that runs along the vessel; what is along
-HANDLE_WIDTH = (
-    0.6  # of the rim's radius, across the plane through the vessel's axis in which a handle lies
-)
+# of the rim's radius, across the plane through the vessel's axis in which a handle lies
+HANDLE_WIDTH = 0.6
 HANDLE_BEGIN, HANDLE_END = (
     1.4,
     2.5,

@@ -24,9 +24,8 @@ RIM_SLOPE_MM = 35.0  # inward from the outline, within which a plate may rise to
 WALL_MM = 6.0  # inward from a bowl's outline: its wall
 BOWL_CORE_SHARE = 0.4  # of a bowl's radius, inward from its outline: its content, not its wall
 OVERHANG_MM = 5.0  # by which food may lie beyond the dish's outline
-BESIDE_DISH_MM = (
-    9.0  # beyond a dish's outline, from which on what stands is not its rim widened by a window
-)
+# beyond a dish's outline, from which on what stands is not its rim widened by a window
+BESIDE_DISH_MM = 9.0
 REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
 REACH_IN_DISH_MM = 12.0
 GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
@@ -35,9 +34,8 @@ OPENING_PX = {"dish": 5, "table": 3}
 SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
 UNMEASURED_MM = -99.0
 ON_TABLE, AT_RIM = -1, -2
-WINDOW_REACH_PX = (
-    8  # beyond a dish's silhouette, within which a window may have seen its rim or side
-)
+# beyond a dish's silhouette, within which a window may have seen its rim or side
+WINDOW_REACH_PX = 8
 
 
 @dataclass(frozen=True, slots=True)

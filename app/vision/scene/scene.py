@@ -6,12 +6,10 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
-FINE_REACH_PX = (
-    2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
-)
-IS_TABLE = (
-    0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
-)
+# of the scene's grid: a window's reach up to which a height is that of its pixel
+FINE_REACH_PX = 2.5
+# correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
+IS_TABLE = 0.7
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,12 +42,10 @@ from app.vision.stereo.rectification import RectifiedPair
 LOW_RIM_MM = 5.0  # lower than any dish's over its table
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
 CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
-DISH_SHARE = (
-    0.8  # of a dish's outline within a region, or within a person's box or polygon: they are one
-)
-OTHER_FOOD_SHARE = (
-    0.4  # of a region beyond what hints point at, from which on it is another food than theirs
-)
+# of a dish's outline within a region, or within a person's box or polygon: they are one
+DISH_SHARE = 0.8
+# of a region beyond what hints point at, from which on it is another food than theirs
+OTHER_FOOD_SHARE = 0.4
 
 
 @dataclass(frozen=True, slots=True)

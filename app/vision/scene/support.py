@@ -48,9 +48,8 @@ BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 TYPICAL_RIM_MM = 15.0
 FLOOR_UNDER_RIM_MM, TYPICAL_FLOOR_SD_MM = 11.0, 2.0
 TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
-PLANE_DOUBT = (
-    0.3  # of how far a rim is from where it should be: what the plane is then is less sure
-)
+# of how far a rim is from where it should be: what the plane is then is less sure
+PLANE_DOUBT = 0.3
 RIM_WIDTH_MM = 15.0
 DEPTH_RING_MM, DEPTH_STEP_MM = (
     (8.0, 35.0),

@@ -29,9 +29,8 @@ MIN_LEVEL_SHARE, LEVEL_SHARE = (
     0.65,
 )  # of a top, and of what is measured of it, that lies at its level
 BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
-EXPLAINED_SHARE = (
-    0.8  # of a mask by the top and an upright side below it; a dome's top explains less
-)
+# of a mask by the top and an upright side below it; a dome's top explains less
+EXPLAINED_SHARE = 0.8
 WINDOW_PX = 5  # by which windows widen a top
 AROUND_SHARE, SPECK_PX = 0.8, 3  # of a mask by the hull of all that lies at its level, specks apart
 MIN_SIDE_SHARE = 0.15  # of a mask: a smaller side is the outline's own doubt

@@ -20,15 +20,13 @@ from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
 
-FINE_REACH_SHARE = (
-    0.5  # of half a fine window: it follows the surface, and shows the outline's points best
-)
+# of half a fine window: it follows the surface, and shows the outline's points best
+FINE_REACH_SHARE = 0.5
 FINEST_REACH_PX = 5.0
 OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
-UNEXPLAINED_SD = (
-    0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
-)
+# relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
+UNEXPLAINED_SD = 0.5
 HELD_FORMS = frozenset({"liquid", "in_vessel"})  # what holds them is not seen in a single view
 LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
 

@@ -16,16 +16,14 @@ from app.vision.shape.prism import Prism, prism
 from app.vision.stereo.sight import Sight
 
 MIN_SOLIDITY = 0.85  # a mask that fills less of its hull is no prism's
-MIN_LIKENESS = (
-    0.85  # of the silhouettes (intersection over union): less, and the family is not tried
-)
+# of the silhouettes (intersection over union): less, and the family is not tried
+MIN_LIKENESS = 0.85
 HEIGHT_RATIOS = np.geomspace(0.5, 2.0, 15)  # of the points' height
 MIN_HEIGHT_MM = 5.0
 CAMERA_SHARE = 0.8  # of the camera's height, up to which a food may reach
 MIN_SIDE_MM = 6.0
-SAME_POINT_MM = (
-    0.2  # OpenCV's minEnclosingTriangle raises on corners that lie closer than float32 resolves
-)
+# OpenCV's minEnclosingTriangle raises on corners that lie closer than float32 resolves
+SAME_POINT_MM = 0.2
 
 
 @dataclass(frozen=True, slots=True)

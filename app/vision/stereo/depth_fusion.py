@@ -16,9 +16,8 @@ from app.vision.stereo.rectification import RectifiedPair
 
 STEP_PX = 4  # of the grid, between the pixels by which a map is compared
 MIN_COMPARED = 100
-MAX_SCALE_ERROR = (
-    0.1  # phones' sensors are good to two per cent: more, and it is another unit or another scene
-)
+# phones' sensors are good to two per cent: more, and it is another unit or another scene
+MAX_SCALE_ERROR = 0.1
 MAX_TILT = 0.03  # of the scale, from the picture's middle to its border
 TILT_PRIOR = 0.01
 MIN_SHARE = 0.6  # of what is compared, within 3 sd and 1 % of depth

@@ -27,12 +27,10 @@ CORNERS = (
     (1, 0),
     (1, 1),
 )  # of the grid around a point, so that a surface that widens has no gaps
-PLANE_UNITS = (
-    0.4  # of table_plane's tolerance, px: the depth map's noise in its units of inverse depth
-)
-MIN_TILT_COSINE = (
-    0.17  # between the camera's axis and the plane's normal: flatter, and it is a wall
-)
+# of table_plane's tolerance, px: the depth map's noise in its units of inverse depth
+PLANE_UNITS = 0.4
+# between the camera's axis and the plane's normal: flatter, and it is a wall
+MIN_TILT_COSINE = 0.17
 
 
 def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> DisparityMap:

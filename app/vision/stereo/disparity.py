@@ -19,9 +19,8 @@ RANGE_LEVEL, SEARCH_LEVEL = (
     4,
     2,
 )  # reductions: the whole range is searched on the first, what it found on the second
-RANGE_SPECKLE_PX = (
-    60  # on the range level: 30 px across at full size; what is smaller does not widen the search
-)
+# on the range level: 30 px across at full size; what is smaller does not widen the search
+RANGE_SPECKLE_PX = 60
 RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
 STANDING_PX = 1.5  # over the support, at full size: 3 to 5 mm at usual distances; what is lower needs no finer level
 STANDING_MARGIN_PX = 24  # around what stands

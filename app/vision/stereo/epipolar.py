@@ -17,18 +17,16 @@ from app.vision.stereo.features import MIN_MATCHES, Matches, too_few_matches, un
 DRAWN_MATCHES = 16  # paper, section IV.A
 DRAWS = 120  # of 16; with a third of wrong matches in the food some draw is free of them with certainty over 0.99
 SCORED_MATCHES = 150  # spread over all; more tell draws apart no better
-GATE_PX_AT_12MP = (
-    12.0  # what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
-)
+# what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
+GATE_PX_AT_12MP = 12.0
 GOOD_PX_AT_12MP = 4.0  # the same after refinement: SIFT's 0.3 px at reduced size, six times
 SURE_PX_AT_12MP, SURE_MEDIANS = (
     1.6,
     3.0,
 )  # of a sure match, at least and in median distances of the good ones
 LONG_SIDE_12MP = 4000.0
-MIN_BESIDE_BOARD = (
-    2  # a plane (the board) leaves F free up to two points off it (Hartley, Zisserman, 2004, 13.3)
-)
+# a plane (the board) leaves F free up to two points off it (Hartley, Zisserman, 2004, 13.3)
+MIN_BESIDE_BOARD = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,8 @@ from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerObservation, View
 
-MATCHING_SIDE_PX = (
-    512  # long side where SIFT runs: which point is which; where it is, alignment tells
-)
+# long side where SIFT runs: which point is which; where it is, alignment tells
+MATCHING_SIDE_PX = 512
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
 MIN_CONTRASTS = (
@@ -30,9 +29,8 @@ MIN_CONTRASTS = (
 )  # SIFT's default is 0.04: food and plates are pale and smooth; the second where that
 FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
-GATE_SHARE = (
-    0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
-)
+# of the long side, from the epipolar line: what poses by the marker alone may be off by
+GATE_SHARE = 0.006
 ALIGNMENT_FACTORS = (
     1,
     2,

@@ -21,9 +21,8 @@ from app.vision.intrinsics import Camera
 from app.vision.model import View
 
 SCALES = np.exp(np.linspace(-0.6, 0.6, 25))  # of the focal length of a common phone
-INDEPENDENT_CORNERS = (
-    12.0  # a view: neighbouring corners share what lens and paper do beyond their models
-)
+# a view: neighbouring corners share what lens and paper do beyond their models
+INDEPENDENT_CORNERS = 12.0
 FLAG_SD = 0.05  # of a volume, relative, from which on the unknown focal length is named
 MOST_SD = 0.25  # beyond, a 90 % interval spans more than a factor of two; what fills a bowl has the same limit
 

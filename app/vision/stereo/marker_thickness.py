@@ -24,12 +24,10 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, Float64Array, MaskArray, View
 from app.vision.stereo.relative_pose import RefinedViews
 
-MIN_THICK_MM = (
-    1.5  # below, paper that curls and errors of the poses look the same: TREND_SD_MM twice
-)
-MAX_FOUND_MM = (
-    12.0  # a plaque; deeper, the marker lies on something else, or was moved (stillness.py)
-)
+# below, paper that curls and errors of the poses look the same: TREND_SD_MM twice
+MIN_THICK_MM = 1.5
+# a plaque; deeper, the marker lies on something else, or was moved (stillness.py)
+MAX_FOUND_MM = 12.0
 STEP_MM = 0.5  # between heights of the table that are tried
 INLIER_MM = (3.0, 2.0, 1.5)  # narrowing, about the plane that is tried
 MIN_SUPPORT_SHARE = 0.5  # of the best supported plane's cells: a lower one with so many is the table, the other a dish

@@ -24,9 +24,8 @@ ALONG = 5  # points over which profiles are averaged
 ALONG_BAND = 9  # points over which the bands' colours are averaged
 MAX_COST = 4.0  # of one sample: a speck or a highlight is no boundary
 LAB_NOISE = 4.0  # squared distance in Lab that is none
-CLEAR_CONTRAST = (
-    4.0  # squared colour difference over the bands' variances from which a boundary is certain
-)
+# squared colour difference over the bands' variances from which a boundary is certain
+CLEAR_CONTRAST = 4.0
 MIN_CLEAR = 0.15
 ROUNDS = 2
 STEEP_SAMPLE_PX = 0.25  # along a normal

@@ -12,9 +12,8 @@ from app.vision.board.grid import reduce_by
 from app.vision.geometry.projective import pixel_gradient
 from app.vision.model import Float64Array, ImageArray, View
 
-MAX_SIDE_PX = (
-    1600  # of the picture: a view from nearer by may show more of each food, not more of the table
-)
+# of the picture: a view from nearer by may show more of each food, not more of the table
+MAX_SIDE_PX = 1600
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,15 +25,13 @@ from app.vision.stereo.reconstruction import DepthModel, fit_depth_model
 from app.vision.stereo.rectification import RectifiedPair, rectify_by_fundamental, warp_view
 from app.vision.stereo.relative_pose import RefinedViews
 
-WINDOW_PX = (
-    15  # of the correlation: larger than a smoothed search's, since nothing else steadies it
-)
+# of the correlation: larger than a smoothed search's, since nothing else steadies it
+WINDOW_PX = 15
 MARGIN_PX = 16  # around the foods, so that windows at their outline are whole
 RANGE_QUANTILES = (0.02, 0.98)  # of the matches' disparities; single wrong ones lie outside
 MAX_RANGE_PX = 256  # of the search
-SURFACE_STEP_PX = (
-    1.0  # of disparity from one pixel to the next: a larger one is a wrong match or another surface
-)
+# of disparity from one pixel to the next: a larger one is a wrong match or another surface
+SURFACE_STEP_PX = 1.0
 MIN_DEVIATION = 0.5  # grey levels in a window; below, there is nothing to correlate
 
 

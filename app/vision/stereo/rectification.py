@@ -14,9 +14,8 @@ from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray, View
 from app.vision.stereo.features import undistort_to_rays
 
-WORKING_SIDE_PX = (
-    1280  # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
-)
+# long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
+WORKING_SIDE_PX = 1280
 MIN_HEIGHT_MM, MAX_HEIGHT_MM = (
     -15.0,
     200.0,

@@ -44,9 +44,8 @@ RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of th
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 TABLE_SD_MM = 1.0  # of a table's height about a plane
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
-LENS_UNKNOWNS = (
-    5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
-)
+# a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
+LENS_UNKNOWNS = 5
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,9 +46,8 @@ SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
 # and by 0.2 to 0.5 degrees between two photographs of a table.
 POSES_TURN_SD_RAD = 6e-3
 POSES_SHIFT_SD_SHARE = 0.02
-ROUGH_GATE_SHARE = (
-    0.025  # of the long side: what such poses put matches off their epipolar lines, three sd
-)
+# of the long side: what such poses put matches off their epipolar lines, three sd
+ROUGH_GATE_SHARE = 0.025
 ROUGH_DISTANCE_MM = 400.0  # of a table from a phone, where its true distance is not known yet
 
 Source = Literal["rig", "poses"]

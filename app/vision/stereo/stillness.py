@@ -19,9 +19,8 @@ from app.vision.stereo.table_matches import points_of_matches
 
 RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
 AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
-MIN_SHARE_AT_MARKER = (
-    0.4  # of what is measured in the ring; a plate's rim beside the sheet takes some of it
-)
+# of what is measured in the ring; a plate's rim beside the sheet takes some of it
+MIN_SHARE_AT_MARKER = 0.4
 MIN_MEASURED = 500  # pixels of the ring
 MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
 MIN_JUDGED_MATCHES = 20

@@ -36,9 +36,8 @@ MIN_SURE_SHARE = 0.08  # of what surely matches: foods and a dish's rim have the
 MIN_SHARE_UNDER = 0.1  # of what is matched, on a plane under that one
 ROUNDS = 5
 MAX_OFF_UP_DEG = 10.0  # of gravity, by tracking 1 degree, of tables 2; what is left is the plane of three coarse points
-MAX_TILT_DEG = (
-    80.0  # between the camera's axis and the plane's normal: flatter, and it is a wall or chance
-)
+# between the camera's axis and the plane's normal: flatter, and it is a wall or chance
+MAX_TILT_DEG = 80.0
 
 
 @dataclass(frozen=True, slots=True)
