@@ -18,7 +18,7 @@ from app.core.private_files import keep_files_private
 from app.core.process_life import die_with_parent
 from app.exports.export_table import export_table
 from app.exports.live_tables import live_tables
-from app.releases.freeze_release import freeze_tables
+from app.exports.releases.freeze_release import freeze_tables
 
 Task = Callable[[duckdb.DuckDBPyConnection, Mapping[str, Any]], dict[str, Any]]
 TASKS: Mapping[str, Task] = {"export": export_table, "freeze": freeze_tables}

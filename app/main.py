@@ -34,6 +34,8 @@ from app.exports.lists import participants_api as study_participants
 from app.exports.lists import photographs_api as study_photographs
 from app.exports.lists import records_api as records
 from app.exports.queries import take_back_places as take_back_exports
+from app.exports.releases import api as releases
+from app.exports.releases.queries import take_back_places as take_back_releases
 from app.foods import api as foods
 from app.foods import reference_intakes_api as reference_intakes
 from app.foods import study_densities_api as study_densities
@@ -44,7 +46,20 @@ from app.http.rate_limit import CallLimits, EnrolmentLimit
 from app.http.request_log import RequestLog
 from app.http.state import ApiState
 from app.jobs.queue import JobQueue
-from app.meals.receive_photo import PhotoIntake
+from app.meals.stored.receive_photo import PhotoIntake
+from app.meals.upload import after_meal_api as after_meal
+from app.meals.upload import api as meals
+from app.meals.upload import checks_api as checks
+from app.meals.upload import declared_api as declared
+from app.meals.upload import me_api as me
+from app.meals.upload import meal_jobs_api as meal_jobs
+from app.meals.upload import partial_uploads_api as partial_uploads
+from app.meals.upload import server_api as server
+from app.meals.upload.after_meal import SubmitAfterPair
+from app.meals.upload.declare_meal import DeclareMeal
+from app.meals.upload.partial_uploads import PartialUploads
+from app.meals.upload.submit_meal import SubmitMeal
+from app.meals.upload.waiting import MealWaiter
 from app.metrics.instruments import register_build
 from app.openapi import openapi_document
 from app.operations import health_api as health
@@ -74,29 +89,14 @@ from app.privacy import receipts_api as receipts
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.records import photographs_api as photographs
+from app.records.remeasurements import api as remeasurements
 from app.records.review import api as review
 from app.records.review import questions_api as questions
 from app.records.review import queue_api as review_queue
 from app.records.review.meal_events import MealEvents
-from app.releases import api as releases
-from app.releases.queries import take_back_places as take_back_releases
-from app.remeasurements import api as remeasurements
 from app.reminders import api as reminders
 from app.sandbox.answers import MetadataInjections, SandboxAnswers
 from app.storage.opening import open_blob_store
-from app.uploads import after_meal_api as after_meal
-from app.uploads import api as meals
-from app.uploads import checks_api as checks
-from app.uploads import declared_api as declared
-from app.uploads import me_api as me
-from app.uploads import meal_jobs_api as meal_jobs
-from app.uploads import partial_uploads_api as partial_uploads
-from app.uploads import server_api as server
-from app.uploads.after_meal import SubmitAfterPair
-from app.uploads.declare_meal import DeclareMeal
-from app.uploads.partial_uploads import PartialUploads
-from app.uploads.submit_meal import SubmitMeal
-from app.uploads.waiting import MealWaiter
 from app.vessels import api as study_vessels
 from app.webhooks import api as webhooks
 

@@ -15,11 +15,11 @@ from fastapi.openapi.utils import get_openapi
 from app.exports.fhir.answers import FHIR_JSON, PREFIX
 from app.http.problems import Problem, problem_responses
 from app.http.rate_limit import UNCOUNTED_PATHS
+from app.meals.upload.after_schemas import AfterMetadataIn
+from app.meals.upload.check_schemas import CheckMetadataIn
 from app.people.access.access_rules import OF_API, RULES, Rule
 from app.people.calibration_schemas import CalibrationMetadataIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
-from app.uploads.after_schemas import AfterMetadataIn
-from app.uploads.check_schemas import CheckMetadataIn
 
 # read from streams, so FastAPI does not see their schemas
 OUT_OF_ROUTES = (

@@ -15,11 +15,11 @@ from app.core.private_files import keep_files_private
 from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.session import Database, open_database
-from app.estimates.estimate_meal import EstimateMeal
-from app.estimates.worker_process import run_jobs
 from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.queue import JobQueue
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.worker_process import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
@@ -27,12 +27,12 @@ from app.operations.chores import worker_chores
 from app.operations.explain_errors import explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
-from app.remeasurements.feed_workers import FeedWorkers
+from app.records.remeasurements.feed_workers import FeedWorkers
 from app.storage.opening import open_blob_store
 
 log = structlog.get_logger()
 
-TASKS = "app.estimates.child_tasks:TASKS"
+TASKS = "app.meals.estimate.child_tasks:TASKS"
 NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
 # it keeps all cores busy while meals wait; the server on them still answers first
 NICENESS_BESIDE_SERVER = 5

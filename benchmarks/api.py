@@ -49,8 +49,8 @@ from PIL import Image
 
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
 from app.storage.opening import open_blob_store
 from benchmarks.api_load import Outcome, percentiles
 from benchmarks.databases import database_url

@@ -23,9 +23,9 @@ from typing import Any
 
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import Run
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import Run
 from app.operations.prepare import prepare
 from app.people.models import Device, Participant, Study
 from app.storage.opening import open_blob_store

@@ -30,7 +30,7 @@ JPEG_START = b"\r\n\r\n\xff\xd8"
 
 
 def decode_photographs(path: str) -> None:
-    """Decode each JPEG of a multipart body, as app/estimates/receive_task.py does."""
+    """Decode each JPEG of a multipart body, as app/meals/estimate/receive_task.py does."""
     for part in Path(path).read_bytes().split(JPEG_START)[1:]:
         photo = b"\xff\xd8" + part[: part.rindex(b"\r\n--")]
         read = read_reduced_photo(photo, max_pixels=MAX_PIXELS, least_long_side_px=1)

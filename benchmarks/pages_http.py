@@ -23,7 +23,7 @@ from pydantic import SecretStr
 from app.cli.demo import running_server
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.people.access.page_rules import PAGES
 from app.people.access.passwords import Passwords
 from app.people.access.staff import create_staff

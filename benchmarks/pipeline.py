@@ -234,8 +234,8 @@ def resident_mb_over(
     count: int, scenes: Sequence[Scene], options: argparse.Namespace
 ) -> list[float]:
     """Resident memory, MB, after each of so many estimates, the scenes in turn."""
-    from app.estimates.estimate_json import options_from_json  # noqa: PLC0415
-    from app.estimates.run_estimate import run_estimate  # noqa: PLC0415  # only this child process needs it
+    from app.meals.estimate.estimate_json import options_from_json  # noqa: PLC0415
+    from app.meals.estimate.run_estimate import run_estimate  # noqa: PLC0415  # only this child process needs it
 
     page = os.sysconf("SC_PAGE_SIZE")
     resident = []

@@ -44,7 +44,7 @@ from app.diary.day_summaries import list_day_summaries
 from app.exports.lists.list_records import list_records
 from app.http.paging import encode_cursor, list_name
 from app.http.row_filter import RowFilter
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows
 from app.people.access.staff import create_admin
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from app.db.session import Database
 from app.http.columns.record_columns import RECORD_COLUMNS
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.record_models import EffectiveRecord, Item
 from benchmarks.processes import children_of, processor_seconds
 from benchmarks.query_data import DAYS, FIRST_DAY
 

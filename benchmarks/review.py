@@ -22,11 +22,11 @@ from typing import Any
 
 from app.core.settings import Settings
 from app.db.session import Database
-from app.estimates.save_estimate import save_estimate
 from app.jobs.queue import JobQueue
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.run_answer import RunAnswer
+from app.meals.estimate.save_estimate import save_estimate
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.run_answer import RunAnswer
 from app.operations.prepare import prepare
 from app.people.access.caller import StaffCaller
 from app.people.models import Device, Participant, Staff, Study

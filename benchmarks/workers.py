@@ -34,9 +34,9 @@ from app.core.settings import Settings  # noqa: E402
 from app.db.session import Database  # noqa: E402
 from app.jobs.leases import living_workers  # noqa: E402
 from app.jobs.supervisor import settings_environment  # noqa: E402
-from app.meals.job_models import Job  # noqa: E402  # found from the checkout, installed or not
-from app.meals.models import Meal  # noqa: E402  # found from the checkout, installed or not
-from app.meals.record_models import Run  # noqa: E402  # found from the checkout, installed or not
+from app.meals.stored.job_models import Job  # noqa: E402  # found from the checkout, installed or not
+from app.meals.stored.models import Meal  # noqa: E402  # found from the checkout, installed or not
+from app.meals.stored.record_models import Run  # noqa: E402  # found from the checkout, installed or not
 from app.people.access.staff import create_admin  # noqa: E402
 from benchmarks.databases import database_url  # noqa: E402
 from benchmarks.processes import end  # noqa: E402
@@ -49,7 +49,7 @@ import sys, time
 import cv2
 cv2.setNumThreads(1)
 from pathlib import Path
-from app.estimates.estimate_files import estimate_files, read_options
+from app.meals.estimate.estimate_files import estimate_files, read_options
 options = read_options(marker="plain:9x7:11", camera=None, method="shape", hints=[])
 pair = [Path(sys.argv[1]) / f"{side}.jpg" for side in ("left", "right")]
 def make(): return estimate_files(*pair, options, max_pixels=60_000_000, debug=None, on_stage=None)

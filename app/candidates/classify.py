@@ -13,8 +13,8 @@ from app.candidates.classifier_file import FoodClassifier, read_classifier
 from app.children.child_pool import ChildPool, ChildRequest, ChildResult, Outcome
 from app.core.errors import Failure
 from app.core.settings import Settings
-from app.meals.outline_json import rings_of
-from app.meals.run_answer import CandidateAnswer, Json, RunAnswer
+from app.meals.stored.outline_json import rings_of
+from app.meals.stored.run_answer import CandidateAnswer, Json, RunAnswer
 
 log = structlog.get_logger()
 

@@ -20,10 +20,10 @@ from app.db.session import Database
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
 from app.identification.identifier import Circumstances, Identification, Identifier
-from app.meals.item_state import FOOD_IDENTIFIED
-from app.meals.meal_time import local_minute
-from app.meals.models import Meal
-from app.meals.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
+from app.meals.stored.item_state import FOOD_IDENTIFIED
+from app.meals.stored.meal_time import local_minute
+from app.meals.stored.models import Meal
+from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
 
 log = structlog.get_logger()
 

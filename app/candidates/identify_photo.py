@@ -16,7 +16,7 @@ from app.core.errors import Failure, InvalidInputError
 from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import open_index
 from app.identification.identifier import Circumstances, Identification
-from app.meals.run_answer import VcmAnswer
+from app.meals.stored.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker

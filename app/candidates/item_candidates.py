@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 
 from app.foods import queries as foods
 from app.foods.models import Food
-from app.meals import meal_parts
-from app.meals.meal_parts import FROM_HINT, FROM_INDEX, FROM_MODEL, Identified
-from app.meals.record_models import CandidateSource, EffectiveRecord, Item, ItemCandidate
+from app.meals.stored import meal_parts
+from app.meals.stored.meal_parts import FROM_HINT, FROM_INDEX, FROM_MODEL, Identified
+from app.meals.stored.record_models import CandidateSource, EffectiveRecord, Item, ItemCandidate
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from app.db.session import Database
 from app.identification.food_index import FoodIndex
 from app.identification.identifier import MOST_EATEN, MOST_EXAMPLES, Example, Identifier
 from app.identification.metric import Vectors
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 
 log = structlog.get_logger()
 

@@ -9,9 +9,9 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.foods.models import Food
-from app.meals.identification_models import IndexEntry, ItemIdentification
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.identification_models import IndexEntry, ItemIdentification
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Study
 
 

@@ -13,10 +13,10 @@ from sqlalchemy.orm import Session
 
 from app.foods import queries as foods
 from app.foods.models import Food
-from app.meals.identification_models import ItemIdentification
-from app.meals.meal_parts import FROM_INDEX, FROM_MODEL
-from app.meals.record_models import Item, ItemCandidate
-from app.meals.run_answer import CandidateAnswer, ItemAnswer
+from app.meals.stored.identification_models import ItemIdentification
+from app.meals.stored.meal_parts import FROM_INDEX, FROM_MODEL
+from app.meals.stored.record_models import Item, ItemCandidate
+from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer
 
 # probability of the first candidate; a wrong food must not enter sums unnoticed
 ASSIGNED_FROM = 0.8

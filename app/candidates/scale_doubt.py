@@ -8,9 +8,9 @@ from app.candidates.vcm_json import numbers_of
 from app.identification.identifier import Identifier
 from app.identification.scale import MeasuredFood, plausible_factor
 from app.identification.sizes import FoodSize
-from app.meals.item_state import SCALE_DOUBTFUL
-from app.meals.models import HintDetails, Meal
-from app.meals.run_answer import ItemAnswer, RunAnswer
+from app.meals.stored.item_state import SCALE_DOUBTFUL
+from app.meals.stored.models import HintDetails, Meal
+from app.meals.stored.run_answer import ItemAnswer, RunAnswer
 
 # a parameter of the run: what all lengths should be multiplied by
 PLAUSIBLE_FACTOR = "plausible_scale_factor"

@@ -5,7 +5,7 @@ import base64
 import numpy as np
 
 from app.identification.metric import Vectors
-from app.meals.run_answer import VcmAnswer
+from app.meals.stored.run_answer import VcmAnswer
 from app.vision.looks.vcm import VCM_VERSION
 from app.vision.model import Float32Array
 

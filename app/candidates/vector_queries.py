@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.meals.identification_models import ItemIdentification
-from app.meals.models import Meal, MealImage
-from app.meals.outline_json import Ring
-from app.meals.record_models import ColourDetails, EffectiveRecord, Item, ItemMeasure, Run
+from app.meals.stored.identification_models import ItemIdentification
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.outline_json import Ring
+from app.meals.stored.record_models import ColourDetails, EffectiveRecord, Item, ItemMeasure, Run
 
 DESCRIBED_SLOT = "left"  # outlines are in this photograph's pixels
 

@@ -30,7 +30,7 @@ from app.photos.inspect import COSTLY_PIXELS
 
 log = structlog.get_logger()
 
-TASKS = "app.estimates.child_tasks:TASKS"
+TASKS = "app.meals.estimate.child_tasks:TASKS"
 # with two children sixteen uploads of one study may wait, and threads are left for others
 WAITING_A_CHILD = 10
 WAIT_SECONDS = 6.0

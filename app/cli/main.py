@@ -246,7 +246,7 @@ def estimate(
     os.environ.update(
         dict.fromkeys(THREAD_VARIABLES, "1")
     )  # before libraries are loaded, which would only compete
-    from app.estimates.estimate_files import estimate_files, read_options
+    from app.meals.estimate.estimate_files import estimate_files, read_options
 
     options = read_options(
         marker=marker,
@@ -340,7 +340,7 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> None:
     """Compute a camera's intrinsics from photographs of a board, or a rig's: the file's keys and rms_px."""
-    from app.estimates.calibrate_files import calibrate_camera_files, calibrate_rig_files
+    from app.meals.estimate.calibrate_files import calibrate_camera_files, calibrate_rig_files
 
     calibrated = (calibrate_rig_files if is_rig else calibrate_camera_files)(
         photos, marker, read_photo_or_fail
@@ -364,7 +364,7 @@ def marker_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the printable board at true size (-o), or find it in a photograph (--find)."""
-    from app.estimates.estimate_json import colour_to_json
+    from app.meals.estimate.estimate_json import colour_to_json
     from app.vision.board.colour_correction import measure_colour
     from app.vision.board.marker import find_marker
     from app.vision.marker_spec import parse_marker

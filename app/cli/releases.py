@@ -9,7 +9,7 @@ import typer
 from app.cli.database import JsonOption, opened_database
 
 if TYPE_CHECKING:
-    from app.releases.compare_release import Comparison
+    from app.exports.releases.compare_release import Comparison
 
 releases_cli = typer.Typer(no_args_is_help=True, help="A study's data, frozen under a name.")
 
@@ -24,7 +24,7 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
     Status 1: a file is missing or damaged, or the current data differ.
     """
     from app.core.settings import Settings
-    from app.releases.compare_release import compare_release
+    from app.exports.releases.compare_release import compare_release
     from app.storage.opening import open_blob_store
 
     settings = Settings()
@@ -63,7 +63,7 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
 @releases_cli.command("list")
 def releases_list(study: StudyArgument, as_json: JsonOption = False) -> None:
     """List the study's releases, the newest first."""
-    from app.releases.compare_release import releases_of_study
+    from app.exports.releases.compare_release import releases_of_study
 
     with opened_database() as database:
         releases = releases_of_study(database, study)

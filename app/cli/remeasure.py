@@ -14,9 +14,9 @@ from app.core.errors import ConflictError, NotFoundError
 
 if TYPE_CHECKING:
     from app.db.session import Database
-    from app.remeasurements.choose_pairs import Selection
-    from app.remeasurements.remeasurements import RemeasurementView
-    from app.remeasurements.schemas import ComparedItemOut
+    from app.records.remeasurements.choose_pairs import Selection
+    from app.records.remeasurements.remeasurements import RemeasurementView
+    from app.records.remeasurements.schemas import ComparedItemOut
 
 LOOK_SECONDS = 0.5
 LINE_SECONDS = 10.0  # between two lines of progress, where they cannot be overwritten
@@ -79,8 +79,8 @@ def _selections(
 
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`).
     """
-    from app.meals import queries as meals
-    from app.remeasurements.choose_pairs import Selection
+    from app.meals.stored import queries as meals
+    from app.records.remeasurements.choose_pairs import Selection
 
     chosen: dict[str, set[uuid.UUID]] = {}
     whole: set[str] = set()
@@ -119,8 +119,8 @@ def _meal_id(target: str) -> uuid.UUID | None:
 def _print_plan(
     database: "Database", selections: Mapping[str, "Selection"], *, as_json: bool
 ) -> None:
-    from app.remeasurements.remeasurements import Requester, plan_remeasurement
-    from app.remeasurements.render import render_plan
+    from app.records.remeasurements.remeasurements import Requester, plan_remeasurement
+    from app.records.remeasurements.render import render_plan
 
     documents = []
     for study, selection in selections.items():
@@ -148,7 +148,7 @@ def _print_plan(
 
 
 def _start(database: "Database", selections: Mapping[str, "Selection"]) -> Works:
-    from app.remeasurements.remeasurements import Requester, start_remeasurement
+    from app.records.remeasurements.remeasurements import Requester, start_remeasurement
 
     works = {}
     for study, selection in selections.items():
@@ -163,7 +163,7 @@ def _start(database: "Database", selections: Mapping[str, "Selection"]) -> Works
 
 
 def _stop(database: "Database", works: Works) -> None:
-    from app.remeasurements.remeasurements import Requester, stop_remeasurement
+    from app.records.remeasurements.remeasurements import Requester, stop_remeasurement
 
     for study, remeasurement_id in works.items():
         try:
@@ -174,7 +174,7 @@ def _stop(database: "Database", works: Works) -> None:
 
 
 def _read(database: "Database", works: Works) -> dict[str, "RemeasurementView"]:
-    from app.remeasurements.remeasurements import Requester, read_remeasurement
+    from app.records.remeasurements.remeasurements import Requester, read_remeasurement
 
     return {
         study: read_remeasurement(database, Requester(author()), study, each)
@@ -219,8 +219,8 @@ def _has_worker(database: "Database") -> bool:
 
 
 def _rows(database: "Database", study: str, works: Works) -> Iterator["ComparedItemOut"]:
-    from app.remeasurements.remeasurements import Requester, list_compared
-    from app.remeasurements.render import render_row
+    from app.records.remeasurements.remeasurements import Requester, list_compared
+    from app.records.remeasurements.render import render_row
 
     cursor = None
     while True:
@@ -239,7 +239,7 @@ def _print_views(
     as_json: bool,
     rows: Mapping[str, list["ComparedItemOut"]] | None = None,
 ) -> None:
-    from app.remeasurements.render import render_remeasurement
+    from app.records.remeasurements.render import render_remeasurement
 
     documents = []
     for study, view in views.items():

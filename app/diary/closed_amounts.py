@@ -18,7 +18,7 @@ from app.diary.day_definition import (
     whole_amount,
 )
 from app.foods.models import Component, FoodNutrient
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.models import Participant
 from app.people.profiles import Profile
 

@@ -19,9 +19,9 @@ from app.diary import queries as days
 from app.diary.queries import DayRow
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayEvent, DayEventKind, DiaryDay
-from app.meals.event_models import LAYERS
-from app.meals.meal_time import EARLIEST, latest_day
+from app.meals.stored.day_models import DayEvent, DayEventKind, DiaryDay
+from app.meals.stored.event_models import LAYERS
+from app.meals.stored.meal_time import EARLIEST, latest_day
 from app.outbox.models import Event
 from app.outbox.write import announce
 from app.people import queries as people

@@ -7,9 +7,9 @@ from datetime import date
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.meals.day_models import DayEvent
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.day_models import DayEvent
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.models import Participant
 
 

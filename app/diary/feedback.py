@@ -23,9 +23,9 @@ from app.diary.queries import DayRow
 from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayStatus
-from app.meals.models import Meal
-from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.meals.stored.day_models import DayStatus
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.messages.catalogue import feedback_sentence
 from app.nutrition.intakes.compare_intake import MIN_DAYS, Comparison, Kind, compare_intake
 from app.nutrition.intakes.life_stage import LifeStage

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from app.diary.feedback import NoComparison
 from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, STUDY_DAY
-from app.meals.day_models import DayStatus
+from app.meals.stored.day_models import DayStatus
 from app.nutrition.intakes.compare_intake import Kind, Verdict
 from app.people.models import Locale
 

@@ -23,10 +23,10 @@ from app.diary.day_definition import (
     within,
 )
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayEvent, DiaryDay
-from app.meals.meal_time import number_of
-from app.meals.models import Meal
-from app.meals.queries import first_days
+from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.meal_time import number_of
+from app.meals.stored.models import Meal
+from app.meals.stored.queries import first_days
 from app.people.models import Participant, Study
 from app.people.profiles import Profile
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
-from app.meals.day_models import DayStatus
+from app.meals.stored.day_models import DayStatus
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: the grams of some item are unknown."

@@ -18,9 +18,9 @@ from app.diary.day_definition import CountedDay, median_seconds
 from app.diary.diary import MAX_RANGE_DAYS, day_range
 from app.diary.distribution import Bin, Distribution, distribution
 from app.diary.overview_queries import CountedStatus, MealsOfDay, PeopleCounts, Person, Place
-from app.meals.meal_time import latest_day
-from app.meals.models import MEAL_STATUSES, MealStatus
-from app.meals.record_models import HEADLINE_COLUMNS
+from app.meals.stored.meal_time import latest_day
+from app.meals.stored.models import MEAL_STATUSES, MealStatus
+from app.meals.stored.record_models import HEADLINE_COLUMNS
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller

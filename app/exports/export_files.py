@@ -16,8 +16,8 @@ from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
-from app.meals.models import AfterStatus, MealOrigin, MealStatus
-from app.meals.record_models import RecordStatus
+from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
+from app.meals.stored.record_models import RecordStatus
 from app.people.access.caller import Caller
 
 FILES: dict[str, object] = {

@@ -23,7 +23,7 @@ from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
 from app.exports.file_task import FileTasks
 from app.exports.file_work_queries import OneWork, Progress, Work
-from app.meals.receive_photo import sha256_of_file
+from app.meals.stored.receive_photo import sha256_of_file
 from app.storage.blob_store import BlobStore
 
 MADE_FILES = "made"  # first part of the keys of a study's files

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.exports.file_work_queries import WorkKey, begin_again, find_work, page_of_works
 from app.exports.models import UNDER_WAY, Export
 from app.http.row_filter import RowFilter
-from app.meals.models import Meal, MealImage
+from app.meals.stored.models import Meal, MealImage
 from app.people import privacy_queries as privacy
 from app.people.models import Participant, Study
 from app.people.privacy_models import ErasureReceipt

@@ -12,8 +12,8 @@ from app.http.field_descriptions import NEXT, PAGE
 from app.http.media_types import Output
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay, Text
-from app.meals.models import AfterStatus, MealOrigin, MealStatus
-from app.meals.record_models import RecordStatus
+from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
+from app.meals.stored.record_models import RecordStatus
 
 Word = Annotated[Text, Field(min_length=1, max_length=100)]
 Words = Annotated[list[Word], Field(max_length=10)]

@@ -18,8 +18,8 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.jobs import queries as jobs
-from app.meals.job_models import RERUN_OF, Job, JobPurpose, PairPurpose
-from app.meals.models import Meal
+from app.meals.stored.job_models import RERUN_OF, Job, JobPurpose, PairPurpose
+from app.meals.stored.models import Meal
 
 # The meaning of a job's row. A job carries the version of the program that queued it, and only workers of that version
 # or a higher one run it. Raise the number only if workers of the previous version could not run the new rows.

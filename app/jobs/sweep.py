@@ -15,9 +15,9 @@ from app.children.faults import INTERNAL_ERROR, JOB_GAVE_UP
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
-from app.meals.job_models import PairPurpose
-from app.meals.models import Meal
-from app.meals.queries import WAITING, lock_meal
+from app.meals.stored.job_models import PairPurpose
+from app.meals.stored.models import Meal
+from app.meals.stored.queries import WAITING, lock_meal
 from app.metrics import instruments
 
 log = structlog.get_logger()

@@ -1,4 +1,5 @@
-"""The rows of a meal: photographs, jobs, runs, items, records and review events; sealing photographs; the meal's time.
+"""One meal from the phone to its volumes.
 
-Use cases belong to uploads (phones), estimates (workers) and records (projection and review).
+upload: calls of phones. estimate: the job's work, in the worker and its child.
+stored: the rows of a meal, its photographs and its time, which records and jobs build on.
 """

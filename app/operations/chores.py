@@ -4,7 +4,9 @@ from datetime import UTC, datetime, timedelta
 
 from app.core.settings import Settings
 from app.db.session import Database
+from app.exports.releases.file_work_chore import FileThread, expire_exports
 from app.jobs.chores import Chore
+from app.meals.upload.after_windows import AfterWindows
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in_limits import forget_attempts
@@ -15,11 +17,9 @@ from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures, erase_sandboxes
-from app.releases.file_work_chore import FileThread, expire_exports
 from app.reminders.send_reminders import SendReminders
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
-from app.uploads.after_windows import AfterWindows
 from app.webhooks.deliver_webhooks import DeliverWebhooks
 from app.webhooks.webhook_post import WebhookPost
 

@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session
 
 from app.exports.models import UNDER_WAY, Export
 from app.exports.release_models import Release, ReleaseChange
-from app.meals.job_models import Job
-from app.meals.models import Meal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.privacy_models import IS_BACKUP, AuditEvent, BlobDeletion
 

@@ -13,7 +13,7 @@ from app.core.settings import Settings
 from app.db.schema_state import SchemaState, schema_state
 from app.db.session import Database
 from app.jobs.leases import living_workers
-from app.meals import queries as meals
+from app.meals.stored import queries as meals
 from app.storage.blob_store import BlobStore
 
 

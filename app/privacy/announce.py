@@ -4,7 +4,7 @@ import hashlib
 
 from sqlalchemy.orm import Session
 
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.outbox.write import announce
 from app.people.models import Participant, WithdrawalPolicy
 

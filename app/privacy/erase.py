@@ -18,8 +18,8 @@ from sqlalchemy.orm import Session
 from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.jobs import queries as jobs
-from app.meals import queries as meals
-from app.meals.models import Meal
+from app.meals.stored import queries as meals
+from app.meals.stored.models import Meal
 from app.people import privacy_queries as people_privacy
 from app.people.access import audit
 from app.people.access.caller import Caller

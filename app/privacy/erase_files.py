@@ -8,9 +8,9 @@ import uuid
 from sqlalchemy.orm import Session
 
 from app.exports import queries as exports
+from app.exports.releases import queries as releases
+from app.exports.releases.digests import meal_digest, participant_digest
 from app.people.access.secret_box import SecretBox
-from app.releases import queries as releases
-from app.releases.digests import meal_digest, participant_digest
 
 
 def erase_meal_from_files(

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from app.db.base import Base
 from app.db.session import Database
 from app.foods.models import Food
-from app.meals.models import Meal, MealImage
+from app.meals.stored.models import Meal, MealImage
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.models import Participant, Study

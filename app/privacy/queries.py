@@ -16,11 +16,11 @@ from sqlalchemy.orm import Session
 
 from app.db.base import Base
 from app.exports.made_file import MADE_FILES
-from app.meals.day_models import DayEvent, DiaryDay
-from app.meals.event_models import MealEvent
-from app.meals.job_models import LIVE_STATES, Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import EffectiveRecord, Run, RunArtefact
+from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.job_models import LIVE_STATES, Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import EffectiveRecord, Run, RunArtefact
 from app.outbox.models import WebhookDelivery
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study

@@ -16,7 +16,7 @@ from app.children.faults import PHOTOGRAPH_ERASED
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import despite_deadlocks
 from app.jobs import queries as jobs
-from app.meals.models import Meal, MealDetails, PairDetails
+from app.meals.stored.models import Meal, MealDetails, PairDetails
 from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit

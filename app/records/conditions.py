@@ -15,9 +15,9 @@ from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session, aliased
 
 from app.db.statements import AnyColumn, AnyQuery, Condition, Conditions
-from app.meals.event_models import MealEvent
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord
 
 NO_ID = uuid.UUID(int=0)
 

@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 from app.foods.food_amounts import Weighing, mass_of, weigh
 from app.foods.food_values import choose_density, food_value
 from app.foods.models import Food
-from app.meals.item_state import Amount
-from app.meals.record_models import ItemFood
+from app.meals.stored.item_state import Amount
+from app.meals.stored.record_models import ItemFood
 from app.nutrition.foods import Density, food_form
 from app.nutrition.mass import Mass, weighed_mass
 

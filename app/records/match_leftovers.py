@@ -13,9 +13,9 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.foods.models import Food
-from app.meals.item_state import ItemState, LeftoverState, MealState
-from app.meals.meal_parts import MealParts
-from app.meals.record_models import Item, Leftover
+from app.meals.stored.item_state import ItemState, LeftoverState, MealState
+from app.meals.stored.meal_parts import MealParts
+from app.meals.stored.record_models import Item, Leftover
 from app.nutrition.mass import Mass
 from app.nutrition.refuse_left import LeftoverClass, classify_left
 from app.records.item_foods import served_mass, weighing_of

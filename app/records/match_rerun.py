@@ -9,8 +9,8 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.meals.event_values import Add, ConfirmMeal, Merge, Split
-from app.meals.item_state import (
+from app.meals.stored.event_values import Add, ConfirmMeal, Merge, Split
+from app.meals.stored.item_state import (
     REPLACED,
     StatedEvent,
     fold_meal,
@@ -18,11 +18,11 @@ from app.meals.item_state import (
     pipeline_measure,
     required_items,
 )
-from app.meals.job_models import PairPurpose
-from app.meals.meal_parts import MealParts
-from app.meals.outline_json import rings_of
-from app.meals.record_models import Item
-from app.meals.run_answer import ItemAnswer
+from app.meals.stored.job_models import PairPurpose
+from app.meals.stored.meal_parts import MealParts
+from app.meals.stored.outline_json import rings_of
+from app.meals.stored.record_models import Item
+from app.meals.stored.run_answer import ItemAnswer
 
 SAME_FOOD = 0.5  # IoU must exceed it
 OTHER_ITEMS = "other_items"  # reasons to keep the old run

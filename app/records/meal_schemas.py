@@ -20,8 +20,8 @@ from app.http.field_descriptions import (
     TIME_ZONE,
 )
 from app.http.text_schemas import Instant, JsonNumber, Text
-from app.meals.models import DEFAULT_VIEWS, AfterStatus, MealStatus
-from app.meals.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
+from app.meals.stored.models import DEFAULT_VIEWS, AfterStatus, MealStatus
+from app.meals.stored.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
 from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
 from app.people.calibration_schemas import CameraIn, RigIn

@@ -4,8 +4,8 @@ import uuid
 from dataclasses import dataclass
 
 from app.db.session import Database
-from app.meals.job_models import Job
-from app.meals.record_models import Recompute, Run
+from app.meals.stored.job_models import Job
+from app.meals.stored.record_models import Recompute, Run
 from app.people.access.caller import StaffCaller
 from app.people.models import Device
 from app.records import queries as records

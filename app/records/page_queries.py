@@ -21,8 +21,8 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn, AnyQuery, Conditions
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
-from app.meals.models import Meal
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord
 from app.people.models import Participant, Study
 from app.people.queries import sandboxes
 

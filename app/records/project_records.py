@@ -21,10 +21,10 @@ from app.db.base import Base
 from app.foods import queries as foods
 from app.foods.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
 from app.foods.models import Food
-from app.meals import queries as meals
-from app.meals.announce import announce_meal
-from app.meals.identification_models import IndexEntry
-from app.meals.item_state import (
+from app.meals.stored import queries as meals
+from app.meals.stored.announce import announce_meal
+from app.meals.stored.identification_models import IndexEntry
+from app.meals.stored.item_state import (
     FOOD_DOUBTFUL,
     FOOD_IDENTIFIED,
     IMPLAUSIBLE_AMOUNT,
@@ -33,11 +33,11 @@ from app.meals.item_state import (
     MealState,
     fold_meal,
 )
-from app.meals.meal_parts import FROM_INDEX, MealParts, parts_of, records_of
-from app.meals.meal_time import local_minute, time_flags
-from app.meals.models import AfterStatus, Meal, MealStatus, PieceDetails
-from app.meals.queries import UNESTIMATED
-from app.meals.record_models import (
+from app.meals.stored.meal_parts import FROM_INDEX, MealParts, parts_of, records_of
+from app.meals.stored.meal_time import local_minute, time_flags
+from app.meals.stored.models import AfterStatus, Meal, MealStatus, PieceDetails
+from app.meals.stored.queries import UNESTIMATED
+from app.meals.stored.record_models import (
     EffectiveRecord,
     ItemCandidate,
     ItemFood,

@@ -12,11 +12,18 @@ from sqlalchemy.orm import Session, defer
 from app.db.statements import AnyColumn, AnyQuery
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayStatus, DiaryDay
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.queries import MEAL_ID, first_days
-from app.meals.record_models import EffectiveRecord, Item, ItemFood, Recompute, Run, RunArtefact
+from app.meals.stored.day_models import DayStatus, DiaryDay
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.queries import MEAL_ID, first_days
+from app.meals.stored.record_models import (
+    EffectiveRecord,
+    Item,
+    ItemFood,
+    Recompute,
+    Run,
+    RunArtefact,
+)
 from app.people.models import Participant, Study
 from app.records.conditions import holds
 from app.records.page_queries import Key, search_of

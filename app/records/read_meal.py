@@ -12,9 +12,16 @@ from app.core.logs import bind_log_context
 from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.models import Component, Food
-from app.meals import queries as meals
-from app.meals.models import Meal, MealImage, PieceDetails
-from app.meals.record_models import EffectiveRecord, Item, ItemFood, MassDoubt, Run, RunArtefact
+from app.meals.stored import queries as meals
+from app.meals.stored.models import Meal, MealImage, PieceDetails
+from app.meals.stored.record_models import (
+    EffectiveRecord,
+    Item,
+    ItemFood,
+    MassDoubt,
+    Run,
+    RunArtefact,
+)
 from app.nutrition.doubt import Doubt, Estimate, estimate
 from app.nutrition.mass import AFTER, BEFORE, Mass
 from app.nutrition.nutrients import (

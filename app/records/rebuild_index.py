@@ -22,12 +22,12 @@ from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.core.errors import UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals import queries as meals
-from app.meals.identification_models import ItemIdentification
-from app.meals.meal_parts import parts_of
-from app.meals.models import MealImage
-from app.meals.receive_photo import sha256_of_file
-from app.meals.run_answer import VcmAnswer
+from app.meals.stored import queries as meals
+from app.meals.stored.identification_models import ItemIdentification
+from app.meals.stored.meal_parts import parts_of
+from app.meals.stored.models import MealImage
+from app.meals.stored.receive_photo import sha256_of_file
+from app.meals.stored.run_answer import VcmAnswer
 from app.people.studies import load_study
 from app.records.project_records import Projector, write_records
 from app.storage.blob_store import BlobMissingError, BlobStore

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from app.db.session import Database
-from app.meals.meal_parts import meals_after, parts_of
+from app.meals.stored.meal_parts import meals_after, parts_of
 from app.records.project_records import Projector, count_stale, write_records
 
 BATCH = 50  # meals a transaction: writers wait for no more than that

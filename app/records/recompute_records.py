@@ -19,9 +19,9 @@ from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.food_amounts import RECORD_COLUMNS, Weighing
 from app.foods.models import Food
-from app.meals.meal_parts import MealParts, meals_after, parts_of
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, ItemFood, Recompute
+from app.meals.stored.meal_parts import MealParts, meals_after, parts_of
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, ItemFood, Recompute
 from app.people import queries as people
 from app.records.item_foods import item_food, weighing_for, weighing_of
 from app.records.project_records import MealProjection, Projector, with_food, write_records

@@ -11,9 +11,9 @@ from app.db.base import Base
 from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word
-from app.meals.meal_time import number_of, time_flags
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Run, RunArtefact
+from app.meals.stored.meal_time import number_of, time_flags
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
 from app.nutrition.nutrients import amount_interval

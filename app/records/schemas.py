@@ -7,8 +7,8 @@ from pydantic import BaseModel, Field
 
 from app.foods.schemas import FoodRef
 from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD
-from app.meals.day_models import DayStatus
-from app.meals.record_models import ItemOrigin, RecordStatus
+from app.meals.stored.day_models import DayStatus
+from app.meals.stored.record_models import ItemOrigin, RecordStatus
 
 
 class RecordOfItem(BaseModel):

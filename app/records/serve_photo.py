@@ -23,11 +23,11 @@ from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.core.errors import GoneError, NotFoundError, TadaError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals import queries as meals
-from app.meals.models import Meal, MealImage
-from app.meals.receive_photo import sha256_of_file
-from app.meals.record_models import Run, RunArtefact
-from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.meals.stored import queries as meals
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.receive_photo import sha256_of_file
+from app.meals.stored.record_models import Run, RunArtefact
+from app.meals.stored.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
 from app.photos.inspect import COSTLY_PIXELS

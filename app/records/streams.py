@@ -12,8 +12,8 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 
 from app.db.statements import AnyColumn, AnyQuery, Condition, Conditions
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord
 from app.records.conditions import is_list_of_flags
 from app.records.page_queries import Branch, Key
 

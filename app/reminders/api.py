@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from app.core.settings import Settings
 from app.http.problems import problem_responses
 from app.http.text_schemas import Text
-from app.meals.meal_time import require_zone
+from app.meals.stored.meal_time import require_zone
 from app.people.access.deps import CurrentDevice, State
 from app.people.access.secret_box import SecretBox
 from app.people.schemas import ClockTime, ReminderTimes

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.people.models import Device, Participant, PushSubscription, Study
 
 EATING = timedelta(minutes=10)  # however short the window is

@@ -7,7 +7,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.models import Participant, Study
 

@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 
-from app.estimates.child_tasks import TASKS as REAL_TASKS
+from app.meals.estimate.child_tasks import TASKS as REAL_TASKS
 
 ANSWER = "answer.json"  # beside the pictures
 WITHOUT_EFFECT = ("output_dir",)  # on an estimate

@@ -9,8 +9,8 @@ import pytest
 
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
 from app.storage.opening import open_blob_store
 from tests.e2e.faults.invariants import Checker, unexpected_errors
 from tests.e2e.faults.phones import Journal, Planned

@@ -6,7 +6,7 @@ import pytest
 import sqlalchemy as sa
 from playwright.sync_api import expect
 
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from tests.e2e.dashboard_server import PASSWORD
 from tests.support import estimates
 from tests.support.estimates import found_item, identified_item

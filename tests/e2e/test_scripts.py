@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import pytest
 
 from app.core.settings import Settings
+from app.exports.releases.file_runner import FileRunner
 from app.people.access.secret_box import open_secret_box
-from app.releases.file_runner import FileRunner
 from app.storage.opening import open_blob_store
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 from tests.e2e.processes import REPOSITORY

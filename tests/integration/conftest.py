@@ -15,6 +15,7 @@ from fastapi.testclient import TestClient
 from app.children.api_children import ApiChildren
 from app.core.errors import ConflictError
 from app.core.settings import Settings
+from app.exports.releases.file_runner import FileRunner
 from app.main import create_app
 from app.people.access import passwords
 from app.people.access.caller import authenticate, require_staff
@@ -25,7 +26,6 @@ from app.people.participants import create_participant
 from app.people.schemas import StudyIn
 from app.people.studies import create_study
 from app.people.studies_api import protocol_columns
-from app.releases.file_runner import FileRunner
 from tests.integration.http.declared_answers import declared_answers
 from tests.integration.kept_children import KeptChildren
 from tests.support.commands import run_tada

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import sqlalchemy as sa
 
-from app.meals import queries as meals
+from app.meals.stored import queries as meals
 from tests.support.waiting import PATIENCE_SECONDS, wait_for_blocked_transaction
 
 

@@ -8,11 +8,11 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from app.estimates.save_estimate import save_estimate
 from app.jobs import queries as jobs
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.run_answer import RunAnswer
+from app.meals.estimate.save_estimate import save_estimate
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.run_answer import RunAnswer
 
 
 def found_item(volume_ml=185.0, hint=0, **changes):

@@ -14,8 +14,8 @@ from app.dashboard.refusals import sentence
 from app.exports.export_spec import FILTERS, WITHOUT_COMPONENTS, ExportSpec, Rows, check_spec
 from app.exports.schemas import ExportIn
 from app.http.row_filter import WIRE_NAMES
-from app.meals.models import AfterStatus, MealStatus
-from app.meals.record_models import RecordStatus
+from app.meals.stored.models import AfterStatus, MealStatus
+from app.meals.stored.record_models import RecordStatus
 
 TABLES: Final = tuple((rows, rows.capitalize()) for rows in get_args(Rows))
 SINGLE: Final = ("participant", "from", "to", "origin", "needs")

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from app.meals.record_models import HEADLINE_COLUMNS
+from app.meals.stored.record_models import HEADLINE_COLUMNS
 
 
 class Headline(NamedTuple):

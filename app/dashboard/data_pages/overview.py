@@ -26,7 +26,7 @@ from app.diary.study_overview import (
     study_waiting,
 )
 from app.http.text_schemas import LocalDay
-from app.meals.models import MealStatus
+from app.meals.stored.models import MealStatus
 from app.people.access.page_rules import STUDY_PAGES
 
 router = APIRouter(include_in_schema=False)

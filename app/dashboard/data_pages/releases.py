@@ -11,15 +11,15 @@ from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.export_form import ITEM_STATUSES
 from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
+from app.exports.releases import releases
+from app.exports.releases.manifest import read_contents
+from app.exports.releases.queries import ReleaseRow
+from app.exports.releases.releases import CheckedRelease
+from app.exports.releases.schemas import ReleaseIn
 from app.http import paging
 from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
 from app.people.access.page_rules import STUDY_PAGES
-from app.releases import releases
-from app.releases.manifest import read_contents
-from app.releases.queries import ReleaseRow
-from app.releases.releases import CheckedRelease
-from app.releases.schemas import ReleaseIn
 
 router = APIRouter(include_in_schema=False)
 

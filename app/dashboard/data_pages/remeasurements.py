@@ -14,12 +14,12 @@ from app.dashboard.page import CurrentPage, Page
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor
 from app.people.access.page_rules import STUDY_PAGES
-from app.remeasurements import remeasurements
-from app.remeasurements.api import get_remeasured_items
-from app.remeasurements.choose_pairs import Selection
-from app.remeasurements.remeasurements import RemeasurementView, Requester
-from app.remeasurements.render import render_plan, render_remeasurement, render_row
-from app.remeasurements.schemas import RemeasurementIn, RemeasurementPlanOut
+from app.records.remeasurements import remeasurements
+from app.records.remeasurements.api import get_remeasured_items
+from app.records.remeasurements.choose_pairs import Selection
+from app.records.remeasurements.remeasurements import RemeasurementView, Requester
+from app.records.remeasurements.render import render_plan, render_remeasurement, render_row
+from app.records.remeasurements.schemas import RemeasurementIn, RemeasurementPlanOut
 
 router = APIRouter(include_in_schema=False, route_class=ListRoute)
 

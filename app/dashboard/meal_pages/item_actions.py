@@ -16,7 +16,7 @@ from app.dashboard.meal_pages.meal import Refused, meal_address, render_meal_pag
 from app.dashboard.meal_pages.meal_timeline import TITLES
 from app.dashboard.page import CurrentPage, Page
 from app.foods.search.search_foods import search_foods
-from app.meals.item_state import IMPLAUSIBLE_AMOUNT
+from app.meals.stored.item_state import IMPLAUSIBLE_AMOUNT
 from app.people.access.page_rules import MEAL, PREFIX
 from app.records.review.api import tagged_meal
 from app.records.review.meal_events import MealEvents

@@ -23,7 +23,9 @@ from app.dashboard.meal_pages.meal_figures import (
 )
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
-from app.meals.item_state import REPLACED, UNDONE
+from app.meals.stored.item_state import REPLACED, UNDONE
+from app.meals.upload import meal_jobs_api as meal_jobs
+from app.meals.upload.api import get_artefact, meal_response, will_change
 from app.people.access.page_rules import MEAL
 from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
@@ -31,8 +33,6 @@ from app.records import photographs_api as photographs
 from app.records.meal_story import MealStory, read_story
 from app.records.read_meal import read_meal
 from app.records.render import render_meal
-from app.uploads import meal_jobs_api as meal_jobs
-from app.uploads.api import get_artefact, meal_response, will_change
 
 router = APIRouter(include_in_schema=False)
 

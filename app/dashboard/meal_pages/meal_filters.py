@@ -12,7 +12,7 @@ from app.exports.export_spec import FILTERS, Rows
 from app.http.paging import reversed_range_message
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay
-from app.meals.models import AfterStatus, MealStatus
+from app.meals.stored.models import AfterStatus, MealStatus
 
 Origin = Literal["photographed", "declared"]
 Needs = Literal["review", "answer"]

@@ -30,7 +30,7 @@ from app.exports.lists.list_meals import (
 from app.foods.foods import food_names
 from app.http.media_types import Output
 from app.http.paging import Cursor
-from app.meals.models import AfterStatus, MealStatus
+from app.meals.stored.models import AfterStatus, MealStatus
 from app.people.access.page_rules import PREFIX
 
 router = APIRouter(include_in_schema=False)

@@ -7,8 +7,8 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from app.exports.lists.list_meals import MealSums, sums_of
 from app.exports.lists.meal_row_queries import MealRow
-from app.meals.item_state import REMEASURING
-from app.meals.queries import UNESTIMATED
+from app.meals.stored.item_state import REMEASURING
+from app.meals.stored.queries import UNESTIMATED
 
 # why a meal failed: the codes of docs/errors.md, "Meals that cannot be measured"
 FAILURES = (

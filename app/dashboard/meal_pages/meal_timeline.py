@@ -9,9 +9,9 @@ from typing import Any  # values of events are stored JSON
 from markupsafe import Markup
 
 from app.dashboard.templates import amount, percent, words
-from app.meals.job_models import Job
-from app.meals.outline_json import rings_of
-from app.meals.record_models import Run
+from app.meals.stored.job_models import Job
+from app.meals.stored.outline_json import rings_of
+from app.meals.stored.record_models import Run
 from app.photos.slots import PAIR_SLOTS, VOICE_NOTE
 from app.records.meal_story import MealStory
 from app.records.review.meal_history import HistoryRow

@@ -19,7 +19,7 @@ from app.dashboard.meal_pages.review_views import (
 )
 from app.dashboard.page import CurrentPage
 from app.http.paging import Cursor
-from app.meals.models import MealOrigin
+from app.meals.stored.models import MealOrigin
 from app.people.access.page_rules import PREFIX
 from app.records.review.queries import QUEUED_STATUSES, QueueFilter
 from app.records.review.review_items import (

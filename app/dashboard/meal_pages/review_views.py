@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from app.foods.models import Food
-from app.meals.item_state import FOOD_DOUBTFUL, ITEM_DECISIONS
-from app.meals.meal_parts import FROM_MODEL
+from app.meals.stored.item_state import FOOD_DOUBTFUL, ITEM_DECISIONS
+from app.meals.stored.meal_parts import FROM_MODEL
 from app.records.review.meal_history import HistoryRow
 from app.records.review.review_items import ReviewItem
 

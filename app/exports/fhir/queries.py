@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord
 from app.records.page_queries import (
     MOST_BRANCHES,
     Key,

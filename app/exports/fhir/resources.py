@@ -23,7 +23,7 @@ from app.exports.fhir.names import (
 )
 from app.exports.fhir.queries import FoodComponent, IntakeFood, IntakeRow
 from app.foods.food_amounts import RECORD_COLUMNS
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.people.models import Participant
 from app.records.queries import RecordRow

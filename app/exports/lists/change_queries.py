@@ -7,8 +7,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
-from app.meals.day_models import DiaryDay
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.models import Participant
 from app.people.privacy_models import Tombstone
 from app.records.queries import RecordRow, rows_of_records

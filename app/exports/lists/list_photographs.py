@@ -12,7 +12,7 @@ from app.db.session import Database
 from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.http.paging import ID, INSTANT, Page, Part, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
-from app.meals.models import Meal, MealImage
+from app.meals.stored.models import Meal, MealImage
 from app.people.access.caller import Caller, visible_rows
 from app.people.models import Participant, Study
 from app.photos.slots import SLOTS

@@ -15,8 +15,8 @@ from sqlalchemy.orm import Session, defer
 from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
-from app.meals.models import MEAL_STATUSES, Meal, MealImage
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.models import MEAL_STATUSES, Meal, MealImage
+from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Participant, Study
 from app.records.conditions import holds
 from app.records.page_queries import Key

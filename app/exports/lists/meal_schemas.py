@@ -16,7 +16,7 @@ from app.http.field_descriptions import (
     STUDY,
     TIME_ZONE,
 )
-from app.meals.models import AfterStatus, MealOrigin, MealStatus
+from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
 
 
 class MealLinks(BaseModel):

@@ -23,7 +23,7 @@ from app.db.bulk import insert_into
 from app.db.session import Database
 from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
-from app.meals.job_models import Job
+from app.meals.stored.job_models import Job
 from app.operations.backup.archive import Backup, Manifest, ReportProgress, broken, members
 from app.operations.backup.blob_files import store_blobs
 from app.operations.backup.read_backup import check_backup, table_of

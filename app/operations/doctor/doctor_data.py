@@ -12,7 +12,8 @@ from app import __version__
 from app.core.errors import TadaError
 from app.core.settings import Settings
 from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
-from app.meals import queries as meals
+from app.exports.releases import queries as releases
+from app.meals.stored import queries as meals
 from app.operations import doctor_queries as doctor
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
 from app.operations.doctor_queries import PostgresFacts
@@ -23,7 +24,6 @@ from app.people.deployment_queries import clock_doubted_seconds
 from app.privacy.erasure_ledger import KINDS
 from app.privacy.ledger_gaps import count_missing
 from app.privacy.missing_blobs import find_missing
-from app.releases import queries as releases
 from app.storage.blob_store import BlobStore
 
 # server_version_num; older servers do not detect dead clients (app/db/migrate.py)

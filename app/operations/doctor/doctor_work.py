@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 from app import __version__
 from app.candidates import vector_queries as vectors
+from app.exports.releases import queries as releases
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
@@ -15,7 +16,6 @@ from app.operations.doctor.finding import LISTED, Deployment, Verdict, bad, note
 from app.operations.figure_queries import first_event_at, last_backup
 from app.people.access.secret_box import SecretKeyError
 from app.records.project_records import project_meal
-from app.releases import queries as releases
 from app.vision.looks.vcm import VCM_VERSION
 from app.webhooks.webhook_signature import open_secrets
 

@@ -23,13 +23,13 @@ from app.core.errors import (
 )
 from app.db.session import Database
 from app.jobs.queue import JobQueue
-from app.meals import queries as meals
-from app.meals.event_models import MealEvent
-from app.meals.item_state import IMPLAUSIBLE_AMOUNT, fold_meal
-from app.meals.job_models import Job
-from app.meals.meal_parts import MealParts, parts_of, records_of
-from app.meals.models import Meal
-from app.meals.record_models import Item
+from app.meals.stored import queries as meals
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.item_state import IMPLAUSIBLE_AMOUNT, fold_meal
+from app.meals.stored.job_models import Job
+from app.meals.stored.meal_parts import MealParts, parts_of, records_of
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Item
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.records.project_records import project_meal

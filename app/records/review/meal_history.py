@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from app.db.session import Database
 from app.http.paging import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
-from app.meals.event_models import MealEvent
+from app.meals.stored.event_models import MealEvent
 from app.people.access.caller import Caller, DeviceCaller
 from app.records.read_meal import find_meal
 from app.records.review import queries as review

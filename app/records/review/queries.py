@@ -8,9 +8,9 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.foods.models import Food
-from app.meals.event_models import MealEvent
-from app.meals.models import Meal, MealImage, MealOrigin
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.models import Meal, MealImage, MealOrigin
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Participant, Staff
 from app.records.conditions import meal_is, needs_look
 from app.records.page_queries import MOST_BRANCHES, food_ids, participants_of

@@ -9,8 +9,8 @@ from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, next_page
 from app.http.parameters import OfParticipant, StudyCode
 from app.http.problems import problem_responses
-from app.meals.models import MealOrigin
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.models import MealOrigin
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.deps import CurrentStaff, State
 from app.people.studies import read_study
 from app.records.render import food_ref, render_candidates, shared_columns

@@ -15,7 +15,7 @@ from app.http.field_descriptions import (
     PAGE,
     PARTICIPANT,
 )
-from app.meals.record_models import ItemOrigin, RecordStatus
+from app.meals.stored.record_models import ItemOrigin, RecordStatus
 from app.records.meal_schemas import CandidateOut
 
 

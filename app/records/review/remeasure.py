@@ -13,9 +13,9 @@ from sqlalchemy.orm import Session
 
 from app.candidates.save_candidates import save_candidates
 from app.foods.models import Food
-from app.meals.event_models import MealEvent
-from app.meals.event_values import Region
-from app.meals.item_state import (
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.event_values import Region
+from app.meals.stored.item_state import (
     NOT_MEASURABLE,
     ItemState,
     StatedEvent,
@@ -24,12 +24,12 @@ from app.meals.item_state import (
     read_event,
     stated_form,
 )
-from app.meals.job_models import Job
-from app.meals.meal_parts import MealParts, parts_of
-from app.meals.models import Meal
-from app.meals.outline_json import rings_of
-from app.meals.record_models import Item, ItemMeasure
-from app.meals.run_answer import ItemAnswer, RunAnswer
+from app.meals.stored.job_models import Job
+from app.meals.stored.meal_parts import MealParts, parts_of
+from app.meals.stored.models import Meal
+from app.meals.stored.outline_json import rings_of
+from app.meals.stored.record_models import Item, ItemMeasure
+from app.meals.stored.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
 
 MAX_REGIONS = 40  # hints of one run

@@ -11,15 +11,15 @@ from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.base import Base
 from app.foods import queries as foods
 from app.foods.models import Food
-from app.meals import queries as meals
-from app.meals.event_models import Layer
-from app.meals.event_values import Region
-from app.meals.item_state import REMEASURING, UNKNOWN_AMOUNT, Amount, ItemState, MealState
-from app.meals.job_models import Job
-from app.meals.meal_parts import MealParts
-from app.meals.models import Meal
-from app.meals.outline_json import Ring, rings_of
-from app.meals.record_models import EffectiveRecord, Item, ItemFood
+from app.meals.stored import queries as meals
+from app.meals.stored.event_models import Layer
+from app.meals.stored.event_values import Region
+from app.meals.stored.item_state import REMEASURING, UNKNOWN_AMOUNT, Amount, ItemState, MealState
+from app.meals.stored.job_models import Job
+from app.meals.stored.meal_parts import MealParts
+from app.meals.stored.models import Meal
+from app.meals.stored.outline_json import Ring, rings_of
+from app.meals.stored.record_models import EffectiveRecord, Item, ItemFood
 from app.records.item_foods import item_food, served_mass, weighing_for, weighing_of
 from app.records.review.schemas import PartIn, RegionIn
 

@@ -7,7 +7,7 @@ creates no item, but may name the food that it is then (the same in syrup, or dr
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.foods.models import Food
-from app.meals.item_state import ItemState
+from app.meals.stored.item_state import ItemState
 from app.records.queries import artefacts_of, last_runs
 from app.records.review.review_context import (
     Change,

@@ -11,8 +11,8 @@ from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.foods.models import Food
 from app.http.paging import Page
-from app.meals.models import MealImage
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.models import MealImage
+from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.access.caller import StaffCaller
 from app.records.read_meal import find_meal
 from app.records.review import queries as review

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from app.core.errors import ConflictError, InvalidInputError, NotAllowedError, NotFoundError
 from app.db.base import Base
 from app.foods.models import Food
-from app.meals.event_models import MealEvent
-from app.meals.event_values import Answer
-from app.meals.item_state import (
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.event_values import Answer
+from app.meals.stored.item_state import (
     REMEASURING,
     UNKNOWN_AMOUNT,
     Amount,
@@ -21,7 +21,7 @@ from app.meals.item_state import (
     read_event,
     required_items,
 )
-from app.meals.record_models import Item, ItemFood, Leftover
+from app.meals.stored.record_models import Item, ItemFood, Leftover
 from app.nutrition.doubt import Doubt, estimate
 from app.records.item_foods import served_mass, weighing_of
 from app.records.project_records import AFTER_MEASURED

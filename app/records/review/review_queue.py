@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.db.session import Database
 from app.http.paging import ID, NUMBER, Page, decode_cursor, page_of
-from app.meals.event_models import MealEvent
-from app.meals.models import Meal
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.models import Meal
 from app.people.access.caller import DeviceCaller
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, QueueRow

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.http.field_descriptions import EVENT_KIND, PAGE
 from app.http.text_schemas import Number, Text
-from app.meals.event_models import EventKind, Layer
+from app.meals.stored.event_models import EventKind, Layer
 from app.nutrition.foods import FoodForm
 from app.records.outline_schemas import Pixel, Polygon
 from app.vision.hand_form import HandSection

@@ -4,7 +4,7 @@ import pytest
 import sqlalchemy as sa
 from playwright.sync_api import expect
 
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from tests.e2e.browser import WIDER
 from tests.e2e.capture.capture_page import open_estimated, sent_meal
 from tests.support import estimates

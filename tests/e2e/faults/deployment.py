@@ -14,7 +14,7 @@ from unittest import mock
 import psycopg
 
 from app.core.settings import Settings
-from app.estimates.job_runner import TRIES_ALONE
+from app.meals.estimate.job_runner import TRIES_ALONE
 from tests.e2e.faults.child_at_work import estimate_of
 from tests.e2e.faults.disk import Disk
 from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Tada, child_named, children_of, send

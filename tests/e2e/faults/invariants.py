@@ -19,10 +19,10 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.db.spent_key_models import SpentKey
 from app.jobs import queries as jobs
-from app.meals.job_models import LIVE_STATES, Job
-from app.meals.models import Meal, MealImage
-from app.meals.queries import WAITING
-from app.meals.record_models import EffectiveRecord, Item, Run, RunArtefact
+from app.meals.stored.job_models import LIVE_STATES, Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.queries import WAITING
+from app.meals.stored.record_models import EffectiveRecord, Item, Run, RunArtefact
 from app.people import privacy_queries as privacy
 from app.people.access.secret_box import open_secret_box
 from app.people.models import Participant

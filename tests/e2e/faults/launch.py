@@ -32,8 +32,8 @@ def main(folder, *command, parent):
     from app import worker
     from app.cli import serving
     from app.cli.main import main as tada
-    from app.estimates import job_worker
     from app.jobs import queue
+    from app.meals.estimate import job_worker
 
     for module in (queue, job_worker):
         module.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", queue.JOB_PROTOCOL_VERSION))

@@ -6,7 +6,7 @@ import pathlib
 import signal
 import time
 
-from app.estimates.child_tasks import TASKS as REAL_TASKS
+from app.meals.estimate.child_tasks import TASKS as REAL_TASKS
 from tests.e2e.faults.child_at_work import named_after
 from tests.e2e.faults.pictures import note_of, volumes_ml
 from tests.support.estimates import answer, found_item

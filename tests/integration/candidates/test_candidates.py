@@ -5,10 +5,10 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
-from app.meals.identification_models import IndexEntry, ItemIdentification
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
+from app.meals.stored.identification_models import IndexEntry, ItemIdentification
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
 from app.records.rebuild_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker

@@ -12,14 +12,14 @@ from structlog.testing import capture_logs
 from app.candidates.identify import IdentifyFoods
 from app.candidates.queries import entries_for
 from app.children.child_pool import ChildResult
-from app.estimates.estimate_meal import EstimateMeal
 from app.identification.food_index import shipped_index
 from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
-from app.meals.identification_models import ItemIdentification
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.run_answer import RunAnswer
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.stored.identification_models import ItemIdentification
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.run_answer import RunAnswer
 from app.people.models import Study
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker

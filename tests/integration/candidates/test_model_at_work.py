@@ -8,10 +8,10 @@ import pytest
 import sqlalchemy as sa
 
 from app.children.child_pool import ChildResult
-from app.estimates.child_tasks import TASKS
-from app.estimates.estimate_meal import EstimateMeal
 from app.jobs import queries as jobs
-from app.meals.job_models import Job
+from app.meals.estimate.child_tasks import TASKS
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.stored.job_models import Job
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment
 from tests.integration.conftest import meal_metadata

@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 from app.children.child_pool import ChildPool, ChildResult, ChildStartError
 from app.cli.main import cli
 from app.core.errors import NotFoundError, UnavailableError
-from app.estimates.estimate_json import colour_to_json
 from app.jobs.supervisor import settings_environment
-from app.meals.identification_models import IndexEntry, ItemIdentification
-from app.meals.models import MealImage
-from app.meals.record_models import Item, ItemMeasure
+from app.meals.estimate.estimate_json import colour_to_json
+from app.meals.stored.identification_models import IndexEntry, ItemIdentification
+from app.meals.stored.models import MealImage
+from app.meals.stored.record_models import Item, ItemMeasure
 from app.operations.doctor.doctor import examine
 from app.people.models import Study
 from app.privacy.retention import erase_old_pictures

@@ -4,8 +4,8 @@ import pytest
 
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.remeasurements.measuring_again import PATH as API
-from tests.integration.remeasurements.measuring_again import Again
+from tests.integration.records.remeasurements.measuring_again import PATH as API
+from tests.integration.records.remeasurements.measuring_again import Again
 from tests.support import estimates
 from tests.support.estimates import found_item
 

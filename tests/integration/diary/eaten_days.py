@@ -6,8 +6,8 @@ from datetime import UTC, date, datetime, time, timedelta
 import sqlalchemy as sa
 
 from app.foods.models import Food
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 
 

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.foods.models import Component, Food, FoodNutrient
-from app.meals.day_models import DiaryDay
+from app.meals.stored.day_models import DiaryDay
 from app.people.models import Participant, Study
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 

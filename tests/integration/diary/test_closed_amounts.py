@@ -10,9 +10,9 @@ import sqlalchemy as sa
 from app.diary.closed_amounts import closed_amounts, contents_of_days
 from app.diary.day_definition import DaysOf, participants_of
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
-from app.meals.day_models import DiaryDay
-from app.meals.models import MEAL_STATUSES, Meal
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
+from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.models import MEAL_STATUSES, Meal
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)

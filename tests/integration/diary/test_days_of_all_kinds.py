@@ -11,9 +11,9 @@ from app.diary.queries import page_of_days
 from app.exports.lists.day_values import day_values
 from app.exports.live_tables import live_tables
 from app.http.row_filter import RowFilter
-from app.meals.day_models import DayEvent, DiaryDay
-from app.meals.models import MEAL_STATUSES, Meal
-from app.meals.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
+from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.models import MEAL_STATUSES, Meal
+from app.meals.stored.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 
 NOON = datetime(2026, 10, 1, 12, tzinfo=UTC)

@@ -6,13 +6,13 @@ import pytest
 import sqlalchemy as sa
 
 from app.diary.diary import effective_event
-from app.meals.day_models import DayEvent, DiaryDay
-from app.meals.meal_time import latest_day
+from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.meal_time import latest_day
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 from tests.support.photographs import pair
 
 DAY = "2026-11-19"

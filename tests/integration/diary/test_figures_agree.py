@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.foods.food_amounts import RECORD_COLUMNS
-from app.meals.record_models import HEADLINE_COLUMNS
+from app.meals.stored.record_models import HEADLINE_COLUMNS
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
 

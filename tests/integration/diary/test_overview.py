@@ -11,12 +11,12 @@ import sqlalchemy as sa
 
 from app.diary.overview_api import ROWS
 from app.diary.study_overview import study_overview
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.people.access.caller import StaffCaller
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 
 DAY_PATH = "/v1/studies/pilot/overview"
 

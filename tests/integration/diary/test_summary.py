@@ -5,7 +5,7 @@ import sqlalchemy as sa
 
 from app.people.models import Study
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 
 PATH = "/v1/me/summary"
 WOMAN = {"sex": "female", "birth_year": 1990, "weight_kg": 60.0}

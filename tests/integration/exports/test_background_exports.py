@@ -15,16 +15,16 @@ from app.exports import queries as exports
 from app.exports.background_exports import MOST_OF_PERSON
 from app.exports.file_task import FileTasks
 from app.exports.models import Export
+from app.exports.releases import file_runner
+from app.exports.releases.file_runner import FileRunner
+from app.exports.releases.file_work_chore import expire_exports
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent, BlobDeletion
 from app.privacy.delete_blobs import BlobDeleter
-from app.releases import file_runner
-from app.releases.file_runner import FileRunner
-from app.releases.file_work_chore import expire_exports
 from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.meals.upload.answers import refusal
 from tests.integration.people.people import make_staff
-from tests.integration.uploads.answers import refusal
 from tests.support.stores import make_old, stored_names
 
 PATH = "/v1/studies/pilot/exports"

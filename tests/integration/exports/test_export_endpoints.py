@@ -13,14 +13,14 @@ from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec, spec_as_json
 from app.foods.models import Component, Food, FoodNutrient
 from app.http.columns import meal_columns, record_columns
 from app.http.row_filter import RowFilter
-from app.meals.event_models import LAYERS
-from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
-from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord
+from app.meals.stored.event_models import LAYERS
+from app.meals.stored.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
+from app.meals.stored.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord
 from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
 from tests.integration.diary.eaten_days import add_meal, eaten_item
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 from tests.support.photographs import pair
 
 TABLES = {

@@ -15,10 +15,10 @@ from app.exports.export_file import export_request
 from app.exports.export_spec import WITHOUT_COMPONENTS, ExportSpec
 from app.exports.export_table import export_table
 from app.exports.live_tables import live_tables
-from app.meals.item_state import fold_meal
-from app.meals.meal_parts import parts_of
-from app.meals.models import Meal
-from app.meals.record_models import Item
+from app.meals.stored.item_state import fold_meal
+from app.meals.stored.meal_parts import parts_of
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Item
 from app.people.access.caller import StaffCaller
 from app.people.models import Staff
 from tests.integration.exports.test_record_exports import parquet_value, plain_csv

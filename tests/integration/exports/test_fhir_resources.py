@@ -6,8 +6,8 @@ import pytest
 import sqlalchemy as sa
 
 from app.foods.models import Food
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.records.after_pairs import Table, apple, banana, left_of_apple
 from tests.integration.records.eating import eaten

@@ -7,7 +7,7 @@ import uuid
 
 from app.http import flat_list
 from app.http.flat_list import ListRoute
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 
 
 def table(client, headers, path, output="csv", **params):

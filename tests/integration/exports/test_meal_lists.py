@@ -7,11 +7,11 @@ import pytest
 import sqlalchemy as sa
 
 from app.exports.lists import list_meals
-from app.meals.models import MealImage
+from app.meals.stored.models import MealImage
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.answers import refusal
 from tests.integration.people.people import make_staff
 from tests.integration.records.reviewing import Speaker
-from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.photographs import pair

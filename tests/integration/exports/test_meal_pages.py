@@ -12,9 +12,9 @@ import sqlalchemy as sa
 from app.exports.lists import meal_page_queries as meal_pages
 from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.http.row_filter import RowFilter
-from app.meals.event_models import MealEvent
-from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Study
 from app.records import streams as meal_streams
 from app.records.page_queries import MOST_BRANCHES

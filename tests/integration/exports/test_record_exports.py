@@ -22,13 +22,13 @@ from app.exports.export_spec import ExportSpec
 from app.exports.file_task import FileTasks
 from app.http.columns.record_columns import PROVENANCE_COLUMNS, RECORD_COLUMNS
 from app.http.csv_cells import safe_cell
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.caller import StaffCaller
 from app.people.models import Participant, Staff
 from app.records.schemas import RecordOut
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
-from tests.integration.uploads.answers import refusal
+from tests.integration.meals.upload.answers import refusal
 
 FILE_COLUMNS = (*RECORD_COLUMNS, *PROVENANCE_COLUMNS)
 RECORD_NAMES = [column.name for column in RECORD_COLUMNS if column.name != "captured_local"]  # which files alone have

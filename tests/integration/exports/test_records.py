@@ -6,11 +6,11 @@ import pytest
 import sqlalchemy as sa
 
 from app.foods.food_amounts import RECORD_COLUMNS
-from app.meals.models import Meal
-from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.eating import APPLE_HINT, eaten
-from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.estimates import found_item
 from tests.support.photographs import pair

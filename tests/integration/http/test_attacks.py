@@ -14,8 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx2
 import pytest
 
-from app.meals.models import MealImage
-from app.uploads.submit_meal import SubmitMeal
+from app.meals.stored.models import MealImage
+from app.meals.upload.submit_meal import SubmitMeal
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.at_once import at_once
 from tests.support.photographs import pair, photograph
@@ -125,7 +125,7 @@ def test_crash_answers_with_the_requests_id(client, phone, monkeypatch):
     def crash(*_, **__):
         raise RuntimeError
 
-    monkeypatch.setattr("app.meals.queries.find_meals", crash)
+    monkeypatch.setattr("app.meals.stored.queries.find_meals", crash)
     answer = phone.get(f"/v1/meals/{uuid.uuid4()}")
     assert answer.status_code == 500
     assert len(answer.headers.get("x-request-id", "")) == 32

@@ -15,8 +15,8 @@ from app.db.session import Database
 from app.jobs.leases import living_workers
 from app.jobs.queue import JobQueue
 from app.jobs.supervisor import settings_environment
-from app.meals.job_models import Job
-from app.meals.models import Meal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
 from tests.integration.jobs.fakes import TIMES, new_device, new_job
 from tests.support.waiting import wait_until
 

@@ -20,11 +20,11 @@ from app.children.child_pool import ChildRequest
 from app.children.faults import BrokenOff, JobFailure
 from app.core.process_life import die_with_parent
 from app.core.settings import Settings
-from app.estimates.worker_process import run_jobs
 from app.jobs.chores import Chore
 from app.jobs.times import WorkerTimes
-from app.meals.job_models import Job
-from app.meals.models import Meal
+from app.meals.estimate.worker_process import run_jobs
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
 from app.people.models import Device, Participant, Study
 from tests.support.waiting import wait_until
 

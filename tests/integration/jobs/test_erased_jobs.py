@@ -2,8 +2,8 @@
 
 import pytest
 
-from app.meals.job_models import Job
-from app.meals.models import Meal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
 from app.people.access.secret_box import SecretBox
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser

@@ -1,7 +1,7 @@
 import pytest
 
 from app.jobs.queries import MAX_TAKEOVERS
-from app.meals.job_models import Job
+from app.meals.stored.job_models import Job
 from tests.integration.jobs.fakes import new_job
 from tests.support.waiting import wait_until
 

@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from app.children.faults import CANCELLED
 from app.jobs import queries as job_queries
 from app.jobs.queue import JobQueue
-from app.meals.job_models import Job
+from app.meals.stored.job_models import Job
 from tests.integration.jobs.fakes import LONG_LEASE, new_job
 from tests.support.waiting import PATIENCE_SECONDS
 

@@ -13,13 +13,13 @@ from fastapi.testclient import TestClient
 from app.core.settings import Settings
 from app.db.base import Base
 from app.db.session import Database
-from app.estimates.save_estimate import save_estimate
 from app.jobs import queries as jobs
 from app.main import create_app
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import Run, RunArtefact
-from app.meals.run_answer import RunAnswer
+from app.meals.estimate.save_estimate import save_estimate
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import Run, RunArtefact
+from app.meals.stored.run_answer import RunAnswer
 from app.operations.backup.restore import restore
 from app.operations.backup.table_files import TRANSIENT_TABLES
 from app.operations.backup.write_backup import backup_to_file

@@ -20,10 +20,10 @@ from app.db.migrate import upgrade
 from app.db.schema_state import current_revision, head_revision
 from app.foods.models import Food
 from app.jobs import queries as jobs
-from app.meals.day_models import DiaryDay
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import RunArtefact
+from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import RunArtefact
 from app.operations.backup import restore as restore_module
 from app.operations.backup.restore import CHANGE_SEQ_JUMP
 from app.operations.backup.table_files import TRANSIENT_TABLES, schema_of, tables_at

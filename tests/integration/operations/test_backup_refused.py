@@ -22,9 +22,9 @@ from app.core.settings import Settings
 from app.db.schema_state import current_revision, head_revision
 from app.db.session import Database
 from app.foods.models import FoodRelease
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import Run
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import Run
 from app.nutrition.foods import load_starter_table
 from app.operations.backup.archive import FORMAT, LACKING, MANIFEST, SEAL, ArchiveWriter
 from app.operations.backup.read_backup import check_backup

@@ -15,8 +15,8 @@ from app.db.migrate import downgrade
 from app.db.schema_state import current_revision, revisions
 from app.db.session import Database, PoolLimits
 from app.exports.release_models import Release, ReleaseFile
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
 from app.operations.backup.write_backup import note_backup
 from app.operations.doctor import doctor_data
 from app.operations.doctor.doctor import examine

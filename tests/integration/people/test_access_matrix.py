@@ -15,7 +15,7 @@ from fastapi.routing import APIRoute
 
 from app.core.settings import Settings
 from app.main import create_app
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.people.access.access_rules import RULES, SAFE_METHODS
 from app.people.access.caller import new_token, sha256_hex
 from app.people.access.secret_box import SecretBox

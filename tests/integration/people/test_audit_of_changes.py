@@ -25,7 +25,7 @@ UNNOTED = {
     (
         "POST",
         "/v1/calibrations",
-    ): "noted, as tests/integration/uploads/test_calibrations.py shows: it needs photographs of a board",
+    ): "noted, as tests/integration/meals/upload/test_calibrations.py shows: it needs photographs of a board",
     ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): "the same",
     ("POST", f"{IMAGE}/upload"): "keeps nothing of the study's: bytes that are not yet a photograph",
     ("PATCH", f"{IMAGE}/upload"): "the same; its last byte is noted as PUT is, as test_partial_uploads.py shows",

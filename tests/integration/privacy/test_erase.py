@@ -10,9 +10,9 @@ import pytest
 import sqlalchemy as sa
 
 from app.children.faults import PHOTOGRAPH_ERASED, JobFailure
-from app.estimates.estimate_meal import EstimateMeal
-from app.meals.job_models import Job
-from app.meals.models import Meal, MealImage
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal, MealImage
 from app.operations.chores import worker_chores
 from app.people import privacy_queries as people_privacy
 from app.people.access.secret_box import SecretBox

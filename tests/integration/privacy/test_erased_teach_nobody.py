@@ -7,8 +7,8 @@ import sqlalchemy as sa
 
 from app.candidates.identify import IdentifyFoods
 from app.identification.food_index import shipped_index
-from app.meals.models import Meal
-from app.meals.run_answer import RunAnswer
+from app.meals.stored.models import Meal
+from app.meals.stored.run_answer import RunAnswer
 from app.people.models import Study
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker

@@ -11,14 +11,14 @@ import sqlalchemy as sa
 
 from app.core.errors import UnavailableError
 from app.db import spent_keys
-from app.meals import queries as meals
-from app.meals.job_models import Job
-from app.meals.models import MealImage
-from app.meals.record_models import Run
+from app.meals.stored import queries as meals
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import MealImage
+from app.meals.stored.record_models import Run
+from app.meals.upload.after_meal import SubmitAfterPair
+from app.meals.upload.submit_meal import SubmitMeal
 from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
-from app.uploads.after_meal import SubmitAfterPair
-from app.uploads.submit_meal import SubmitMeal
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.after_pairs import Table
 from tests.support import estimates

@@ -15,10 +15,10 @@ import sqlalchemy as sa
 
 from app.core.errors import GoneError
 from app.exports.export_places import ExportPlaces
-from app.meals.event_models import MealEvent
-from app.meals.identification_models import IndexEntry, ItemIdentification
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import EffectiveRecord, RunArtefact
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.identification_models import IndexEntry, ItemIdentification
+from app.meals.stored.models import Meal, MealImage
+from app.meals.stored.record_models import EffectiveRecord, RunArtefact
 from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit

@@ -10,7 +10,7 @@ from structlog.testing import capture_logs
 from typer.testing import CliRunner
 
 from app.cli.main import cli
-from app.meals.models import MealImage
+from app.meals.stored.models import MealImage
 from app.operations import trusted_clock
 from app.operations.chores import worker_chores
 from app.operations.figure_queries import database_now

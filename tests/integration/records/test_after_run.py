@@ -8,13 +8,13 @@ import pytest
 from PIL import Image
 
 from app.core.errors import Failure
-from app.estimates.estimate_meal import EstimateMeal
-from app.estimates.run_estimate import estimate_task
 from app.jobs import queries as jobs
-from app.meals.job_models import Job
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.run_estimate import estimate_task
+from app.meals.stored.job_models import Job
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.measuring import estimate
 from tests.integration.records.after_pairs import Table, left_of_apple
-from tests.integration.uploads.measuring import estimate
 from tests.support.photographs import photograph
 
 RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"

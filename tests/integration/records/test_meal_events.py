@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from app.core.errors import PreconditionFailedError, TadaError
-from app.meals.event_models import MealEvent
-from app.meals.identification_models import IndexEntry
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Item
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.identification_models import IndexEntry
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.access.caller import DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Staff
 from app.records.rebuild_records import rebuild_records

@@ -9,13 +9,13 @@ import pytest
 import sqlalchemy as sa
 from PIL import Image
 
-from app.estimates.estimate_json import colour_to_json
-from app.meals.models import Meal, MealImage
+from app.meals.estimate.estimate_json import colour_to_json
+from app.meals.stored.models import Meal, MealImage
 from app.people.privacy_models import AuditEvent
 from app.vision.model import ColourCorrection
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.after_pairs import Table, apple
-from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.photographs import pair, photograph
 from tests.support.stores import damage

@@ -5,9 +5,9 @@ import threading
 import pytest
 import sqlalchemy as sa
 
-from app.meals.identification_models import IndexEntry
-from app.meals.meal_parts import parts_of
-from app.meals.record_models import EffectiveRecord, ItemFood
+from app.meals.stored.identification_models import IndexEntry
+from app.meals.stored.meal_parts import parts_of
+from app.meals.stored.record_models import EffectiveRecord, ItemFood
 from app.records.rebuild_records import rebuild_records
 from app.records.recompute_records import recompute_nutrients
 from tests.integration.conftest import meal_metadata

@@ -17,9 +17,9 @@ from app.foods.food_values import food_value
 from app.foods.import_foods import write_food
 from app.foods.models import FoodActivation, FoodRelease
 from app.foods.study_densities import Measurement, add_study_density, withdraw_study_density
-from app.meals.event_models import MealEvent
-from app.meals.models import Meal
-from app.meals.record_models import Item, ItemFood, Recompute
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Item, ItemFood, Recompute
 from app.nutrition.foods import Density
 from app.records.project_records import project_meal
 from app.records.rebuild_records import rebuild_records

@@ -7,10 +7,10 @@ import pytest
 import sqlalchemy as sa
 
 from app.children.child_pool import ChildResult
-from app.estimates.estimate_meal import EstimateMeal
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.record_models import Run
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Run
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates

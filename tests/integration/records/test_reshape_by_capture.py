@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from app.estimates.camera_json import camera_to_json, rig_to_json
-from app.estimates.run_estimate import estimate_task
+from app.meals.estimate.camera_json import camera_to_json, rig_to_json
+from app.meals.estimate.run_estimate import estimate_task
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.measuring import estimate
 from tests.integration.records.reviewing import Speaker
-from tests.integration.uploads.measuring import estimate
 from tests.support.depth_maps import depth_png
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.rigs import rig_of

@@ -9,8 +9,8 @@ from app.outbox.models import Webhook, WebhookDelivery
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
 from tests.integration.conftest import meal_metadata
+from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.reviewing import Speaker, new_event
-from tests.integration.uploads.answers import refusal
 from tests.support import estimates
 from tests.support.estimates import found_item, unmeasured_item
 from tests.support.photographs import pair

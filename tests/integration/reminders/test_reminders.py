@@ -14,7 +14,7 @@ import sqlalchemy as sa
 import structlog
 
 from app.core.settings import Settings
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.people.access.secret_box import SecretBox
 from app.people.models import PushSubscription
 from app.reminders import queries, send_reminders, subscriptions

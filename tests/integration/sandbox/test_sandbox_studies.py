@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from app.meals.models import Meal
+from app.meals.stored.models import Meal
 from app.operations.chores import worker_chores
 from app.people.access.secret_box import SecretBox
 from app.people.models import Device

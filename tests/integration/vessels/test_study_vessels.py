@@ -6,16 +6,16 @@ import io
 import pytest
 import sqlalchemy as sa
 
-from app.meals.models import Meal
-from app.meals.record_models import Run
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Run
 from app.people.privacy_models import AuditEvent
 from app.vessels.models import VESSEL_KINDS as KINDS_OF_TABLE
 from app.vessels.models import StudyVesselVersion
 from app.vision.vessel_library import MAX_VESSELS, VESSEL_KINDS, vessels_from_json
 from tests.integration.conftest import meal_metadata
 from tests.integration.foods.editing import refused
+from tests.integration.meals.upload.measuring import estimate
 from tests.integration.people.people import make_staff
-from tests.integration.uploads.measuring import estimate
 from tests.support.photographs import pair
 
 ROOT = "/v1/studies/pilot/vessels"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
-from app.estimates.estimate_files import estimate_files, read_options
+from app.meals.estimate.estimate_files import estimate_files, read_options
 
 SEED = 39
 PLATES = {plate.folder or "apple": plate for plate in (APPLE, DOUGHNUT, ORANGE, RICE, SALAD)}

@@ -12,9 +12,9 @@ import sqlalchemy as sa
 
 from app.core.errors import Failure
 from app.jobs import queries as jobs
-from app.meals.job_models import Job
-from app.meals.models import Meal
-from app.meals.queries import lock_meal
+from app.meals.stored.job_models import Job
+from app.meals.stored.models import Meal
+from app.meals.stored.queries import lock_meal
 from app.operations.chores import worker_chores
 from app.outbox.models import ALL_EVENTS, EVENTS, Webhook, WebhookDelivery
 from app.people.access.secret_box import SecretBox

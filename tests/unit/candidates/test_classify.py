@@ -13,8 +13,8 @@ from app.candidates.classify import ClassifyFoods
 from app.children.child_pool import ChildPool, ChildResult
 from app.core.errors import Failure
 from app.core.settings import Settings
-from app.estimates.describe_regions import classify_task
-from app.meals.run_answer import RunAnswer
+from app.meals.estimate.describe_regions import classify_task
+from app.meals.stored.run_answer import RunAnswer
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network

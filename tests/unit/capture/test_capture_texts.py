@@ -7,7 +7,7 @@ from typing import get_args
 import pytest
 
 from app.capture.files import STATIC
-from app.meals.models import MealStatus
+from app.meals.stored.models import MealStatus
 from app.people.models import LOCATION_POLICIES, WITHDRAWAL_POLICIES
 
 LANGUAGES = ("en", "de", "es", "zh")

@@ -9,8 +9,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from app.core.errors import ConflictError
 from app.dashboard.forms import Model, WrongFormError, read_form, wrong_fields
 from app.dashboard.refusals import sentence, sentence_of_request
+from app.exports.releases.schemas import ReleaseIn
 from app.people.schemas import ParticipantPatch
-from app.releases.schemas import ReleaseIn
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ import re
 import pytest
 
 from app.core.settings import Settings
-from app.meals import item_state
-from app.meals.meal_time import CLOCK_DOUBTFUL
-from app.meals.models import REENCODED
+from app.meals.stored import item_state
+from app.meals.stored.meal_time import CLOCK_DOUBTFUL
+from app.meals.stored.models import REENCODED
 from app.records.meal_schemas import HintIn, NewMealMetadataIn
 
 DOCS = pathlib.Path(__file__).parents[3] / "docs"

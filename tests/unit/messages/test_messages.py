@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.diary.feedback import COMPARED, sum_amounts
-from app.meals.record_models import EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from app.messages.catalogue import catalogue, choose_locale, feedback_sentence, photograph_codes, sentence
 from app.nutrition.intakes.compare_intake import Verdict
 from app.people.models import LOCALES

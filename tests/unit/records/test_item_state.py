@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.meals.event_models import MealEvent
-from app.meals.item_state import fold_meal
-from app.meals.meal_parts import MealParts
-from app.meals.models import Meal
-from app.meals.record_models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover
+from app.meals.stored.event_models import MealEvent
+from app.meals.stored.item_state import fold_meal
+from app.meals.stored.meal_parts import MealParts
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 LAYERS = ("automatic", "participant", "reviewer")

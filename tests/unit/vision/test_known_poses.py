@@ -10,7 +10,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from app.core.errors import InvalidInputError
-from app.estimates.run_estimate import run_estimate
+from app.meals.estimate.run_estimate import run_estimate
 from app.vision.intrinsics import Camera
 from app.vision.known_poses import poses_from_mapping, rig_of_poses
 from app.vision.model import EstimateOptions, Photo, PhotoPair

@@ -122,7 +122,7 @@ def test_small_photograph_warns_of_its_resolution_and_large_one_of_distance(phot
 
 def test_food_at_the_border_warns(photos):
     """The photograph ends in the midst of the apple: its matched points crowd at that border."""
-    apple = 1092  # its middle's column in the left photograph (tests/integration/uploads/test_bad_scenes.py)
+    apple = 1092  # its middle's column in the left photograph (tests/integration/meals/upload/test_bad_scenes.py)
     height, width = photos["left"].photo.pixels_bgr.shape[:2]
     focal_px = camera_from_exif(photos["left"].photo).fx
     camera = Camera(apple, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)

@@ -11,7 +11,7 @@ from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from tests.unit.vision.synthetic import look_at, render_board
 
-pytestmark = pytest.mark.slow  # six renderings; the gate calibrates in tests/integration/uploads
+pytestmark = pytest.mark.slow  # six renderings; the gate calibrates in tests/integration/meals/upload
 
 BOARD = parse_marker("plain:10x7:18")
 CAMERA = Camera(800, 600, 650.0, 650.0, 393.0, 303.0, (0.08, -0.15, 5e-4, -5e-4, 0.0))

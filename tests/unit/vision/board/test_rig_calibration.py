@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure
-from app.estimates.camera_json import rig_to_json
+from app.meals.estimate.camera_json import rig_to_json
 from app.vision.board.rig_calibration import RigCalibration, calibrate_rig
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import parse_marker

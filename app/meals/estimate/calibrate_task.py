@@ -1,0 +1,86 @@
+"""A camera's calibration from photographs of a board, of which few are in memory at a time."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import overload
+
+from pydantic import BaseModel
+
+from app.children.child import Arguments, StageListener
+from app.core.errors import Failure
+from app.meals.estimate.camera_json import camera_to_json
+from app.meals.estimate.estimate_json import failure_to_json
+from app.meals.stored.run_answer import Json
+from app.vision.board.calibration import calibrate
+from app.vision.marker_spec import parse_marker
+from app.vision.model import Photo
+from app.vision.photo import read_photo
+
+
+class _CalibrateRequest(BaseModel):
+    photos: list[Path]
+    marker: str
+    max_pixels: int
+
+
+def calibrate_task(arguments: Arguments, _: StageListener) -> Json:
+    """A camera from photographs of a board."""
+    request = _CalibrateRequest.model_validate(arguments)
+    photos = _PhotosOnDisk(request.photos, request.max_pixels)
+    try:
+        fit = calibrate(photos, parse_marker(request.marker))
+    except _UnreadablePhotoError as error:
+        return {"failure": failure_to_json(error.failure), "photo": error.index}
+    if isinstance(fit, Failure):
+        return {"failure": failure_to_json(fit), "photo": None}
+    return {
+        "failure": None,
+        "camera": camera_to_json(fit.camera),
+        "rms_px": fit.rms_px,
+        "reach": fit.reach,
+        "model": photos[0].model,
+        "used": list(fit.used),
+        "left_out": [
+            {"photo": each.index, **failure_to_json(each.failure)} for each in fit.rejected
+        ],
+    }
+
+
+class _UnreadablePhotoError(Exception):
+    """index: of the photograph, from 0."""
+
+    def __init__(self, index: int, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.index = index
+        self.failure = failure
+
+
+class _PhotosOnDisk(Sequence[Photo]):
+    """Photographs that are decoded when asked for; the first and the last asked for are held, the others not."""
+
+    def __init__(self, paths: Sequence[Path], max_pixels: int) -> None:
+        self._paths = paths
+        self._max_pixels = max_pixels
+        self._held: dict[int, Photo] = {}
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Photo: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
+
+    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
+        if isinstance(index, slice):
+            return _PhotosOnDisk(self._paths[index], self._max_pixels)
+        path = self._paths[index]
+        if index not in self._held:
+            photo = read_photo(path.read_bytes(), max_pixels=self._max_pixels)
+            if isinstance(photo, Failure):
+                raise _UnreadablePhotoError(index, photo)
+            self._held = {place: held for place, held in self._held.items() if place == 0} | {
+                index: photo
+            }
+        return self._held[index]

@@ -1,0 +1,108 @@
+"""The looks of regions of a photograph: their vectors (VCM), and the labels that an operator's network gives them."""
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, JsonValue
+
+from app.candidates.classifier_file import read_model
+from app.candidates.vcm_json import vcm_answer
+from app.children.child import Arguments, StageListener
+from app.core.errors import Failure
+from app.meals.estimate.estimate_json import colour_from_json, failure_to_json
+from app.meals.stored.run_answer import Json
+from app.vision.board.colour_correction import measure_colour
+from app.vision.board.marker import find_marker
+from app.vision.looks.food_model import NetworkInput, classify_region, load_network
+from app.vision.looks.vcm import describe_rings
+from app.vision.marker_spec import parse_marker
+from app.vision.model import ColourCorrection, Photo
+from app.vision.photo import read_photo
+
+GREY = Photo(np.full((64, 64, 3), 128, np.uint8))  # what a network is tried on
+GREY_RINGS = [[(8.0, 8.0), (56.0, 8.0), (56.0, 56.0), (8.0, 56.0)]]
+
+
+class _RegionRequest(BaseModel):
+    """rings: px. colour: what the run kept of the photograph's; None: it is measured by the marker, if there is one."""
+
+    rings: list[list[tuple[float, float]]]
+    colour: Json | None
+    marker: str | None
+
+
+class _DescribeRequest(BaseModel):
+    photo: Path
+    max_pixels: int
+    regions: list[_RegionRequest]
+
+
+class _ClassifyRequest(BaseModel):
+    """regions: rings of each, px. network_input: of food_model.NetworkInput."""
+
+    photo: Path
+    max_pixels: int
+    regions: list[list[list[tuple[float, float]]]]
+    colour: Json | None
+    model: Path
+    sha256: str
+    network_input: NetworkInput
+
+
+def describe_task(arguments: Arguments, _: StageListener) -> Json:
+    """The vectors (VCM) of regions of one photograph, in the colours that their run saw.
+
+    vcms: one of each region; None where nothing of it is in view.
+    """
+    request = _DescribeRequest.model_validate(arguments)
+    photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
+    if isinstance(photo, Failure):
+        return {"failure": failure_to_json(photo), "vcms": []}
+    measured: dict[str | None, ColourCorrection | None] = {}
+    vcms: list[JsonValue] = []
+    for region in request.regions:
+        if region.colour is not None:
+            colour: ColourCorrection | None = colour_from_json(region.colour)
+        else:
+            if region.marker not in measured:
+                measured[region.marker] = _colour_by_marker(photo, region.marker)
+            colour = measured[region.marker]
+        rings = [np.asarray(ring, np.float64) for ring in region.rings]
+        vector = describe_rings(photo.pixels_bgr, rings, colour)
+        vcms.append(vcm_answer(vector).as_json() if vector is not None else None)
+    return {"failure": None, "vcms": vcms}
+
+
+def classify_task(arguments: Arguments, _: StageListener) -> Json:
+    """Probabilities of the labels of an operator's network, by region; None where nothing of a region is in view.
+
+    Without regions the network is loaded and shown a grey picture, which tells whether it fits its description.
+    """
+    request = _ClassifyRequest.model_validate(arguments)
+    content = read_model(request.model, request.sha256)
+    network = content if isinstance(content, Failure) else load_network(content)
+    if isinstance(network, Failure):
+        return {"failure": failure_to_json(network), "probabilities": []}
+    photo: Photo | Failure = GREY
+    regions = request.regions or [GREY_RINGS]
+    if request.regions:
+        photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
+    if isinstance(photo, Failure):
+        return {"failure": failure_to_json(photo), "probabilities": []}
+    colour = colour_from_json(request.colour) if request.colour is not None else None
+    answers: list[JsonValue] = []
+    for rings in regions:
+        outline = [np.asarray(ring, np.float64).reshape(-1, 2) for ring in rings]
+        answer = classify_region(network, request.network_input, photo.pixels_bgr, outline, colour)
+        if isinstance(answer, Failure):
+            return {"failure": failure_to_json(answer), "probabilities": []}
+        answers.append(answer.tolist() if answer is not None else None)
+    return {"failure": None, "probabilities": answers}
+
+
+def _colour_by_marker(photo: Photo, marker: str | None) -> ColourCorrection | None:
+    """Return the correction that the pipeline would measure; None: there is no board, or it is not seen."""
+    if marker is None:
+        return None
+    observation = find_marker(photo, parse_marker(marker))
+    return None if isinstance(observation, Failure) else measure_colour(photo, observation)

@@ -1,0 +1,395 @@
+"""The work of a job: fetch the sealed photographs, estimate in a child, seal the answer; then save it exactly once.
+
+Used by job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends the job.
+"""
+
+import hashlib
+import tempfile
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy.exc
+import structlog
+from sqlalchemy.orm import Session
+
+from app.candidates.classify import ClassifyFoods
+from app.candidates.identify import IdentifyFoods
+from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
+from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
+from app.core.errors import Failure
+from app.core.logs import bind_log_context
+from app.core.settings import Settings
+from app.db.session import Database
+from app.foods import queries as foods
+from app.identification.food_index import FoodIndex, shipped_index
+from app.meals.estimate.camera_choice import choose_camera, choose_rig
+from app.meals.estimate.estimate_json import (
+    answer_of,
+    hint_from_json,
+    options_to_json,
+    with_forms,
+)
+from app.meals.estimate.save_estimate import save_estimate
+from app.meals.stored import queries as meals
+from app.meals.stored.job_models import RERUN_OF, Job
+from app.meals.stored.models import HintDetails, Meal, MealImage, PairDetails
+from app.meals.stored.receive_photo import sha256_of_file
+from app.meals.stored.run_answer import RunAnswer
+from app.metrics import instruments
+from app.people import privacy_queries as privacy
+from app.people.calibration_models import CameraDetails
+from app.people.models import Study
+from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slot, depth_slot
+from app.records.project_records import project_meal
+from app.records.review.remeasure import regions_to_measure
+from app.sandbox.injection import NEEDS_REVIEW, injected_failure
+from app.storage.blob_store import BlobMissingError, BlobStore
+from app.storage.patient_fetcher import PatientFetcher
+from app.vessels.meal_vessels import vessels_of_meal
+from app.vision.known_poses import poses_from_mapping
+from app.vision.marker_spec import parse_marker
+from app.vision.model import EstimateOptions, MealEstimate
+from app.vision.rig import StereoRig
+from app.vision.version import PIPELINE_VERSION
+
+log = structlog.get_logger()
+
+# of the pipeline; a child has decoded hostile bytes, and each invented name would be a time series for ever
+STAGES = frozenset(
+    {
+        "read",
+        "marker",
+        "camera",
+        "match",
+        "rectify",
+        "disparity",
+        "depth",
+        "segment",
+        "volume",
+        "describe",
+    }
+)
+
+AWAITS_ROOM = "waits_for_room"  # stage of a meal between two tries of an estimate that was killed or took too long
+
+SCALE_MISSING = Failure(
+    "scale_missing",
+    "Neither the meal nor its study names a marker, and there is no stereo rig for its photographs, nor their poses.",
+    "Ask the people who run the study to name the marker in its settings, or to send the rig again, and to queue the "
+    "meal again.",
+)
+PHOTO_DAMAGED = Failure(
+    "photo_damaged",
+    "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
+    "Ask the people who run the server to restore it from a backup and to queue the meal again.",
+)
+PHOTO_MISSING = Failure(
+    "photograph_missing",
+    "A sealed photograph is no longer in the store.",
+    "Ask the people who run the server to restore it from a backup and to queue the meal again.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SealedAnswer:
+    """A pipeline's answer and its key in the store."""
+
+    key: str
+    answer: RunAnswer
+
+
+class EstimateMeal:
+    """The use cases of a worker; one per process."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        children: ChildPool,
+        settings: Settings,
+        index: Callable[[], FoodIndex] = shipped_index,
+    ) -> None:
+        self._database = database
+        self._identify = IdentifyFoods(database, index)
+        self._classify = ClassifyFoods(children, settings)
+        self._blobs = blobs
+        self._fetcher = PatientFetcher(blobs)
+        self._children = children
+        self._settings = settings
+
+    def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
+        """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
+
+        is_alone: run while this worker estimates nothing else. Raises BrokenOff.
+        """
+        with self._database.read() as session:
+            job = session.get_one(Job, job_id)
+            meal = session.get_one(Meal, job.meal_id)
+            study = session.get_one(Study, meal.study_id)
+            outcome = meal.details.get("sandbox") if job.purpose == "meal" else None
+            if outcome is not None and outcome != NEEDS_REVIEW:
+                raise JobFailure(injected_failure(outcome))
+            slots, maps = (
+                (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
+            )
+            images = {
+                image.slot: image
+                for image in meals.images_of(session, meal.id)
+                if image.slot in (*slots, *maps)
+            }
+            depth_camera = meal.details.get("depth_camera")
+            regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
+            hints, is_complete = (
+                (regions.hints, True) if regions is not None else _stated_hints(job, meal)
+            )
+            sizes = [  # of further views, those that the camera does not fit are left out
+                (images[slot].width_px, images[slot].height_px) for slot in slots
+            ]
+            has_depth = "left_depth" in maps
+            chosen = choose_rig(
+                session, meal=meal, study=study, sizes=sizes, has_depth=has_depth
+            ) or choose_camera(
+                session,
+                meal_camera=_meal_camera(job, meal),
+                device_id=meal.device_id,
+                study=study,
+                sizes=sizes[: len(PAIR_SLOTS)],
+            )
+            library = vessels_of_meal(session, study.id, hints)
+            options = self._options(
+                session,
+                _scale(job, meal, study, chosen.rig, has_depth=has_depth),
+                library.in_hints(hints),
+            )
+            options = replace(
+                options, camera=chosen.camera, vessels=library.models, is_complete=is_complete
+            )
+        log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
+        prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
+        with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
+            folder = Path(name)
+            paths = {
+                view: self._fetch(images[slot], folder)
+                for view, slot in zip(VIEW_SLOTS, slots, strict=False)
+            }
+            maps_by_slot = {slot: str(self._fetch(images[slot], folder)) for slot in maps}
+            depths = {
+                view: {
+                    "depth": maps_by_slot[depth_slot(view)],
+                    "camera": depth_camera,
+                    "confidence": maps_by_slot.get(confidence_slot(view)),
+                }
+                for view in PAIR_SLOTS
+                if depth_slot(view) in maps_by_slot
+            }
+            answer = self._estimate(job, paths, depths, options, folder, is_alone=is_alone)
+            chosen.note_in(answer)
+            library.note_in(answer.parameters)
+            if (
+                regions is not None
+            ):  # the item of each hint: the meal may have changed when it is saved
+                answer.regions = list(regions.items)
+            if outcome is not None:  # it needs a review: nothing says which foods these are
+                for item in answer.items:
+                    item.hint = None
+            elif not _is_of_after(job):  # leftovers are of the foods that were served
+                self._identify.add_candidates(meal, answer)
+                self._classify.add_candidates(study.code, answer, paths["left"])
+            for artefact in answer.artefacts:
+                artefact.blob_key = f"{prefix}/{artefact.name}/{artefact.sha256}"
+                self._blobs.put_file(artefact.blob_key, folder / artefact.name)
+        result = answer.write()
+        result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
+        self._blobs.put_bytes(result_key, result)
+        self._delete_results_if_erased(
+            meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)]
+        )
+        return result_key
+
+    def load(self, result_key: str) -> SealedAnswer:
+        """Read the sealed answer from the store."""
+        return SealedAnswer(result_key, RunAnswer.read(self._blobs.read(result_key)))
+
+    def save(self, session: Session, job_id: uuid.UUID, result: SealedAnswer) -> None:
+        """Write run, items and records in the session's transaction."""
+        save_estimate(session, job_id, result.answer, result.key)
+        if result.answer.failure is not None:
+            bind_log_context(outcome=result.answer.failure.code)
+        log.info(
+            "estimate_saved", result_key=result.key
+        )  # it begins with the study's and the meal's id
+
+    def abandon(self, job_id: uuid.UUID) -> None:
+        """End the child that works on the job."""
+        if self._children.cancel(str(job_id)):
+            log.info("estimate_abandoned", job_id=str(job_id))
+
+    def settle(self, session: Session, meal: Meal) -> None:
+        """Update the meal's records after a job that ended without a result."""
+        project_meal(session, meal)
+
+    def _delete_results_if_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
+        """If the meal or its photographs were erased meanwhile, delete the sealed results as well."""
+        with self._database.read() as session:
+            if any(image.erased_at is None for image in meals.images_of(session, meal_id)):
+                return
+        with self._database.write() as session:
+            privacy.schedule_deletion(session, sealed, datetime.now(UTC))
+        raise JobFailure(PHOTOGRAPH_ERASED)
+
+    def _options(
+        self, session: Session, scale: EstimateOptions, hints: Sequence[Mapping[str, Any]]
+    ) -> EstimateOptions:
+        options = replace(scale, hints=tuple(hint_from_json(hint) for hint in hints))
+        keys = {hint.food for hint in options.hints if hint.food}
+        return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
+
+    def _fetch(self, image: MealImage, folder: Path) -> Path:
+        if image.erased_at is not None:
+            raise JobFailure(PHOTOGRAPH_ERASED)
+        path = folder / f"photo-{image.slot}"
+        try:
+            self._fetcher.fetch(image.blob_key, path)
+        except BlobMissingError as error:
+            log.error("photograph_missing", blob_key=image.blob_key)  # noqa: TRY400  # no bug, so no traceback
+            raise JobFailure(PHOTO_MISSING) from error
+        if sha256_of_file(path) != image.stored_sha256:
+            log.error("photo_damaged", blob_key=image.blob_key)
+            raise JobFailure(PHOTO_DAMAGED)
+        return path
+
+    def await_room(self, job_id: uuid.UUID) -> None:
+        """Show to the phone that the meal waits again, because its estimate was interrupted."""
+        try:
+            with self._database.write() as session:
+                job = session.get(Job, job_id)  # None: erased meanwhile
+                if job is not None and job.purpose == "meal":
+                    meals.set_progress(session, job.meal_id, status="processing", stage=AWAITS_ROOM)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
+
+    def _estimate(
+        self,
+        job: Job,
+        paths: Mapping[str, Path],
+        depths: Mapping[str, Mapping[str, object]],
+        options: EstimateOptions,
+        folder: Path,
+        *,
+        is_alone: bool,
+    ) -> RunAnswer:
+        request = ChildRequest(
+            task="estimate",
+            arguments={
+                "photographs": {view: str(path) for view, path in paths.items()},
+                "depths": depths,
+                "options": options_to_json(options),
+                "output_dir": str(folder),
+                "max_pixels": self._settings.max_photo_pixels,
+                "food_index": str(self._settings.food_index)
+                if self._settings.food_index is not None
+                else None,
+            },
+            is_costly=job.is_background,
+        )
+        try:
+            done = self._children.run(
+                request,
+                lambda stage: self._tell_stage(job, stage),
+                name=str(job.id),
+                is_alone=is_alone,
+            )
+        except ChildCancelledError:
+            raise JobFailure(CANCELLED) from None
+        if done.failure is None:
+            answer = RunAnswer.model_validate(done.result)
+            _note_times(answer)
+            return answer
+        log.error(
+            "estimate_ended_badly",
+            meal_id=str(job.meal_id),
+            outcome=done.outcome,
+            message=done.message,
+        )
+        if (
+            done.errno is not None
+        ):  # such as a full disk, no bug: faults.py tells which of these pass
+            raise OSError(done.errno, done.message)
+        if done.is_passing:
+            raise BrokenOff(done.failure)
+        ended = MealEstimate(
+            method=options.method,
+            pipeline_version=PIPELINE_VERSION,
+            stages={},
+            failure=done.failure,
+        )
+        answer = answer_of(ended, options)
+        answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
+        return answer
+
+    def _tell_stage(self, job: Job, stage: str) -> None:
+        """Show the progress of the meal's own pair to the phone; a failure to do so does not fail the estimate."""
+        log.info("estimate_stage", stage=stage)
+        if job.purpose != "meal":
+            return
+        try:
+            with self._database.write() as session:
+                meals.set_progress(session, job.meal_id, status="processing", stage=stage)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
+
+
+def _is_of_after(job: Job) -> bool:
+    """Whether the job's photographs are the after-meal pair."""
+    return RERUN_OF.get(job.purpose, job.purpose) == "after"
+
+
+def _pair_details(job: Job, meal: Meal) -> PairDetails | None:
+    """Return the metadata of the job's pair."""
+    return meal.after_details if _is_of_after(job) else meal.details
+
+
+def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
+    """Return the hints of the job's pair, and whether they are complete."""
+    details = _pair_details(job, meal)
+    return (
+        (details["hints"], details.get("complete", False)) if details is not None else ((), False)
+    )
+
+
+def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
+    """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
+    own = (
+        meal.after_details["camera"]
+        if _is_of_after(job) and meal.after_details is not None
+        else None
+    )
+    return own if own is not None else meal.details["camera"]
+
+
+def _scale(
+    job: Job, meal: Meal, study: Study, rig: StereoRig | None, *, has_depth: bool
+) -> EstimateOptions:
+    """Return options with what the scale may come from: the rig, or the marker and the poses of the job's pair."""
+    if rig is not None:
+        return EstimateOptions(None, rig=rig)
+    marker, details = meal.details["marker"] or study.marker, _pair_details(job, meal)
+    poses = details.get("poses") if details is not None else None
+    if marker is None and poses is None and not has_depth:
+        raise JobFailure(SCALE_MISSING)
+    return EstimateOptions(
+        parse_marker(marker) if marker is not None else None,
+        poses=poses_from_mapping(poses) if poses is not None else None,
+    )
+
+
+def _note_times(answer: RunAnswer) -> None:
+    """Record the durations of the pipeline's steps in metrics and log."""
+    for stage, seconds in answer.stages.items():
+        instruments.STAGES.labels(stage if stage in STAGES else "other").observe(seconds)
+    instruments.ESTIMATE_SECONDS.observe(answer.seconds)
+    log.info("estimate_computed", seconds=round(answer.seconds, 2))

@@ -1,0 +1,180 @@
+"""The life of one worker: lease, heartbeats, claimed jobs, takeover from dead workers, sweeps, and an orderly end.
+
+Heartbeats must never wait for anything else, so takeovers and sweeps have their own thread.
+"""
+
+import threading
+import uuid
+from collections import Counter
+from collections.abc import Callable
+
+import structlog
+
+from app.db.session import Database
+from app.jobs import queries as jobs
+from app.jobs.claims import Backlog, Claims, no_backlog
+from app.jobs.leases import open_lease
+from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue
+from app.jobs.sweep import sweep
+from app.jobs.times import WorkerTimes
+from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.job_runner import JobRunner
+from app.metrics import instruments
+
+log = structlog.get_logger()
+
+LOOKS_BEFORE_LOST = 5  # a claimed job that is not running at so many looks in a row was lost between claim and start
+LOOKS_PER_SWEEP = 5
+LEFT_SECONDS = 2.0  # for threads to notice that their child was killed
+
+
+class JobWorker:
+    """Runs one worker: start, then drain and stop. `lost` is set once others have taken its lease."""
+
+    def __init__(
+        self,
+        database: Database,
+        estimate: EstimateMeal,
+        *,
+        concurrency: int,
+        times: WorkerTimes | None = None,
+        protocol: int | None = None,
+        backlog: Backlog = no_backlog,
+    ) -> None:
+        self._database = database
+        self._times = times or WorkerTimes()
+        self._lease = open_lease(database, self._times)
+        self._runner = JobRunner(database, self._lease, estimate, self._times)
+        self.claims = Claims(
+            database,
+            self._lease,
+            self._runner.run,
+            concurrency=concurrency,
+            protocol=JOB_PROTOCOL_VERSION if protocol is None else protocol,
+            backlog=backlog,
+            abandon=estimate.abandon,
+        )
+        self._queue = JobQueue(protocol=protocol)
+        self._estimate = estimate
+        self._ending = threading.Event()
+        self._claimed_but_idle: Counter[uuid.UUID] = Counter()
+        self._threads: list[threading.Thread] = []
+        self.lost = threading.Event()
+
+    @property
+    def executor_id(self) -> str:
+        """Unique for each start of a worker."""
+        return self._lease.executor_id
+
+    def start(self) -> None:
+        """Acquire the lease, then start to claim jobs."""
+        self._lease.acquire()
+        self._start_thread(self._beat, "heartbeat")
+        self.claims.start()
+        self._start_thread(self._watch_others, "takeover")
+        log.info("worker_started", executor_id=self.executor_id)
+
+    def drain(self) -> bool:
+        """Stop claiming, give running jobs a while to end, then make them stop. Returns False if some still run."""
+        self.claims.stop()
+        is_idle = self._runner.wait_until_idle(self._times.drain)
+        self._runner.leave()
+        return is_idle
+
+    def stop(self) -> bool:
+        """End at once and hand running jobs back. Returns False if a thread does not stop its job."""
+        self._runner.leave()
+        is_idle = self._runner.wait_until_idle(LEFT_SECONDS)
+        self._ending.set()
+        self._hand_back()
+        for thread in self._threads:
+            thread.join(LEFT_SECONDS)
+        self._lease.release()
+        log.info("worker_stopped", executor_id=self.executor_id, is_idle=is_idle)
+        return is_idle
+
+    def _hand_back(self) -> None:
+        """Release the claims of jobs that are not running, so that others can begin them at once."""
+        try:
+            with self._database.write() as session:
+                idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
+                jobs.release_claims(session, self.executor_id, idle, is_takeover=False)
+        except (
+            Exception
+        ) as error:  # the worker's edge: others take the jobs over once the lease is gone
+            log.warning("hand_back_failed", exc_info=error)
+
+    def _start_thread(self, work: Callable[[], None], name: str) -> None:
+        thread = threading.Thread(target=work, name=name, daemon=True)
+        thread.start()
+        self._threads.append(thread)
+
+    def _beat(self) -> None:
+        while not self._ending.wait(self._times.heartbeat):
+            try:
+                is_held = self._lease.renew()
+            except Exception as error:  # the worker's edge: it waits until the database is back
+                log.warning("heartbeat_failed", exc_info=error)
+                instruments.HEARTBEATS_FAILED.inc()
+                continue
+            instruments.HEARTBEAT.set_to_current_time()
+            if not is_held and not self._ending.is_set():
+                log.error("lease_lost", executor_id=self.executor_id)
+                self._runner.leave()
+                self.lost.set()
+                return
+
+    def _watch_others(self) -> None:
+        looks = 0
+        while True:
+            try:
+                self._take_over()
+                self._find_lost()
+                self._abandon_unwanted()
+                if looks % LOOKS_PER_SWEEP == 0:
+                    sweep(self._database, self._queue, self._estimate.settle)
+            except Exception as error:  # the worker's edge: it looks again later
+                log.warning("takeover_failed", exc_info=error)
+            looks += 1
+            if self._ending.wait(self._times.heartbeat) or self.lost.is_set():
+                return
+
+    def _take_over(self) -> None:
+        """Take over jobs of dead workers. It keeps no state: a restart of the database may lose a takeover."""
+        with self._database.read() as session:
+            holders = jobs.executors_with_claims(session) - {self.executor_id}
+        dead = self._lease.bury(holders)
+        if not dead:
+            return
+        log.warning("jobs_taken_over", dead_executors=sorted(dead))
+        instruments.TAKEOVERS.inc(len(dead))
+        for executor_id in sorted(dead):
+            with self._database.write() as session:
+                jobs.release_claims(session, executor_id, is_takeover=True)
+
+    def _abandon_unwanted(self) -> None:
+        """End estimates whose meals were cancelled or erased."""
+        running = self._runner.running
+        if not running:
+            return
+        with self._database.read() as session:
+            unwanted = jobs.unwanted_jobs(session, running)
+        for job_id in unwanted:
+            self._estimate.abandon(job_id)
+
+    def _find_lost(self) -> None:
+        """Release claimed jobs that are not running: the claim's answer was lost, or the run broke off."""
+        with self._database.read() as session:
+            idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
+        self._claimed_but_idle = Counter(
+            {job_id: self._claimed_but_idle[job_id] + 1 for job_id in idle}
+        )
+        lost = [
+            job_id for job_id, looks in self._claimed_but_idle.items() if looks >= LOOKS_BEFORE_LOST
+        ]
+        if not lost or self._ending.is_set():
+            return
+        with self._database.write() as session:
+            released = jobs.release_claims(session, self.executor_id, lost, is_takeover=True)
+        log.warning("lost_jobs_queued_again", job_ids=[str(job_id) for job_id in lost])
+        instruments.LOST_JOBS.inc(released)

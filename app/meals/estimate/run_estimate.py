@@ -1,0 +1,136 @@
+"""The estimate of a meal in a child process: photographs by path in, the pipeline's answer and its pictures out."""
+
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from app.candidates.likely_forms import form_index_version, likely_forms
+from app.children.child import Arguments, StageListener
+from app.core.errors import Failure
+from app.meals.estimate.estimate_json import answer_of, options_from_json
+from app.meals.estimate.picture_task import encode_jpeg
+from app.meals.estimate.read_photographs import DepthFiles, read_photographs
+from app.meals.stored.run_answer import ArtefactAnswer, Json, RunAnswer
+from app.meals.stored.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.photos.slots import PAIR_SLOTS
+from app.vision.model import Artefact, EstimateOptions, Float64Array, MealEstimate, Photo, PhotoPair
+from app.vision.pipeline import estimate_meal
+from app.vision.version import PIPELINE_VERSION
+
+
+class _EstimateRequest(BaseModel):
+    """photographs: paths by view, in the order of VIEW_SLOTS. depths: of some of them."""
+
+    photographs: dict[str, Path]
+    depths: dict[str, DepthFiles] = {}
+    max_pixels: int
+    output_dir: Path
+    options: Json
+    food_index: Path | None = None
+
+
+def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
+    """Estimate a meal from its photographs; artefacts are written to output_dir and listed in the answer.
+
+    options: estimate_json's.
+    """
+    request = _EstimateRequest.model_validate(arguments)
+    options = options_from_json({**request.options, "depth": bool(request.depths)})
+    answer, estimate = run_estimate(
+        request.photographs,
+        options,
+        max_pixels=request.max_pixels,
+        on_stage=on_stage,
+        want_artefacts=True,
+        depths=request.depths,
+        is_depth_needed=options.marker is None and options.rig is None and options.poses is None,
+        index=request.food_index,
+    )
+    answer.artefacts = []
+    for artefact in estimate.artefacts if estimate is not None else ():
+        (request.output_dir / artefact.name).write_bytes(artefact.content)
+        answer.artefacts.append(
+            ArtefactAnswer(
+                name=artefact.name,
+                media_type=artefact.media_type,
+                bytes=len(artefact.content),
+                sha256=hashlib.sha256(artefact.content).hexdigest(),
+            )
+        )
+    return answer.as_json()
+
+
+def run_estimate(
+    photographs: Mapping[str, Path],
+    options: EstimateOptions,
+    *,
+    max_pixels: int,
+    on_stage: StageListener,
+    want_artefacts: bool,
+    depths: Mapping[str, DepthFiles] | None = None,
+    is_depth_needed: bool = True,
+    index: Path | None = None,
+) -> tuple[RunAnswer, MealEstimate | None]:
+    """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
+
+    photographs: by name, left, right, then others. depths: depth maps of some. is_depth_needed: otherwise a map that
+    cannot be used is left out, with the flag depth_ignored: it is one more measurement. index: of foods, whose
+    candidates tell a single view's forms; None: the shipped one.
+    Raises OSError if a file cannot be read.
+    """
+    started = time.perf_counter()
+    on_stage("read")
+    read = read_photographs(
+        photographs, options, max_pixels, depths or {}, is_depth_needed=is_depth_needed
+    )
+    read_seconds = time.perf_counter() - started
+    if isinstance(read, Failure):
+        stages = {"read": read_seconds}
+        return answer_of(
+            MealEstimate(options.method, PIPELINE_VERSION, stages, failure=read), options
+        ), None
+    photos, unused = read
+    has_used_index = False
+
+    def forms_by_looks(vector: Float64Array) -> Mapping[str, float]:
+        nonlocal has_used_index
+        has_used_index = True
+        return likely_forms(vector, index)
+
+    options = replace(options, forms_by_looks=forms_by_looks)
+    pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
+    estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
+    items = tuple(
+        replace(item, flags=(*dict.fromkeys((*item.flags, *unused)),)) for item in estimate.items
+    )
+    estimate = replace(estimate, items=items)
+    answer = answer_of(estimate, options)
+    if has_used_index:
+        answer.parameters["form_index"] = form_index_version(index)
+    answer.stages = {"read": round(read_seconds, 4), **answer.stages}
+    answer.seconds = round(time.perf_counter() - started, 4)
+    if want_artefacts:
+        estimate = replace(
+            estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos[:2], estimate)]
+        )
+    return answer, estimate
+
+
+def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefact]:
+    """Both photographs small, also of a pair that could not be measured."""
+    left, second = estimate.colours or (None, None)
+    colours = left, second if estimate.second_place == 1 else None
+    return [
+        Artefact(
+            thumbnail_name(side),
+            "image/jpeg",
+            encode_jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0],
+        )
+        for side, photo, colour in zip(
+            PAIR_SLOTS, photos, colours, strict=False
+        )  # there may be one photograph only
+    ]

@@ -1,0 +1,104 @@
+"""The answer of a run of the pipeline: the child's JSON, sealed in the blob store as result.json.
+
+Fields that are not set are not written, so that an item which was not identified has no `index_version`.
+"""
+
+import uuid
+from typing import Self
+
+from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, JsonValue
+
+from app.core.errors import Failure
+from app.meals.stored.outline_json import Polygon
+
+Json = dict[str, JsonValue]
+
+
+class _Answer(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+
+    def as_json(self) -> Json:
+        """Return the answer as stored and printed."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+
+class VcmAnswer(_Answer):
+    """An item's feature vector: little-endian float16, base64 in JSON."""
+
+    version: str
+    vector: Base64Bytes
+
+
+class CandidateAnswer(_Answer):
+    """A food by its key, with its probability by the index or a network."""
+
+    food: str
+    probability: float
+
+
+class ItemAnswer(_Answer):
+    """One food. polygon: a ring, or several. hint: position of the hint that it answers.
+
+    candidates, none_probability, index_version: by the index; index_version None: not identified. model_candidates: by
+    an operator's network.
+    """
+
+    polygon: Polygon
+    volume_ml: float | None
+    volume_interval_ml: list[float] | None
+    relative_sd: dict[str, float]
+    candidates: list[CandidateAnswer] = Field(default_factory=list)
+    model_candidates: list[CandidateAnswer] = Field(default_factory=list)
+    hint: int | None = None
+    flags: list[str]
+    traits: Json = Field(default_factory=dict)
+    vcm: VcmAnswer | None = None
+    none_probability: float | None = None
+    index_version: str | None = None
+
+    @property
+    def interval_ml(self) -> tuple[float | None, float | None]:
+        """Both bounds of the volume's 90 % interval."""
+        low_ml, high_ml = self.volume_interval_ml or (None, None)
+        return low_ml, high_ml
+
+
+class ArtefactAnswer(_Answer):
+    """A picture or point cloud of one step; blob_key: empty until it is sealed."""
+
+    name: str
+    media_type: str
+    bytes: int
+    sha256: str
+    blob_key: str = ""
+
+
+class RunAnswer(_Answer):
+    """marker: None for a rig. second: slot of the photograph that camera_right is of, and `colour` beside the left one.
+
+    regions: for a run on regions that people drew, the item of each hint.
+    """
+
+    items: list[ItemAnswer]
+    failure: Failure | None
+    marker: str | None
+    camera: Json | None
+    camera_right: Json | None
+    second: str = "right"
+    colour: Json | None = None
+    stages: dict[str, float]
+    seconds: float
+    method: str
+    pipeline_version: str
+    parameters: Json
+    artefacts: list[ArtefactAnswer] = Field(default_factory=list)
+    regions: list[uuid.UUID] = Field(default_factory=list)
+
+    @classmethod
+    def read(cls, content: bytes | str) -> Self:
+        """Parse a sealed answer."""
+        return cls.model_validate_json(content)
+
+    def write(self) -> bytes:
+        """Return the bytes to seal."""
+        return self.model_dump_json(exclude_unset=True).encode()

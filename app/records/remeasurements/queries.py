@@ -1,0 +1,222 @@
+"""SQL of remeasurements: their pairs, their progress, and the table of old and new volumes."""
+
+import uuid
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.foods.models import Food
+from app.meals.stored.job_models import PairPurpose
+from app.meals.stored.models import Meal
+from app.meals.stored.record_models import EffectiveRecord, Item
+from app.meals.stored.remeasurement_models import (
+    PairState,
+    RemeasuredItem,
+    RemeasuredPair,
+    Remeasurement,
+)
+from app.people.models import Participant
+from app.records.remeasurements.choose_pairs import Selection, chosen_meals, has_after_pair
+
+RowKey = tuple[
+    int, str, uuid.UUID
+]  # position of the meal, pair, item; NO_ITEM: a pair without items
+NO_ITEM = uuid.UUID(int=0)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Numbers of pairs by state and, of those kept and skipped, by reason; of items compared, and of changed ones."""
+
+    states: Mapping[str, int]
+    reasons: Mapping[str, int]
+    items: int
+    items_changed: int
+
+    @property
+    def pairs(self) -> int:
+        """The number of all pairs."""
+        return sum(self.states.values())
+
+    @property
+    def waiting(self) -> int:
+        """The number of pairs that are not done yet."""
+        return self.states.get("pending", 0) + self.states.get("queued", 0)
+
+
+class ComparedRow(NamedTuple):
+    """A row of the table: a pair, and one of its items if it was measured. food: its key."""
+
+    key: RowKey
+    participant: str
+    meal: uuid.UUID
+    captured_at: datetime
+    pair: PairPurpose
+    state: PairState
+    reason: str | None
+    item: RemeasuredItem | None
+    food: str | None
+
+
+def insert_pairs(session: Session, remeasurement: Remeasurement, selection: Selection) -> None:
+    """Insert the selection's pairs, all pending. Raises NotFoundError as chosen_meals."""
+    chosen = chosen_meals(session, remeasurement.study_id, selection)
+    own_id, pending = sa.literal(remeasurement.id, sa.Uuid()), sa.literal("pending")
+    of_meal = sa.select(own_id, chosen.c.id, sa.literal("meal"), chosen.c.position, pending)
+    of_after = (
+        sa.select(own_id, Meal.id, sa.literal("after"), chosen.c.position, pending)
+        .join(chosen, chosen.c.id == Meal.id)
+        .where(has_after_pair())
+    )
+    columns = ["remeasurement_id", "meal_id", "pair", "position", "state"]
+    for query in (of_meal, of_after):
+        session.execute(sa.insert(RemeasuredPair).from_select(columns, query))
+
+
+def find_remeasurement(
+    session: Session, study_id: uuid.UUID, remeasurement_id: uuid.UUID, *, lock: bool = False
+) -> Remeasurement | None:
+    """Return a study's remeasurement, locked until commit if `lock` is set."""
+    query = sa.select(Remeasurement).where(
+        Remeasurement.id == remeasurement_id, Remeasurement.study_id == study_id
+    )
+    query = query.with_for_update().execution_options(populate_existing=True) if lock else query
+    return session.scalars(query).one_or_none()
+
+
+def unfinished_of_study(session: Session, study_id: uuid.UUID) -> list[Remeasurement]:
+    """Return a study's remeasurements that are running or stopped, locked, the running one first, then the newest."""
+    query = (
+        sa.select(Remeasurement)
+        .where(Remeasurement.study_id == study_id, Remeasurement.state.in_(("running", "stopped")))
+        .order_by(Remeasurement.state, Remeasurement.created_at.desc(), Remeasurement.id)
+    )
+    return list(session.scalars(query.with_for_update()))
+
+
+def running_ids(session: Session) -> list[uuid.UUID]:
+    """Return the remeasurements that are running, the oldest first."""
+    query = sa.select(Remeasurement.id).where(Remeasurement.state == "running")
+    return list(session.scalars(query.order_by(Remeasurement.created_at, Remeasurement.id)))
+
+
+def lock_running(session: Session, remeasurement_id: uuid.UUID) -> Remeasurement | None:
+    """Return a running remeasurement, locked; None: it was stopped, or another process has it."""
+    query = sa.select(Remeasurement).where(
+        Remeasurement.id == remeasurement_id, Remeasurement.state == "running"
+    )
+    return session.scalars(query.with_for_update(skip_locked=True)).one_or_none()
+
+
+def open_pairs(
+    session: Session, remeasurement_id: uuid.UUID, state: PairState, limit: int | None = None
+) -> list[RemeasuredPair]:
+    """Return pairs that are pending or queued, in their order."""
+    query = (
+        sa.select(RemeasuredPair)
+        .where(RemeasuredPair.remeasurement_id == remeasurement_id, RemeasuredPair.state == state)
+        .order_by(RemeasuredPair.position, RemeasuredPair.pair.desc())
+        .limit(limit)
+    )
+    return list(session.scalars(query))
+
+
+def reopen_pair(session: Session, job_id: uuid.UUID) -> None:
+    """Make the pair of a job that was stopped pending again."""
+    query = sa.update(RemeasuredPair).where(RemeasuredPair.job_id == job_id)
+    session.execute(query.values(state="pending", job_id=None))
+
+
+def page_of_remeasurements(
+    session: Session, study_id: uuid.UUID, *, after: tuple[datetime, uuid.UUID] | None, limit: int
+) -> list[Remeasurement]:
+    """Return at most `limit` remeasurements of a study after `after`, the newest first."""
+    query = sa.select(Remeasurement).where(Remeasurement.study_id == study_id)
+    if after is not None:
+        query = query.where(sa.tuple_(Remeasurement.created_at, Remeasurement.id) < after)
+    query = query.order_by(Remeasurement.created_at.desc(), Remeasurement.id.desc()).limit(limit)
+    return list(session.scalars(query))
+
+
+def progress_of(session: Session, ids: Collection[uuid.UUID]) -> dict[uuid.UUID, Progress]:
+    """Return remeasurement -> its progress."""
+    pair, item = RemeasuredPair, RemeasuredItem
+    states: dict[uuid.UUID, dict[str, int]] = {each: {} for each in ids}
+    reasons: dict[uuid.UUID, dict[str, int]] = {each: {} for each in ids}
+    counted = (
+        sa.select(pair.remeasurement_id, pair.state, pair.reason, sa.func.count())
+        .where(pair.remeasurement_id.in_(ids))
+        .group_by(pair.remeasurement_id, pair.state, pair.reason)
+    )
+    for remeasurement_id, state, reason, count in session.execute(counted):
+        by_state = states[remeasurement_id]
+        by_state[state] = by_state.get(state, 0) + count
+        if reason is not None:
+            by_reason = reasons[remeasurement_id]
+            by_reason[reason] = by_reason.get(reason, 0) + count
+    compared = (
+        sa.select(
+            item.remeasurement_id,
+            sa.func.count(),
+            sa.func.sum(sa.cast(item.is_changed, sa.Integer)),
+        )
+        .where(item.remeasurement_id.in_(ids))
+        .group_by(item.remeasurement_id)
+    )
+    items = {row[0]: (row[1], int(row[2])) for row in session.execute(compared)}
+    return {
+        each: Progress(states[each], dict(sorted(reasons[each].items())), *items.get(each, (0, 0)))
+        for each in ids
+    }
+
+
+def page_of_rows(
+    session: Session, remeasurement_id: uuid.UUID, *, after: RowKey | None, limit: int
+) -> list[ComparedRow]:
+    """Return at most `limit` rows of the table after `after`: by meal, its own pair first, then by item."""
+    pair, item = RemeasuredPair, RemeasuredItem
+    is_of_pair = sa.and_(
+        Item.meal_id == pair.meal_id,
+        (Item.origin == "after") == (pair.pair == "after"),
+        pair.state == "measured",
+    )
+    query = (
+        sa.select(pair, Participant.code, Meal.client_id, Meal.captured_at, item, Food.key)
+        .join(Meal, Meal.id == pair.meal_id)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .outerjoin(
+            sa.join(item, Item, Item.id == item.item_id),
+            sa.and_(item.remeasurement_id == pair.remeasurement_id, is_of_pair),
+        )
+        .outerjoin(EffectiveRecord, EffectiveRecord.item_id == item.item_id)
+        .outerjoin(Food, Food.id == EffectiveRecord.food_id)
+        .where(pair.remeasurement_id == remeasurement_id)
+        .order_by(pair.position, pair.pair.desc(), item.item_id)
+        .limit(limit)
+    )
+    if after is not None:
+        position, purpose, item_id = after
+        is_later = sa.or_(
+            pair.pair < purpose, sa.and_(pair.pair == purpose, item.item_id > item_id)
+        )
+        query = query.where(
+            sa.or_(pair.position > position, sa.and_(pair.position == position, is_later))
+        )
+    return [
+        ComparedRow(
+            (row.position, row.pair, compared.item_id if compared is not None else NO_ITEM),
+            participant,
+            meal,
+            captured_at,
+            row.pair,
+            row.state,
+            row.reason,
+            compared,
+            food,
+        )
+        for row, participant, meal, captured_at, compared, food in session.execute(query)
+    ]
