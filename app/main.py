@@ -1,6 +1,6 @@
 """The HTTP composition root: settings in, app out. `create_app(settings)` opens nothing; its lifespan does."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 
 import anyio
@@ -25,8 +25,6 @@ from app.diary import summary_api as summary
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
 from app.exports.export_places import ExportPlaces
-from app.exports.fhir import api as fhir
-from app.exports.fhir.answers import FHIR_PATHS, FhirErrors
 from app.exports.lists import changes_api as changes
 from app.exports.lists import days_api as days
 from app.exports.lists import meals_api as meal_lists
@@ -36,6 +34,9 @@ from app.exports.lists import records_api as records
 from app.exports.queries import take_back_places as take_back_exports
 from app.exports.releases import api as releases
 from app.exports.releases.queries import take_back_places as take_back_releases
+from app.extras.fhir import api as fhir
+from app.extras.reminders import api as reminders
+from app.extras.sandbox import answers as sandbox
 from app.foods import api as foods
 from app.foods import reference_intakes_api as reference_intakes
 from app.foods import study_densities_api as study_densities
@@ -58,6 +59,7 @@ from app.meals.upload import server_api as server
 from app.meals.upload.after_meal import SubmitAfterPair
 from app.meals.upload.declare_meal import DeclareMeal
 from app.meals.upload.partial_uploads import PartialUploads
+from app.meals.upload.server_api import FEATURES
 from app.meals.upload.submit_meal import SubmitMeal
 from app.meals.upload.waiting import MealWaiter
 from app.metrics.instruments import register_build
@@ -82,7 +84,7 @@ from app.people.access.last_use import LastUse
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import open_secret_box
 from app.people.access.sign_in_limits import SignInLimits
-from app.people.access.web_origins import WEB_PATHS, WebOrigins
+from app.people.access.web_origins import REQUEST_HEADERS, WEB_PATHS, WebOrigins
 from app.people.location_policy import FilesWithPlaces
 from app.privacy import me_api as me_privacy
 from app.privacy import receipts_api as receipts
@@ -94,8 +96,6 @@ from app.records.review import api as review
 from app.records.review import questions_api as questions
 from app.records.review import queue_api as review_queue
 from app.records.review.meal_events import MealEvents
-from app.reminders import api as reminders
-from app.sandbox.answers import MetadataInjections, SandboxAnswers
 from app.storage.opening import open_blob_store
 from app.vessels import api as study_vessels
 from app.webhooks import api as webhooks
@@ -106,6 +106,7 @@ to eight), with a printed checkerboard beside the plate; the server measures eac
 and nutrients, and serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457
 problem documents with a stable `code`.
 """
+EXTRAS = (fhir.install, reminders.install, sandbox.install)
 
 
 @asynccontextmanager
@@ -140,7 +141,6 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
                 SubmitAfterPair(database, photo_intake, queue, box),
                 MealEvents(database, queue),
                 DeclareMeal(database, box),
-                MetadataInjections(),
                 waiter,
                 box,
                 children,
@@ -174,7 +174,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
             yield
 
 
-def create_app(settings: Settings) -> FastAPI:
+def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] = EXTRAS) -> FastAPI:
     """The app of one process."""
     app = FastAPI(
         title="tada-server",
@@ -188,14 +188,13 @@ def create_app(settings: Settings) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
+    # what extras may add to
+    app.state.rules = dict(RULES)
+    app.state.features = list(FEATURES)
+    app.state.request_headers = list(REQUEST_HEADERS)
+    app.state.on_metadata = None
     install_problem_handlers(app)
     app.add_exception_handler(NotFoundError, me_privacy.on_not_found)
-    app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=SandboxAnswers)
-    app.add_middleware(Edge, calls=RULES)
-    app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=WebOrigins)
-    app.add_middleware(AroundPath, pattern=FHIR_PATHS, middleware=FhirErrors)
-    app.add_middleware(RequestLog)
-    app.add_middleware(AroundPath, pattern=DASHBOARD_PATHS, middleware=DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
     app.mount(CAPTURE, CaptureFiles())
     app.mount(guide.PATH, guide.GuideFiles())
@@ -220,7 +219,6 @@ def create_app(settings: Settings) -> FastAPI:
         exports,
         releases,
         remeasurements,
-        fhir,
         review,
         review_queue,
         questions,
@@ -244,7 +242,6 @@ def create_app(settings: Settings) -> FastAPI:
         study_densities,
         study_vessels,
         webhooks,
-        reminders,
         server,
         health,
         metrics,
@@ -252,4 +249,10 @@ def create_app(settings: Settings) -> FastAPI:
     ):
         app.include_router(resource.router)
     app.openapi = lambda: openapi_document(app)  # type: ignore[method-assign]  # FastAPI's own way to extend it
+    app.add_middleware(Edge, calls=app.state.rules)
+    app.add_middleware(AroundPath, pattern=WEB_PATHS, middleware=WebOrigins)
+    for install in extras:
+        install(app)
+    app.add_middleware(RequestLog)
+    app.add_middleware(AroundPath, pattern=DASHBOARD_PATHS, middleware=DashboardAnswers)
     return app

@@ -12,12 +12,11 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from app.exports.fhir.answers import FHIR_JSON, PREFIX
 from app.http.problems import Problem, problem_responses
 from app.http.rate_limit import UNCOUNTED_PATHS
 from app.meals.upload.after_schemas import AfterMetadataIn
 from app.meals.upload.check_schemas import CheckMetadataIn
-from app.people.access.access_rules import OF_API, RULES, Rule
+from app.people.access.access_rules import OF_API, Rule
 from app.people.calibration_schemas import CalibrationMetadataIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
 
@@ -32,7 +31,7 @@ OUT_OF_ROUTES = (
 )
 OF_FASTAPI = ("HTTPValidationError", "ValidationError")  # its own form of a 422: ours is a Problem
 OF_BODIES = (400, 408, 413, 415)
-OF_PARAMETERS, OF_FHIR_PARAMETERS = 422, 400
+OF_PARAMETERS = 422
 OF_ANY, NOT_NOW = 500, 503
 UNKNOWN_CALLER = 401
 OK, CONFLICT, FIRST_ERROR = 200, 409, 400
@@ -122,7 +121,7 @@ COMPARE_CLOCKS = frozenset(
 TAGGED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "get_meal", "post_declared_meal", "post_event",
-        "get_photograph", "get_artefact", "get_export_file", "get_release_file", "get_nutrition_intake",
+        "get_photograph", "get_artefact", "get_export_file", "get_release_file",
         "put_my_day", "put_day_of_participant", "get_food", "patch_food", "post_food", "post_density", "post_restore",
         "get_study", "patch_study", "post_study", "post_cancel", "post_retry",
         "get_study_vessel", "put_study_vessel", "post_study_vessel",
@@ -150,7 +149,7 @@ def openapi_document(app: FastAPI) -> dict[str, Any]:
             schemas[name]["example"] = example
         for path, operations in document["paths"].items():
             for method, operation in operations.items():
-                _complete(operation, path, RULES[method.upper(), path])
+                _complete(operation, path, app.state.rules[method.upper(), path])
         for name in OF_FASTAPI:
             schemas.pop(name, None)
         _name_limits(schemas)
@@ -187,14 +186,10 @@ def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
         operation["description"].partition("\n")[0].partition(". ")[0].rstrip(".")
     )
     responses = operation["responses"]
-    if path.startswith(PREFIX):
-        responses.pop("422", None)
     for status in _statuses(operation, rule, path):
         if str(status) not in responses or "HTTPValidationError" in str(responses[str(status)]):
             responses[str(status)] = problem_responses(status)[status]
     for status, response in responses.items():
-        if path.startswith(PREFIX) and int(status) >= FIRST_ERROR:
-            response["content"] = {FHIR_JSON: {"schema": {"type": "object"}}}
         names = [
             *_headers(operation["operationId"], int(status), rule),
             *_file_headers(responses, status),
@@ -229,10 +224,6 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
         yield from OF_BODIES
     if path.startswith(OF_API):
         yield OF_PARAMETERS  # of those that it has, and for any that it has not (access.py)
-    elif path.startswith(PREFIX) and any(
-        each["in"] != "header" for each in operation.get("parameters", ())
-    ):
-        yield OF_FHIR_PARAMETERS
     if not rule.is_open:
         yield from (401, 403, 410)  # 410: the token was a participant's who has left the study
     if "{study}" in path:

@@ -15,6 +15,8 @@ from app.core.private_files import keep_files_private
 from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.db.session import Database, open_database
+from app.extras.reminders.send_reminders import reminder_chores
+from app.extras.sandbox.injection import may_identify
 from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.queue import JobQueue
@@ -57,12 +59,12 @@ def run_worker(settings: Settings) -> int:
     metrics = _serve_metrics(settings)
 
     def make_estimate(database: Database, pool: ChildPool) -> EstimateMeal:
-        return EstimateMeal(
-            database, blobs, pool, settings, partial(open_index, settings.food_index)
-        )
+        index = partial(open_index, settings.food_index)
+        return EstimateMeal(database, blobs, pool, settings, index, may_identify)
 
     def make_chores(database: Database) -> list[Chore]:
-        return worker_chores(database, blobs, box, settings)
+        reminders = reminder_chores(database, box, settings)
+        return [*reminders, *worker_chores(database, blobs, box, settings)]
 
     def make_backlog(database: Database) -> FeedWorkers:
         return FeedWorkers(database, JobQueue())

@@ -22,11 +22,11 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from app.db.session import Database
-from app.exports.fhir.answers import FhirJson
-from app.exports.fhir.bundles import search_bundle
-from app.exports.fhir.fhir_intakes import search_intakes
-from app.exports.fhir.names import Names
-from app.exports.fhir.search import read_search
+from app.extras.fhir.answers import FhirJson
+from app.extras.fhir.bundles import search_bundle
+from app.extras.fhir.fhir_intakes import search_intakes
+from app.extras.fhir.names import Names
+from app.extras.fhir.search import read_search
 from app.foods.models import Component, Food, FoodNutrient
 from app.nutrition.components import COMPONENTS
 from app.people.access.caller import StaffCaller

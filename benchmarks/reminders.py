@@ -24,12 +24,12 @@ from pathlib import Path
 
 from app.core.settings import Settings
 from app.db.session import Database
+from app.extras.reminders.send_reminders import SendReminders
+from app.extras.reminders.web_push import text_of
 from app.operations.prepare import prepare
 from app.people.access.secret_box import SecretBox
 from app.people.models import Device, Participant, PushSubscription
 from app.people.studies import create_study
-from app.reminders.send_reminders import SendReminders
-from app.reminders.web_push import text_of
 from app.webhooks.webhook_post import WebhookPost
 from benchmarks.databases import database_url
 from tests.support.push_services import Browser

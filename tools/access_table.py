@@ -1,10 +1,12 @@
-"""The lists in docs/access.md, made from CALLS: `python -m tools.access_table` writes them anew."""
+"""The lists in docs/access.md, made from the access rules: `python -m tools.access_table` writes them anew."""
 
 import textwrap
 from collections import defaultdict
 from pathlib import Path
 
-from app.people.access.access_rules import CALLS, Rule
+from app.core.settings import Settings
+from app.main import create_app
+from app.people.access.access_rules import Rule
 
 PAGE = Path(__file__).parents[1] / "docs" / "access.md"
 START, END = (
@@ -18,9 +20,10 @@ NO_BREAK = "\N{NO-BREAK SPACE}"  # between a method and its path
 def access_lists() -> str:
     """Return Markdown: for each kind of caller the calls that they may make."""
     calls: defaultdict[str, dict[str, list[str]]] = defaultdict(dict)
-    for call, rule in sorted(CALLS.items(), key=lambda entry: entry[0].split()[::-1]):
-        method, path = call.split()
-        calls[_callers(rule)].setdefault(path, []).append(method)
+    rules = create_app(Settings()).state.rules
+    for (method, path), rule in sorted(rules.items(), key=lambda entry: entry[0][::-1]):
+        if not rule.page:
+            calls[_callers(rule)].setdefault(path, []).append(method)
     paragraphs = [_paragraph(callers, paths) for callers, paths in sorted(calls.items())]
     return "\n" + "\n".join(paragraphs) + "\n"
 

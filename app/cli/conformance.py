@@ -28,7 +28,7 @@ def serve_conformance(
     from app.cli.demo import throwaway_settings
     from app.cli.sandbox import open_study_directly
     from app.cli.serving import serve
-    from app.conformance.observer import Observer
+    from app.extras.conformance.observer import Observer
 
     address = url or f"http://{host}:{port}"
     with tempfile.TemporaryDirectory(prefix="tada-conformance-") as folder:
@@ -66,11 +66,11 @@ def run_conformance(
     import httpx2
 
     from app.cli.demo import bundled_photograph
-    from app.conformance.report import WORDS, render_page, report_of
-    from app.conformance.server_checks import try_server
-    from app.conformance.server_phone import CALL_SECONDS, document, enrol
-    from app.conformance.verdict import is_conforming
     from app.core.errors import InvalidInputError
+    from app.extras.conformance.report import WORDS, render_page, report_of
+    from app.extras.conformance.server_checks import try_server
+    from app.extras.conformance.server_phone import CALL_SECONDS, document, enrol
+    from app.extras.conformance.verdict import is_conforming
 
     pair = {slot: bundled_photograph("", slot) for slot in ("left", "right")}
     with httpx2.Client(base_url=url.rstrip("/"), timeout=CALL_SECONDS) as client:

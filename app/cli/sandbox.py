@@ -24,6 +24,7 @@ from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.db.session import Database
+from app.extras.sandbox.answers import FIELD, HEADER
 from app.messages.catalogue import photograph_codes
 from app.operations.prepare import prepare
 from app.people.access.secret_box import open_secret_box
@@ -31,7 +32,6 @@ from app.people.enrol import issue_enrolment_code
 from app.people.participants import create_participant
 from app.people.schemas import EnrolmentCodeOut, EnrolmentOut
 from app.people.studies import ProtocolChange, create_study
-from app.sandbox.answers import FIELD, HEADER
 
 PARTICIPANT = "P001"
 CONFLICT = 409

@@ -33,7 +33,7 @@ from app.http.problems import render_problem
 from app.http.rate_limit import CallClass, CallLimits, call_class, caller_address
 from app.http.state import ApiState
 
-PREFIXES = ("/v1/", "/fhir/")
+PREFIX = "/v1/"
 NOT_KEPT = "private, no-store"
 UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$")
 LIMIT_BYTES = 256 * 1024
@@ -156,7 +156,7 @@ class _Exchange:
         scope.update({name: routed[name] for name in OF_ROUTING if name in routed})
         headers = MutableHeaders(scope=message)
         headers.update(self._state.get("rate_limit_headers", {}))
-        if scope["path"].startswith(PREFIXES):
+        if scope["path"].startswith(PREFIX):
             headers.setdefault("X-Content-Type-Options", "nosniff")
             headers.setdefault("Cache-Control", NOT_KEPT)
         if self._is_expecting or message["status"] == RequestTimeoutError.status:

@@ -17,7 +17,6 @@ from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures, erase_sandboxes
-from app.reminders.send_reminders import SendReminders
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
 from app.webhooks.deliver_webhooks import DeliverWebhooks
@@ -34,7 +33,7 @@ def worker_chores(
     settings: Settings,
     clock: TrustedClock | None = None,
 ) -> list[Chore]:
-    """Return the chores of one worker. clock: for tests."""
+    """Return the chores of one worker, without its extras'. clock: for tests."""
     clock = clock or TrustedClock(database)
     deleter = BlobDeleter(database, blobs)
     is_bucket = settings.resolved_blob_url.startswith("s3://")
@@ -59,13 +58,7 @@ def worker_chores(
     files = FileThread(database, blobs, settings, box)
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
-    reminders = (
-        []
-        if settings.push_contact is None
-        else [SendReminders(database, box, post, settings.push_contact)]
-    )
     return [
-        *(Chore("send_reminders", 20.0, each.run, at_end=each.stop) for each in reminders),
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),

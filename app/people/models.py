@@ -35,7 +35,7 @@ class Study(Base):
     shares_index: this study's confirmed items also help to identify foods of other studies. web_origins: of web apps
     that its participants may use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none.
     is_sandbox: for authors of apps, never for real participants
-    (app/sandbox); it never changes. version grows with every change of the protocol.
+    (docs/sandbox.md); it never changes. version grows with every change of the protocol.
     """
 
     __tablename__ = "study"

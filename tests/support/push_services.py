@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from app.reminders.web_push import CURVE, Receiver, bytes_of
+from app.extras.reminders.web_push import CURVE, Receiver, bytes_of
 
 
 class Browser:

@@ -46,7 +46,6 @@ from app.people.models import Study
 from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slot, depth_slot
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
-from app.sandbox.injection import NEEDS_REVIEW, injected_failure
 from app.storage.blob_store import BlobMissingError, BlobStore
 from app.storage.patient_fetcher import PatientFetcher
 from app.vessels.meal_vessels import vessels_of_meal
@@ -103,7 +102,10 @@ class SealedAnswer:
 
 
 class EstimateMeal:
-    """The use cases of a worker; one per process."""
+    """The use cases of a worker; one per process.
+
+    may_identify: whether the foods of a meal's own pair may be identified; may raise JobFailure.
+    """
 
     def __init__(
         self,
@@ -112,6 +114,7 @@ class EstimateMeal:
         children: ChildPool,
         settings: Settings,
         index: Callable[[], FoodIndex] = shipped_index,
+        may_identify: Callable[[Meal], bool] = lambda _meal: True,
     ) -> None:
         self._database = database
         self._identify = IdentifyFoods(database, index)
@@ -120,6 +123,7 @@ class EstimateMeal:
         self._fetcher = PatientFetcher(blobs)
         self._children = children
         self._settings = settings
+        self._may_identify = may_identify
 
     def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
         """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
@@ -130,9 +134,7 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
-            outcome = meal.details.get("sandbox") if job.purpose == "meal" else None
-            if outcome is not None and outcome != NEEDS_REVIEW:
-                raise JobFailure(injected_failure(outcome))
+            may_identify = job.purpose != "meal" or self._may_identify(meal)
             slots, maps = (
                 (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
             )
@@ -193,7 +195,7 @@ class EstimateMeal:
                 regions is not None
             ):  # the item of each hint: the meal may have changed when it is saved
                 answer.regions = list(regions.items)
-            if outcome is not None:  # it needs a review: nothing says which foods these are
+            if not may_identify:  # it needs a review: nothing says which foods these are
                 for item in answer.items:
                     item.hint = None
             elif not _is_of_after(job):  # leftovers are of the foods that were served

@@ -102,8 +102,8 @@ class DepthCameraDetails(PinholeDetails):
 class MealDetails(PairDetails):
     """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2.
 
-    rig: if it was sent. sandbox: how its estimate is to end (app/sandbox). depth_camera, depth_maps: of a meal with
-    depth maps; their slots.
+    rig: if it was sent. wanted_outcome: how its estimate is to end, if asked for. depth_camera,
+    depth_maps: of a meal with depth maps; their slots.
     """
 
     marker: str | None
@@ -112,7 +112,7 @@ class MealDetails(PairDetails):
     declared: NotRequired[list[DeclaredItemDetails]]
     views: NotRequired[int]
     rig: NotRequired[RigDetails]
-    sandbox: NotRequired[str]
+    wanted_outcome: NotRequired[str]
     depth_camera: NotRequired[DepthCameraDetails]
     depth_maps: NotRequired[list[str]]
 

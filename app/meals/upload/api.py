@@ -1,8 +1,7 @@
 """/v1/meals: a phone sends a meal, whole or part by part, and reads its state."""
 
 import uuid
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, cast
 
@@ -44,12 +43,16 @@ from app.photos.voice_note import MAX_NOTE_BYTES
 from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn, PosesIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
-from app.sandbox.answers import inject_into_meal
 from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
+# heeds fields of a new meal's metadata that no model has, and takes them out of these; refuses the
+# call, or returns how the meal's estimate is to end
+MetadataHook = Callable[
+    [Request, DeviceCaller, uuid.UUID, dict[str, JsonValue]], Awaitable[str | None]
+]
 FINAL = frozenset(
     {"estimated", "needs_review", "failed", "confirmed"}
 )  # statuses that no worker changes
@@ -151,8 +154,8 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
         missing = [slot for slot in announced if slot not in parts.files]
         if missing:
             raise _part_missing(missing)
-        outcome = await inject_into_meal(request, state, caller, checked.id, unknown)
-        metadata = replace(_metadata(checked.id, checked, unknown), sandbox=outcome)
+        outcome = await _wanted_outcome(request, caller, checked.id, unknown)
+        metadata = _metadata(checked.id, checked, unknown, outcome)
         return await _submit(state, caller, checked.id, metadata, parts.files)
 
 
@@ -170,8 +173,8 @@ async def put_meal(
     checked, unknown = validated_with_unknown(
         MealMetadataIn, await read_limited(request, MAX_METADATA_BYTES)
     )
-    outcome = await inject_into_meal(request, state, caller, meal_id, unknown)
-    metadata = replace(_metadata(meal_id, checked, unknown), sandbox=outcome)
+    outcome = await _wanted_outcome(request, caller, meal_id, unknown)
+    metadata = _metadata(meal_id, checked, unknown, outcome)
     return await _submit(state, caller, meal_id, metadata, {})
 
 
@@ -278,8 +281,18 @@ def _part_missing(parts: list[str]) -> MalformedRequestError:
     )
 
 
+async def _wanted_outcome(
+    request: Request, caller: DeviceCaller, client_id: uuid.UUID, unknown: dict[str, JsonValue]
+) -> str | None:
+    hook: MetadataHook | None = request.app.state.on_metadata
+    return await hook(request, caller, client_id, unknown) if hook is not None else None
+
+
 def _metadata(
-    client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]
+    client_id: uuid.UUID,
+    checked: MealMetadataIn,
+    unknown: Mapping[str, JsonValue],
+    wanted_outcome: str | None,
 ) -> MealMetadata:
     """Raises InvalidInputError (time, zone, marker, rig, poses)."""
     if checked.marker is not None:
@@ -301,6 +314,7 @@ def _metadata(
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
         unknown=unknown,
+        wanted_outcome=wanted_outcome,
     )
 
 

@@ -5,7 +5,7 @@ Without authentication, because an app calls it before it has a token.
 
 from datetime import UTC, datetime
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 
 from app import __version__
 from app.http.upload import IMAGE_TYPES, MAX_METADATA_BYTES
@@ -16,7 +16,7 @@ from app.records.meal_schemas import MAX_HINTS, HintIn, NewMealMetadataIn
 
 router = APIRouter(prefix="/v1/server", tags=["health"])
 
-FEATURES = (  # docs/apps.md describes each
+FEATURES = (  # docs/apps.md describes each; app.state.features has those of extras too
     "after_meal_pairs",
     "calibrations",
     "checks",
@@ -29,7 +29,6 @@ FEATURES = (  # docs/apps.md describes each
     "parts",
     "poses",
     "questions",
-    "reminders",
     "repeatable_enrolment",
     "resumable_uploads",
     "rigs",
@@ -40,7 +39,7 @@ FEATURES = (  # docs/apps.md describes each
 
 
 @router.get("")
-def get_server(state: State) -> ServerOut:
+def get_server(request: Request, state: State) -> ServerOut:
     """The server's version, what it reads and knows, and its limits."""
     settings = state.settings
     return ServerOut(
@@ -50,7 +49,7 @@ def get_server(state: State) -> ServerOut:
         image_types=list(IMAGE_TYPES),
         metadata_fields=sorted(NewMealMetadataIn.model_fields),
         hint_fields=sorted(HintIn.model_fields),
-        features=list(FEATURES),
+        features=sorted(request.app.state.features),
         limits=ServerLimitsOut(
             photo_bytes=settings.max_photo_bytes,
             photo_pixels=settings.max_photo_pixels,

@@ -79,7 +79,7 @@ class MealMetadata:
     """The checked metadata of a meal.
 
     location: WGS84, degrees. views: number of photographs. depth_maps: their slots. unknown: fields that no
-    model has, by their place. sandbox: how the estimate is to end.
+    model has, by their place. wanted_outcome: how the estimate is to end, by a MetadataHook.
     """
 
     client_id: uuid.UUID
@@ -96,7 +96,7 @@ class MealMetadata:
     depth_camera: DepthCameraDetails | None = None
     depth_maps: tuple[str, ...] = ()
     unknown: Mapping[str, JsonValue] = field(default_factory=dict)
-    sandbox: str | None = None
+    wanted_outcome: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,8 +329,8 @@ def _details(metadata: MealMetadata, location: dict[str, float] | None) -> MealD
         details["views"] = metadata.views
     if metadata.rig is not None:
         details["rig"] = metadata.rig
-    if metadata.sandbox is not None:
-        details["sandbox"] = metadata.sandbox
+    if metadata.wanted_outcome is not None:
+        details["wanted_outcome"] = metadata.wanted_outcome
     if metadata.depth_camera is not None:
         details["depth_camera"], details["depth_maps"] = (
             metadata.depth_camera,

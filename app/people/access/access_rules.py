@@ -88,9 +88,6 @@ CALLS: Mapping[str, Rule] = {
     "POST /v1/enrolments": OPEN,
     "GET /v1/me": DEVICE,
     "DELETE /v1/me/device": DEVICE,
-    "GET /v1/me/reminders": DEVICE,
-    "PUT /v1/me/reminders": DEVICE,
-    "DELETE /v1/me/reminders": DEVICE,
     "POST /v1/sessions": OPEN,
     "GET /v1/sessions/current": SESSION,
     "DELETE /v1/sessions/current": SESSION,
@@ -137,12 +134,6 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/data-dictionary": VIEWER_OR_DEVICE,
     "GET /v1/studies/{study}/photographs": VIEWER,
     "GET /v1/studies/{study}/changes": VIEWER,
-    # FHIR
-    "GET /fhir/metadata": OPEN,
-    "GET /fhir/StructureDefinition/{name}": OPEN,
-    "GET /fhir/NutritionIntake": VIEWER_OR_DEVICE,
-    "GET /fhir/NutritionIntake/{intake_id}": VIEWER_OR_DEVICE,
-    "GET /fhir/Patient/{patient_id}": VIEWER_OR_DEVICE,
     # days and feedback
     "GET /v1/me/days": DEVICE,
     "PUT /v1/me/days/{day}": DEVICE,
@@ -226,8 +217,16 @@ CALLS: Mapping[str, Rule] = {
     "POST /v1/studies/{study}/densities": OWNER,
     "POST /v1/studies/{study}/densities/{density}/withdrawal": OWNER,
 }
+
+
+def rules_of(calls: Mapping[str, Rule]) -> dict[tuple[str, str], Rule]:
+    """Return a table's rules by (method, path)."""
+    return {pages.as_call(call): rule for call, rule in calls.items()}
+
+
+# those of an app, with its extras', are in app.state.rules (app/main.py)
 RULES: Mapping[tuple[str, str], Rule] = {
-    **{pages.as_call(call): rule for call, rule in CALLS.items()},
+    **rules_of(CALLS),
     **dict.fromkeys(pages.OPEN_PAGES, Rule(is_open=True, page=True)),
     **{
         page: replace(CALLS[" ".join(call)], device=False, session=True, page=True)
@@ -254,7 +253,7 @@ def authorise(
     (`parameter_unknown`, `parameter_repeated`).
     """
     call = request.method, request.scope["route"].path
-    rule = RULES.get(call)
+    rule: Rule | None = request.app.state.rules.get(call)
     if rule is None:
         raise NotAllowedError(
             "This call is refused, because it has no access rule.", code="no_rule"
@@ -385,7 +384,7 @@ def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
 def _require_known_parameters(request: Request) -> None:
     """Refuse unknown query parameters and second values of single ones: an ignored filter would return other rows.
 
-    FHIR has its own rules for these (Prefer: handling); pages of the dashboard have forms.
+    Other addresses have rules of their own for these; pages of the dashboard have forms.
     """
     takes_list = list_parameters(request.scope["route"])
     unknown = sorted(request.query_params.keys() - takes_list.keys())

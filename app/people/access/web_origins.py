@@ -37,7 +37,7 @@ KNOWN_SECONDS = 5.0
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 REQUEST_HEADERS = (
     "Authorization", "Content-Type", "If-Match", "If-None-Match", "If-Range", "Range", "X-App-Version", "X-Request-Id",
-    "Repr-Digest", "Tada-Sandbox", "Tus-Resumable", "Upload-Length", "Upload-Offset",
+    "Repr-Digest", "Tus-Resumable", "Upload-Length", "Upload-Offset",
 )  # fmt: skip
 ANSWER_HEADERS = (
     "ETag", "Retry-After", "Location", "Date", "Content-Disposition", "Content-Range", "Accept-Ranges", "RateLimit",
@@ -92,7 +92,7 @@ class WebOrigins:
             self._app,
             allow_origins=allowed,
             allow_methods=METHODS,
-            allow_headers=REQUEST_HEADERS,
+            allow_headers=scope["app"].state.request_headers,
             expose_headers=ANSWER_HEADERS if allowed else (),
         )
         await cors(scope, receive, send)

@@ -5,8 +5,8 @@ import json
 import httpx2
 import pytest
 
+from app.extras.reminders.web_push import text_of
 from app.people.models import PushSubscription
-from app.reminders.web_push import text_of
 from tests.e2e.capture.capture_page import capture_link, enrolled, require_accessible
 from tests.e2e.dashboard_server import require
 from tests.support.push_services import Browser

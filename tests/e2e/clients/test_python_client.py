@@ -12,7 +12,7 @@ from collections import Counter
 import pytest
 from tada_client import NetworkError, Phone, Problem, RetryPolicy, Staff
 
-from app.reminders.web_push import text_of
+from app.extras.reminders.web_push import text_of
 from tests.e2e.clients.conftest import CHANGES
 from tests.e2e.clients.lossy_line import lossy_line
 from tests.e2e.processes import REPOSITORY, enrolment_code

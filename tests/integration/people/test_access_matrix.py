@@ -16,7 +16,7 @@ from fastapi.routing import APIRoute
 from app.core.settings import Settings
 from app.main import create_app
 from app.meals.stored.models import Meal
-from app.people.access.access_rules import RULES, SAFE_METHODS
+from app.people.access.access_rules import SAFE_METHODS
 from app.people.access.caller import new_token, sha256_hex
 from app.people.access.secret_box import SecretBox
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
@@ -279,10 +279,11 @@ def test_each_route_enforces_its_rule(client, state, role):
     paths = client.app.openapi()["paths"]
     faults, world = [], make_world(state)
     for method, path in sorted(routes_of(client.app)):
-        promised = expected(role, RULES[(method, path)], method, path)
+        rule = client.app.state.rules[method, path]
+        promised = expected(role, rule, method, path)
         operation = paths.get(path, {}).get(method.lower(), {})
         headers = world.headers[role.name]
-        if RULES[(method, path)].page:
+        if rule.page:
             headers = as_browser(headers)
         answer = client.request(method, fill(path, operation, world), headers=headers, follow_redirects=False)
         fault = fault_of(role, (method, path), answer, promised)
@@ -298,14 +299,14 @@ def app():
 
 
 def test_every_route_has_a_rule_and_every_rule_a_route(app):
-    assert routes_of(app) == set(RULES)
+    assert routes_of(app) == set(app.state.rules)
     assert {route.path for route in leaves(app.routes) if not isinstance(route, APIRoute)} <= OUT_OF_THE_API
 
 
 def test_every_rule_is_in_the_document_that_apps_are_written_by(app):
     told = {(method.upper(), path) for path, methods in app.openapi()["paths"].items() for method in methods}
     # what monitoring reads is no business of apps
-    shown = {route for route, rule in RULES.items() if not rule.scraper and not rule.page}
+    shown = {route for route, rule in app.state.rules.items() if not rule.scraper and not rule.page}
     assert {route for route in shown if route[0] != "HEAD"} == told
 
 

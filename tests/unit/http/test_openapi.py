@@ -14,14 +14,13 @@ from app.meals.stored.models import MEAL_ORIGINS, MEAL_STATUSES
 from app.meals.stored.record_models import ITEM_ORIGINS, RECORD_STATUSES
 from app.openapi import COMPARE_CLOCKS, COUNTED_AT_401, LOCATED, LOCATED_AGAIN, TAGGED
 from app.outbox.models import DELIVERY_STATES
-from app.people.access.access_rules import RULES
 from app.people.models import ROLES
 
 
-def test_only_what_the_rules_open_needs_no_token(operations):
+def test_only_what_the_rules_open_needs_no_token(app, operations):
     for call, operation in operations.items():
-        assert (not operation.get("security")) == RULES[call].is_open, call
-    assert {path for (_, path), rule in RULES.items() if rule.is_open} == {
+        assert (not operation.get("security")) == app.state.rules[call].is_open, call
+    assert {path for (_, path), rule in app.state.rules.items() if rule.is_open} == {
         "/v1/enrolments", "/v1/sessions", "/v1/receipts/{receipt}", "/healthz", "/readyz", "/v1/server",
         "/fhir/metadata", "/fhir/StructureDefinition/{name}", "/", "/dashboard/sign-in",
     }  # fmt: skip
@@ -57,9 +56,9 @@ def test_every_refusal_is_a_problem_document(operations):
                 assert is_fhir or schema == {"$ref": "#/components/schemas/Problem"}, (method, path, status)
 
 
-def test_what_stands_around_an_endpoint_is_declared(operations):
+def test_what_stands_around_an_endpoint_is_declared(app, operations):
     for call, operation in operations.items():
-        rule, statuses = RULES[call], set(operation["responses"])
+        rule, statuses = app.state.rules[call], set(operation["responses"])
         if not rule.is_open:
             assert {"401", "403"} <= statuses, call
         if rule.device:

@@ -1,0 +1,114 @@
+"""A phone subscribes to reminders, changes when it wants them, and leaves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, time
+from zoneinfo import ZoneInfo
+
+from app.core.errors import ConflictError
+from app.db.session import Database
+from app.extras.reminders import queries
+from app.extras.reminders.schedule import is_quiet, next_due
+from app.people.access import audit
+from app.people.access.caller import DeviceCaller
+from app.people.models import PushSubscription, Study
+from app.people.participants import require_in_study
+
+NEVER = datetime(
+    9000, 1, 1, tzinfo=UTC
+)  # scheduled, but all of the study's times are in the phone's quiet hours
+
+
+@dataclass(frozen=True, slots=True)
+class ReminderSettings:
+    """A phone's subscription as it sends it. times: the participant's own, "HH:MM"; None: the study's."""
+
+    endpoint: str
+    public_key: str
+    auth: str
+    times: list[str] | None
+    after_meal: bool
+    time_zone: str
+    quiet_from: time
+    quiet_until: time
+
+
+@dataclass(frozen=True, slots=True)
+class Reminders:
+    """subscription: the phone's, or None. study_times: of the protocol."""
+
+    subscription: PushSubscription | None
+    study_times: list[str]
+
+
+def read_reminders(database: Database, caller: DeviceCaller) -> Reminders:
+    """Return the phone's subscription and its study's times."""
+    with database.read() as session:
+        study = session.get_one(Study, caller.study_id)
+        return Reminders(
+            session.get(PushSubscription, caller.device_id), study.reminder_times or []
+        )
+
+
+def subscribe(
+    database: Database, caller: DeviceCaller, wanted: ReminderSettings, *, is_on: bool
+) -> Reminders:
+    """Subscribe the phone, or change its subscription. Raises ConflictError (`reminders_off`), GoneError."""
+    if not is_on:
+        raise ConflictError("This server sends no reminders.", code="reminders_off")
+    now = datetime.now(UTC)
+    with database.write() as session:
+        require_in_study(session, caller.participant_id)
+        study = session.get_one(Study, caller.study_id)
+        queries.lock_device(session, caller.device_id)
+        queries.remove_same_browser(session, caller.device_id, wanted.endpoint, wanted.auth)
+        row = session.get(PushSubscription, caller.device_id)
+        if row is None:
+            row = PushSubscription(device_id=caller.device_id, created_at=now)
+            session.add(row)
+        is_due = row.times == wanted.times and row.next_at is not None and row.next_at <= now
+        row.endpoint, row.public_key, row.auth = wanted.endpoint, wanted.public_key, wanted.auth
+        row.times, row.after_meal, row.time_zone = wanted.times, wanted.after_meal, wanted.time_zone
+        row.quiet_from_minutes, row.quiet_until_minutes = (
+            _minutes(wanted.quiet_from),
+            _minutes(wanted.quiet_until),
+        )
+        if not is_due:  # else it waits for a worker, who sets the next one too
+            row.next_at = next_at(row, study.reminder_times or [], now)
+        audit.note(session, caller, "reminders.set", subject=caller.participant_alias)
+        session.flush()
+        return Reminders(row, study.reminder_times or [])
+
+
+def unsubscribe(database: Database, caller: DeviceCaller) -> None:
+    """Remove the phone's subscription, if it has one."""
+    with database.write() as session:
+        if queries.remove_subscription(session, caller.device_id):
+            audit.note(session, caller, "reminders.delete", subject=caller.participant_alias)
+
+
+def next_at(row: PushSubscription, study_times: Sequence[str], after: datetime) -> datetime | None:
+    """Return when the phone is reminded next; the study's times only outside of its quiet hours.
+
+    Returns NEVER if the study has times but all are quiet; None without times. Raises KeyError, ValueError for a time
+    zone that is no longer known.
+    """
+    zone = ZoneInfo(row.time_zone)
+    if row.times is not None:
+        return next_due([time.fromisoformat(text) for text in row.times], zone, after)
+    times = [at for text in study_times if not is_quiet_for(row, at := time.fromisoformat(text))]
+    return next_due(times, zone, after) or (NEVER if study_times else None)
+
+
+def is_quiet_for(row: PushSubscription, at: time) -> bool:
+    """Return whether a local time lies within the phone's quiet hours."""
+    return is_quiet(at, clock_time(row.quiet_from_minutes), clock_time(row.quiet_until_minutes))
+
+
+def clock_time(minutes: int) -> time:
+    """Return the time of day so many minutes after midnight."""
+    return time(*divmod(minutes, 60))
+
+
+def _minutes(at: time) -> int:
+    return at.hour * 60 + at.minute
