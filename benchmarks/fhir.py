@@ -23,9 +23,9 @@ import sqlalchemy as sa
 
 from app.db.session import Database
 from app.extras.fhir.answers import FhirJson
-from app.extras.fhir.bundles import search_bundle
 from app.extras.fhir.fhir_intakes import search_intakes
 from app.extras.fhir.names import Names
+from app.extras.fhir.resources import search_bundle
 from app.extras.fhir.search import read_search
 from app.foods.models import Component, Food, FoodNutrient
 from app.nutrition.components import COMPONENTS

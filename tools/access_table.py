@@ -10,7 +10,7 @@ from app.people.access.access_rules import Rule
 
 PAGE = Path(__file__).parents[1] / "docs" / "access.md"
 START, END = (
-    "<!-- made from app/people/access/access_rules.py -->\n",
+    "<!-- made from the access rules -->\n",
     "<!-- end of what is made -->\n",
 )
 WIDTH = 160

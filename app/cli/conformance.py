@@ -3,9 +3,12 @@
 import json
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from app.core.settings import Settings
 
 conformance_cli = typer.Typer(
     no_args_is_help=True, help="Try whether an app or a server does what docs/apps.md asks."
@@ -26,14 +29,13 @@ def serve_conformance(
 ) -> None:
     """Run a throwaway server that records what an app does, disturbs it, and shows a check list at /conformance."""
     from app.cli.demo import throwaway_settings
-    from app.cli.sandbox import open_study_directly
     from app.cli.serving import serve
     from app.extras.conformance.observer import Observer
 
     address = url or f"http://{host}:{port}"
     with tempfile.TemporaryDirectory(prefix="tada-conformance-") as folder:
         settings = throwaway_settings(Path(folder), public_url=address, host=host, port=port)
-        code = open_study_directly(settings, STUDY, PARTICIPANT)
+        code = _prepare_with_study(settings)
         print(f"   server          {address}")
         print(f"   enrolment code  {code}")
         print(f"   a browser       {address}/capture/#code={code}")
@@ -101,3 +103,25 @@ def run_conformance(
         (output / "report.html").write_text(render_page(report), encoding="utf-8")
         (output / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     raise SystemExit(0 if is_conforming(results) else 1)
+
+
+def _prepare_with_study(settings: "Settings") -> str:
+    """Prepare a new deployment with a sandbox study, without a server. Returns an enrolment code."""
+    from app.cli.demo import MARKER
+    from app.db.session import Database
+    from app.operations.prepare import prepare
+    from app.people.access.secret_box import open_secret_box
+    from app.people.enrol import issue_enrolment_code
+    from app.people.participants import create_participant
+    from app.people.studies import ProtocolChange, create_study
+
+    protocol: ProtocolChange = {"marker": MARKER, "gives_feedback": True}
+    database = Database(settings.resolved_database_url)
+    try:
+        prepare(database, settings)
+        create_study(database, code=STUDY, name="Conformance", protocol=protocol, is_sandbox=True)
+        box = open_secret_box(settings)
+        create_participant(database, box, study_code=STUDY, code=PARTICIPANT)
+        return issue_enrolment_code(database, study_code=STUDY, participant_code=PARTICIPANT).code
+    finally:
+        database.dispose()

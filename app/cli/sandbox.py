@@ -22,16 +22,9 @@ from app.cli.demo import (
 )
 from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
 from app.core.errors import InvalidInputError
-from app.core.settings import Settings
-from app.db.session import Database
 from app.extras.sandbox.answers import FIELD, HEADER
 from app.messages.catalogue import photograph_codes
-from app.operations.prepare import prepare
-from app.people.access.secret_box import open_secret_box
-from app.people.enrol import issue_enrolment_code
-from app.people.participants import create_participant
 from app.people.schemas import EnrolmentCodeOut, EnrolmentOut
-from app.people.studies import ProtocolChange, create_study
 
 PARTICIPANT = "P001"
 CONFLICT = 409
@@ -130,16 +123,3 @@ def send_meals(admin: httpx2.Client, code: str) -> None:
                 {side: bundled_photograph(plate.folder, side) for side in ("left", "right")},
             )
             print(f"   sent {plate.folder or 'apple':<22} meal {meal.id}", flush=True)
-
-
-def open_study_directly(settings: Settings, study: str, participant: str) -> str:
-    """Prepare a new deployment with a sandbox study, without a server. Returns an enrolment code."""
-    database = Database(settings.resolved_database_url)
-    try:
-        prepare(database, settings)
-        protocol: ProtocolChange = {"marker": MARKER, "gives_feedback": True}
-        create_study(database, code=study, name="Conformance", protocol=protocol, is_sandbox=True)
-        create_participant(database, open_secret_box(settings), study_code=study, code=participant)
-        return issue_enrolment_code(database, study_code=study, participant_code=participant).code
-    finally:
-        database.dispose()

@@ -49,6 +49,11 @@ class Exchange:
     fault: Fault | None = None
 
     @property
+    def call(self) -> str:
+        """The method and the path."""
+        return f"{self.method} {self.path}"
+
+    @property
     def meal(self) -> str | None:
         """The id of the meal that it is about."""
         match = _MEAL.match(self.path)

@@ -9,10 +9,9 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from starlette.datastructures import Headers
-from starlette.formparsers import MultiPartParser
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -41,6 +40,7 @@ OF_METADATA: frozenset[Fault] = frozenset(
     {"lost_answer", "rate_limited"}
 )  # the others are of photographs
 MOST_EXCHANGES = 5_000  # of a phone: the oldest go
+JSON_TYPES = ("application/json", "application/problem+json")
 EXIF = b"Exif\0\0"
 _TOKEN = re.compile(r"tada_[A-Za-z0-9_-]{20,}")
 
@@ -91,79 +91,82 @@ class Observer:
         headers = Headers(scope=scope)
         token = headers.get("authorization", "").partition(" ")[2].strip()
         phone = self._phone(token) if token else None
-        is_whole = scope["method"] == "POST" and scope["path"] == "/v1/meals"
-        body = _Body(receive)
-        if is_whole:
+        body, answer = _Body(receive), _Answer(send)
+        if (scope["method"], scope["path"]) == ("POST", "/v1/meals"):
             await body.read()  # it names the meal
-        request = Exchange(
-            began,
-            began,
-            scope["method"],
-            scope["path"],
-            None,
-            metadata=await _metadata(scope, body),
-        )
+        request = Exchange(began, began, scope["method"], scope["path"], None)
+        request = replace(request, metadata=(await _parts(scope, body)).metadata)
         fault = _fault_of(phone, request) if phone is not None else None
-        answer = _Answer(send)
-        if (
-            fault == "not_durable" and scope["method"] == "PATCH"
-        ):  # the server loses the pieces that it had
-            await self._app(
-                {**scope, "method": "DELETE", "headers": _plain_headers(scope)}, _nothing, _unheard
-            )
-            await self._app(scope, body.replay, answer)
-        elif fault == "not_durable":
-            await body.read()
-            inner, passed_on = await _without_photographs(scope, body)
-            await self._app(inner, passed_on, answer)
-        else:
-            await self._app(_disturbed(scope, fault), body.replay, answer)
-        target = scope["path"] + "?" + scope["query_string"].decode("latin-1")
-        heard = answer.document()
-        exchange = Exchange(
-            began,
-            self._clock(),
-            request.method,
-            request.path,
-            answer.status,
+        await self._pass_on(scope, body, answer, fault, request.metadata)
+        parts = await _parts(scope, body)
+        address = scope["path"] + "?" + scope["query_string"].decode("latin-1")
+        offset = headers.get("upload-offset", "")
+        exchange = replace(
+            request,
+            ended_at=self._clock(),
+            status=answer.status,
             is_authorised=phone is not None,
-            has_secret_in_url=bool(_TOKEN.search(target))
-            or any(code in target for code in self._codes),
+            has_secret_in_url=bool(_TOKEN.search(address))
+            or any(code in address for code in self._codes),
             if_match=headers.get("if-match"),
-            metadata=await _metadata(scope, body),
-            photographs=await _photographs(scope, body),
-            upload_offset=int(offset)
-            if (offset := headers.get("upload-offset", "")).isdecimal()
-            else None,
+            metadata=parts.metadata,
+            photographs=parts.photographs,
+            upload_offset=int(offset) if offset.isdecimal() else None,
             retry_after=answer.retry_after,
-            answer=heard,
+            answer=answer.document,
             fault=fault,
         )
         if request.path == "/v1/enrolments":
-            phone = self._enrolled(exchange)
-        if phone is not None:
+            self._note_enrolment(exchange)
+        elif phone is not None:
             phone.exchanges.append(exchange)
             del phone.exchanges[:-MOST_EXCHANGES]
+
+    async def _pass_on(
+        self,
+        scope: Scope,
+        body: "_Body",
+        answer: "_Answer",
+        fault: Fault | None,
+        metadata: Mapping[str, object] | None,
+    ) -> None:
+        """Have the server answer the request, disturbed by the fault."""
+        if fault != "not_durable":
+            await self._app(_disturbed(scope, fault), body.replay, answer)
+        elif scope["method"] == "PATCH":  # the server loses the pieces that it had
+            deletion = {**scope, "method": "DELETE", "headers": _plain_headers(scope)}
+            await self._app(deletion, _receive_of(b""), _unheard)
+            await self._app(scope, body.replay, answer)
+        else:
+            await body.read()
+            inner, content = _without_photographs(scope, metadata)
+            await self._app(inner, _receive_of(content), answer)
 
     def _phone(self, token: str) -> ObservedPhone:
         return self._phones.setdefault(
             hashlib.sha256(token.encode()).hexdigest(), ObservedPhone("a phone")
         )
 
-    def _enrolled(self, exchange: Exchange) -> ObservedPhone | None:
+    def _note_enrolment(self, exchange: Exchange) -> None:
         """Note the phone that was enrolled, and forget its token's text."""
         body, token = exchange.metadata or {}, exchange.answer.get("token")
         if not isinstance(token, str):
-            return None
-        self._codes.add(
-            str(body.get("code"))
-        )  # one that works: any other text may stand in an address by chance
+            return
+        # one that works: any other text may stand in an address by chance
+        self._codes.add(str(body.get("code")))
         phone = self._phone(token)
         phone.device_name = str(body.get("device_name"))
         phone.exchanges.append(
             Exchange(exchange.at, exchange.ended_at, "POST", exchange.path, exchange.status)
         )
-        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """metadata: the JSON object that a request consists of, or its part of that name."""
+
+    metadata: dict[str, object] | None = None
+    photographs: tuple[SentPhotograph, ...] = ()
 
 
 class _Body:
@@ -200,23 +203,26 @@ class _Body:
 
 
 class _Answer:
-    """An answer on its way to the phone: JSON gets one more field."""
+    """An answer on its way to the phone: JSON gets one more field.
+
+    status: once it was sent whole
+    document: the JSON object that was answered, or an empty one
+    """
 
     def __init__(self, send: Send) -> None:
         self._send = send
-        self._start: Message | None = None
+        self._start: Message = {}
         self._content = bytearray()
         self._is_json = False
         self.status: int | None = None
         self.retry_after: float | None = None
+        self.document: dict[str, object] = {}
 
     async def __call__(self, message: Message) -> None:
         """Send a message, as ASGI's `send` does."""
         if message["type"] == "http.response.start":
             headers = Headers(raw=message["headers"])
-            self._is_json = headers.get("content-type", "").startswith(
-                ("application/json", "application/problem+json")
-            )
+            self._is_json = headers.get("content-type", "").startswith(JSON_TYPES)
             after = headers.get("retry-after", "")
             self.retry_after = float(after) if after.isdecimal() else None
             self._start = message
@@ -224,36 +230,24 @@ class _Answer:
                 await self._send(message)
             return
         is_last = not message.get("more_body", False)
-        if self._is_json:
-            self._content += message.get("body", b"")
-            if is_last and self._start is not None:
-                await self._send_extended(self._start)
-        else:
+        if not self._is_json:
             await self._send(message)
-        if is_last and self._start is not None:
+        else:
+            self._content += message.get("body", b"")
+            if is_last:
+                await self._send_extended()
+        if is_last:
             self.status = self._start["status"]
 
-    def document(self) -> dict[str, object]:
-        """The JSON object that was answered, or an empty one."""
-        document = (
-            json.loads(self._content)
-            if self._is_json and self._content and self.status is not None
-            else None
-        )
-        return document if isinstance(document, dict) else {}
-
-    async def _send_extended(self, start: Message) -> None:
-        document = json.loads(self._content) if self._content else None
-        content = bytes(self._content)
-        if isinstance(document, dict):
+    async def _send_extended(self) -> None:
+        content, document = bytes(self._content), _json_object(self._content)
+        if document is not None:
             content = json.dumps(document | {UNKNOWN_FIELD: {"ignore": "this"}}).encode()
-        headers = [
-            (name, value) for name, value in start["headers"] if name.lower() != b"content-length"
-        ]
-        await self._send(
-            {**start, "headers": [*headers, (b"content-length", str(len(content)).encode())]}
-        )
+        headers = MutableHeaders(raw=list(self._start["headers"]))
+        headers["content-length"] = str(len(content))
+        await self._send({**self._start, "headers": headers.raw})
         await self._send({"type": "http.response.body", "body": content, "more_body": False})
+        self.document = document or {}
 
 
 def _fault_of(phone: ObservedPhone, request: Exchange) -> Fault | None:
@@ -275,51 +269,46 @@ def _fault_of(phone: ObservedPhone, request: Exchange) -> Fault | None:
 
 def _disturbed(scope: Scope, fault: Fault | None) -> Scope:
     """The request as the server is to see it."""
-    headers: list[tuple[bytes, bytes]] = scope["headers"]
-    if fault == "stale":
-        return {
-            **scope,
-            "headers": [(n, b'"0"' if n == b"if-match" else value) for n, value in headers],
-        }
+    headers = MutableHeaders(raw=list(scope["headers"]))
+    if fault == "stale" and "if-match" in headers:
+        headers["if-match"] = '"0"'
     if fault is not None and fault in INJECTIONS:
-        asked = (ASKING_HEADER.lower().encode(), INJECTIONS[fault].encode())
-        return {**scope, "headers": [*(pair for pair in headers if pair[0] != asked[0]), asked]}
-    return scope
+        headers[ASKING_HEADER] = INJECTIONS[fault]
+    return {**scope, "headers": headers.raw}
 
 
 def _plain_headers(scope: Scope) -> list[tuple[bytes, bytes]]:
     """Return the headers of a request that do not describe its body."""
-    kept = {b"authorization", b"host", b"x-app-version", b"tus-resumable"}
-    return [(name, value) for name, value in scope["headers"] if name in kept]
+    names = {b"authorization", b"host", b"x-app-version", b"tus-resumable"}
+    return [(name, value) for name, value in scope["headers"] if name in names]
 
 
-async def _nothing() -> Message:
-    return {"type": "http.request", "body": b"", "more_body": False}
+def _receive_of(content: bytes) -> Receive:
+    """Return ASGI's `receive` of a request with this body."""
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": content, "more_body": False}
+
+    return receive
 
 
 async def _unheard(_: Message) -> None:
     """Drop a message of an answer that nobody waits for."""
 
 
-async def _without_photographs(scope: Scope, body: _Body) -> tuple[Scope, Receive]:
-    """The request as if the server had lost the photographs: the answer still lists them as missing."""
-    metadata = await _metadata(scope, body)
+def _without_photographs(
+    scope: Scope, metadata: Mapping[str, object] | None
+) -> tuple[Scope, bytes]:
+    """The request and its body as if the server had lost the photographs: the answer still lists them as missing."""
     headers = _plain_headers(scope)
     if scope["method"] == "POST" and metadata is not None:
         path, method = f"/v1/meals/{metadata.get('id')}", "PUT"
-        content = json.dumps(
-            {name: value for name, value in metadata.items() if name != "id"}
-        ).encode()
-        headers += [
-            (b"content-type", b"application/json"),
-            (b"content-length", str(len(content)).encode()),
-        ]
+        fields = {name: value for name, value in metadata.items() if name != "id"}
+        content = json.dumps(fields).encode()
+        length = str(len(content)).encode()
+        headers += [(b"content-type", b"application/json"), (b"content-length", length)]
     else:
         path, method, content = scope["path"].partition("/images/")[0], "GET", b""
-
-    async def receive() -> Message:
-        return {"type": "http.request", "body": content, "more_body": False}
-
     inner = {
         **scope,
         "method": method,
@@ -328,57 +317,43 @@ async def _without_photographs(scope: Scope, body: _Body) -> tuple[Scope, Receiv
         "query_string": b"",
         "headers": headers,
     }
-    return inner, receive
+    return inner, content
 
 
-async def _metadata(scope: Scope, body: _Body) -> dict[str, object] | None:
-    """The JSON object that a request consists of, or its part `metadata`; None without one."""
-    content_type = Headers(scope=scope).get("content-type", "")
+async def _parts(scope: Scope, body: _Body) -> _Parts:
+    """What a request that came whole consists of."""
+    content, content_type = bytes(body.content), Headers(scope=scope).get("content-type", "")
+    folder, _, slot = scope["path"].rpartition("/images/")
+    contents: dict[str, bytes] = {}
     if not body.is_whole:
-        return None
+        return _Parts()
     if content_type.startswith("multipart/form-data"):
-        part = (await _parts(scope, body)).get("metadata")
-        return _json_object(part) if part is not None else None
-    return (
-        _json_object(bytes(body.content)) if content_type.startswith("application/json") else None
+        contents = await _form(scope, content)
+    elif content_type.startswith("application/json"):
+        contents = {"metadata": content}
+    elif scope["method"] == "PUT" and folder:
+        contents = {slot: content}
+    photographs = tuple(
+        _photograph(name, part)
+        for name, part in contents.items()
+        if name in PHOTOGRAPH_SLOTS and part and scope["path"].startswith("/v1/meals")
     )
+    return _Parts(_json_object(contents.get("metadata", b"")), photographs)
 
 
-async def _photographs(scope: Scope, body: _Body) -> tuple[SentPhotograph, ...]:
-    """The photographs of a request that came whole."""
-    path = scope["path"]
-    if not body.is_whole or not body.content:
-        return ()
-    if scope["method"] == "POST" and path == "/v1/meals":
-        parts = await _parts(scope, body)
-        return tuple(
-            _sent(slot, content) for slot, content in parts.items() if slot in PHOTOGRAPH_SLOTS
-        )
-    slot = path.rpartition("/images/")[2]
-    if scope["method"] == "PUT" and path.startswith("/v1/meals/") and slot in PHOTOGRAPH_SLOTS:
-        return (_sent(slot, bytes(body.content)),)
-    return ()
-
-
-async def _parts(scope: Scope, body: _Body) -> dict[str, bytes]:
-    async def receive() -> Message:
-        return {"type": "http.request", "body": bytes(body.content), "more_body": False}
-
-    parser = MultiPartParser(
-        Headers(scope=scope), Request(scope, receive).stream(), max_part_size=2**20
-    )
+async def _form(scope: Scope, content: bytes) -> dict[str, bytes]:
+    """The parts of a form by name."""
     parts = {}
     try:
-        form = await parser.parse()
+        async with Request(scope, _receive_of(content)).form() as form:
+            for name, value in form.multi_items():
+                parts[name] = value.encode() if isinstance(value, str) else await value.read()
     except Exception:  # noqa: BLE001  # any: the server refuses what cannot be parsed, and says why
         return {}
-    for name, value in form.multi_items():
-        parts[name] = value.encode() if isinstance(value, str) else await value.read()
-    await form.close()
     return parts
 
 
-def _sent(slot: str, content: bytes) -> SentPhotograph:
+def _photograph(slot: str, content: bytes) -> SentPhotograph:
     media_type = sniff(content)
     return SentPhotograph(
         slot,
@@ -388,7 +363,7 @@ def _sent(slot: str, content: bytes) -> SentPhotograph:
     )
 
 
-def _json_object(content: bytes) -> dict[str, object] | None:
+def _json_object(content: bytes | bytearray) -> dict[str, object] | None:
     try:
         document = json.loads(content)
     except ValueError:

@@ -7,7 +7,7 @@ from jinja2 import Environment
 from starlette.responses import HTMLResponse, JSONResponse
 from starlette.types import Receive, Scope, Send
 
-from app.extras.conformance.checks import judge
+from app.extras.conformance.app_checks import judge
 from app.extras.conformance.conversation import Conversation
 from app.extras.conformance.verdict import Result, is_conforming
 

@@ -2,7 +2,7 @@
 
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import httpx2
 
@@ -13,7 +13,7 @@ from app.extras.conformance.server_phone import (
     document,
     metadata_body,
 )
-from app.extras.conformance.verdict import Result, Verdict, failed, not_seen, passed
+from app.extras.conformance.verdict import Result, Verdict, failed, name_of, not_seen, passed
 
 FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})
 PROBLEM_JSON = "application/problem+json"
@@ -31,12 +31,12 @@ SETTLE_SECONDS = 1.0  # a server may notice later that a connection has ended
 def check_problems(phone: TrialPhone) -> Verdict:
     """Refusals are problem documents with a code, whoever asks."""
     answer = phone.client.get("/v1/me")
-    if (reason := _not_refused(answer, 401, "unauthenticated")) is not None:
-        return failed(f"GET /v1/me without a token: {reason}")
+    if failure := _unless_refused(answer, 401, "unauthenticated", "GET /v1/me without a token"):
+        return failure
     answer = phone.call("GET", "/v1/meals", params={"no_such_filter": "1"})
-    if (reason := _not_refused(answer, 422, "parameter_unknown")) is not None:
-        return failed(f"GET /v1/meals with an unknown parameter: {reason}")
-    return passed("Refusals are RFC 9457 problem documents with a code.")
+    call = "GET /v1/meals with an unknown parameter"
+    failure = _unless_refused(answer, 422, "parameter_unknown", call)
+    return failure or passed("Refusals are RFC 9457 problem documents with a code.")
 
 
 def check_lost_answer(phone: TrialPhone) -> Verdict:
@@ -47,7 +47,7 @@ def check_lost_answer(phone: TrialPhone) -> Verdict:
     answers = [phone.put_meal(phone.meal) for _ in range(2)]
     if answers[0].status_code not in {200, 202} or answers[1].status_code != 200:
         return failed(
-            f"PUT {path} again and again: {', '.join(str(each.status_code) for each in answers)}."
+            f"PUT {path} again and again: {', '.join(str(answer.status_code) for answer in answers)}."
         )
     if answers[0].headers.get("etag") != answers[1].headers.get("etag"):
         return failed("The same metadata changed the meal's ETag.")
@@ -57,12 +57,8 @@ def check_lost_answer(phone: TrialPhone) -> Verdict:
 def check_ids(phone: TrialPhone) -> Verdict:
     """An id belongs to one meal: other content is refused."""
     answer = phone.put_meal(phone.meal, captured_at="2026-11-20T13:30:00+08:00")
-    reason = _not_refused(answer, 409, "meal_id_reused")
-    return (
-        failed(f"Other metadata for the same id: {reason}")
-        if reason
-        else passed("Other content is refused.")
-    )
+    failure = _unless_refused(answer, 409, "meal_id_reused", "Other metadata for the same id")
+    return failure or passed("Other content is refused.")
 
 
 def check_broken_upload(phone: TrialPhone) -> Verdict:
@@ -88,12 +84,9 @@ def check_repeated_photograph(phone: TrialPhone) -> Verdict:
     answer = phone.put_photograph("left")
     if answer.status_code != 200:
         return failed(f"The same photograph again: {answer.status_code}, not 200.")
-    reason = _not_refused(phone.put_photograph("left", phone.pair["right"]), 409, "meal_id_reused")
-    return (
-        failed(f"Other bytes for the same photograph: {reason}")
-        if reason
-        else passed("200, and 409 for others.")
-    )
+    answer = phone.put_photograph("left", phone.pair["right"])
+    failure = _unless_refused(answer, 409, "meal_id_reused", "Other bytes for the same photograph")
+    return failure or passed("200, and 409 for others.")
 
 
 def check_unknown_fields(phone: TrialPhone) -> Verdict:
@@ -112,12 +105,8 @@ def check_unknown_fields(phone: TrialPhone) -> Verdict:
 def check_time_zones(phone: TrialPhone) -> Verdict:
     """An offset that the zone does not have is refused."""
     answer = phone.put_meal(str(uuid.uuid4()), time_zone="Europe/Vienna")
-    reason = _not_refused(answer, 422, "offset_not_in_zone")
-    return (
-        failed(f"+08:00 in Europe/Vienna: {reason}")
-        if reason
-        else passed("An offset of another zone is refused.")
-    )
+    failure = _unless_refused(answer, 422, "offset_not_in_zone", "+08:00 in Europe/Vienna")
+    return failure or passed("An offset of another zone is refused.")
 
 
 def check_whole_meal(phone: TrialPhone) -> Verdict:
@@ -167,19 +156,19 @@ def check_conditional_reading(phone: TrialPhone) -> Verdict:
 def check_changes(phone: TrialPhone) -> Verdict:
     """A change needs the version that it was made from, and counts once."""
     event = {"id": str(uuid.uuid4()), "kind": "comment", "text": "conformance"}
-    if (
-        reason := _not_refused(phone.send_event(event, None), 428, "precondition_required")
-    ) is not None:
-        return failed(f"An event without If-Match: {reason}")
-    if (
-        reason := _not_refused(phone.send_event(event, '"0"'), 412, "precondition_failed")
-    ) is not None:
-        return failed(f"An event with an old version: {reason}")
+    answer = phone.send_event(event, None)
+    call = "An event without If-Match"
+    if failure := _unless_refused(answer, 428, "precondition_required", call):
+        return failure
+    answer = phone.send_event(event, '"0"')
+    call = "An event with an old version"
+    if failure := _unless_refused(answer, 412, "precondition_failed", call):
+        return failure
     etag = phone.call("GET", f"/v1/meals/{phone.meal}").headers.get("etag")
     answers = [phone.send_event(event, etag) for _ in range(2)]
     if [answer.status_code for answer in answers] not in ([200, 200], [201, 200]):
         return failed(
-            f"An event twice: {', '.join(str(each.status_code) for each in answers)}; expected 200, 200."
+            f"An event twice: {', '.join(str(answer.status_code) for answer in answers)}; expected 200, 200."
         )
     if document(answers[0]).get("version") != document(answers[1]).get("version"):
         return failed("The same event counted twice.")
@@ -222,12 +211,9 @@ def check_deletion(phone: TrialPhone) -> Verdict:
         return failed(f"DELETE {path}: {answer.status_code}, receipt {receipt}.")
     if phone.call("GET", path).status_code not in {404, 410}:
         return failed("A deleted meal can still be read.")
-    reason = _not_refused(phone.put_meal(phone.meal), 410, "meal_deleted")
-    return (
-        failed(f"The deleted meal again: {reason}")
-        if reason
-        else passed("Its receipt stays, its id is gone.")
-    )
+    answer = phone.put_meal(phone.meal)
+    failure = _unless_refused(answer, 410, "meal_deleted", "The deleted meal again")
+    return failure or passed("Its receipt stays, its id is gone.")
 
 
 def check_withdrawal(phone: TrialPhone) -> Verdict:
@@ -235,48 +221,34 @@ def check_withdrawal(phone: TrialPhone) -> Verdict:
     answer = phone.call("POST", "/v1/me/withdrawal")
     if answer.status_code != 200 or "id" not in document(answer):
         return failed(f"POST /v1/me/withdrawal: {answer.status_code}.")
-    reason = _not_refused(phone.call("GET", "/v1/me"), 410, "withdrawn")
-    return (
-        failed(f"A call after leaving: {reason}")
-        if reason
-        else passed("A receipt, and 410 `withdrawn` ever after.")
-    )
+    answer = phone.call("GET", "/v1/me")
+    failure = _unless_refused(answer, 410, "withdrawn", "A call after leaving")
+    return failure or passed("A receipt, and 410 `withdrawn` ever after.")
 
 
-CHECKS: tuple[
-    tuple[str, str, Callable[[TrialPhone], Verdict], bool], ...
-] = (  # the last: is it required
-    ("problems", "Refusals are problem documents", check_problems, True),
-    ("lost_answer", "A request whose answer was lost can be sent again", check_lost_answer, True),
-    ("ids", "An id belongs to one meal", check_ids, True),
-    (
-        "broken_upload",
-        "A broken upload leaves nothing; a whole one is durable",
-        check_broken_upload,
-        True,
-    ),
-    (
-        "repeated_photograph",
-        "The same photograph again is harmless",
-        check_repeated_photograph,
-        True,
-    ),
-    ("unknown_fields", "Unknown fields of metadata are kept aside", check_unknown_fields, True),
-    ("time_zones", "Times fit their zones", check_time_zones, True),
-    ("whole_meal", "A meal in one request, twice, is one meal", check_whole_meal, True),
-    ("estimate", "A pair is measured", check_estimate, True),
-    ("conditional_reading", "Reading by ETag", check_conditional_reading, True),
-    ("changes", "Changes by If-Match, once each", check_changes, True),
-    ("pieces", "A photograph in pieces", check_pieces, False),
-    ("deletion", "A deleted meal is gone", check_deletion, True),
-    ("withdrawal", "After a withdrawal every call is refused", check_withdrawal, True),
-)
+CHECKS: Mapping[Callable[[TrialPhone], Verdict], str] = {
+    check_problems: "Refusals are problem documents",
+    check_lost_answer: "A request whose answer was lost can be sent again",
+    check_ids: "An id belongs to one meal",
+    check_broken_upload: "A broken upload leaves nothing; a whole one is durable",
+    check_repeated_photograph: "The same photograph again is harmless",
+    check_unknown_fields: "Unknown fields of metadata are kept aside",
+    check_time_zones: "Times fit their zones",
+    check_whole_meal: "A meal in one request, twice, is one meal",
+    check_estimate: "A pair is measured",
+    check_conditional_reading: "Reading by ETag",
+    check_changes: "Changes by If-Match, once each",
+    check_pieces: "A photograph in pieces",
+    check_deletion: "A deleted meal is gone",
+    check_withdrawal: "After a withdrawal every call is refused",
+}
+ADVICE = frozenset({check_pieces})  # all others are required
 
 
 def try_server(phone: TrialPhone) -> list[Result]:
     """Make all checks, one after the other. A check fails if there is no answer, or one of another form."""
     results = []
-    for name, title, check, is_required in CHECKS:
+    for check, title in CHECKS.items():
         try:
             verdict = check(phone)
         except (httpx2.HTTPError, OSError) as error:
@@ -285,18 +257,17 @@ def try_server(phone: TrialPhone) -> list[Result]:
             verdict = failed(
                 f"An answer does not have the form that the API documents: {type(error).__name__} {error}."
             )
-        results.append(Result(name, title, verdict, is_required))
+        results.append(Result(name_of(check), title, verdict, is_required=check not in ADVICE))
     return results
 
 
-def _not_refused(answer: httpx2.Response, status: int, code: str) -> str | None:
-    """Return how an answer differs from a refusal with this status and code; None if it does not."""
+def _unless_refused(answer: httpx2.Response, status: int, code: str, call: str) -> Verdict | None:
+    """Return the failure of a call that was not refused with this status and code; None if it was."""
     problem = document(answer)
     if answer.status_code != status or problem.get("code") != code:
-        return f"{answer.status_code} {problem.get('code', '')}, expected {status} {code}."
-    if (
-        not answer.headers.get("content-type", "").startswith(PROBLEM_JSON)
-        or "retryable" not in problem
-    ):
-        return f"{status} {code} without {PROBLEM_JSON} or `retryable`."
+        given = f"{answer.status_code} {problem.get('code', '')}"
+        return failed(f"{call}: {given}, expected {status} {code}.")
+    is_problem = answer.headers.get("content-type", "").startswith(PROBLEM_JSON)
+    if not is_problem or "retryable" not in problem:
+        return failed(f"{call}: {status} {code} without {PROBLEM_JSON} or `retryable`.")
     return None

@@ -1,5 +1,6 @@
 """Verdicts of checks on an app or a server."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +21,11 @@ class Result:
     title: str
     verdict: Verdict
     is_required: bool = True
+
+
+def name_of(check: Callable[..., Verdict]) -> str:
+    """Return a check's name in reports."""
+    return check.__name__.removeprefix("check_")
 
 
 def passed(detail: str) -> Verdict:

@@ -16,7 +16,6 @@ from app.extras.fhir.answers import (
     require_json,
     wants_strict,
 )
-from app.extras.fhir.bundles import search_bundle
 from app.extras.fhir.capability import (
     EXTENSIONS,
     SEARCH_PARAMETERS,
@@ -25,7 +24,7 @@ from app.extras.fhir.capability import (
 )
 from app.extras.fhir.fhir_intakes import read_intake, read_person, search_intakes
 from app.extras.fhir.names import names_of, patient_id, person_of_id
-from app.extras.fhir.resources import Intakes, patient
+from app.extras.fhir.resources import Intakes, patient, search_bundle
 from app.extras.fhir.search import CURSOR, DEFAULT_COUNT, MOST_COUNT, read_search
 from app.http.answers import AroundPath
 from app.http.problems import problem_responses

@@ -5,7 +5,7 @@ page's order.
 """
 
 import uuid
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import NamedTuple
@@ -14,7 +14,9 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
-from app.foods.models import Component, Food, FoodNutrient, FoodRelease
+from app.foods import queries as foods
+from app.foods.models import Food
+from app.foods.queries import NutrientRow
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord
 from app.records.page_queries import (
     MOST_BRANCHES,
@@ -46,33 +48,12 @@ class IntakeFilter:
     provisional: bool | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class FoodComponent:
-    """A component as plain values, not as a row of a session: a page has thousands of figures."""
-
-    number: str
-    name: str
-    unit: str
-    tagname: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class IntakeFood:
-    """A version of a food. release: its table's name and version. contents: known contents of 100 g edible portion."""
-
-    key: str
-    name: str
-    version: int
-    source_ids: Mapping[str, str]
-    release: str
-    contents: tuple[tuple[FoodComponent, float], ...]
-
-
 class IntakeRow(NamedTuple):
-    """A record and its food."""
+    """A record, its food, and all known components of that."""
 
     row: RecordRow
-    food: IntakeFood | None
+    food: Food | None
+    nutrients: Sequence[NutrientRow]
 
 
 def page_of_intakes(
@@ -185,44 +166,13 @@ def _between(since: datetime | None, before: datetime | None) -> list[sa.ColumnE
 
 def _with_foods(session: Session, rows: Sequence[RecordRow]) -> list[IntakeRow]:
     ids = {row.record.food_id for row in rows if row.record.food_id is not None}
-    contents = _contents(session, ids)
-    query = sa.select(Food, FoodRelease.name + " " + FoodRelease.version)
-    query = query.join(FoodRelease, FoodRelease.id == Food.release_id).where(Food.id.in_(ids))
-    foods = {
-        food.id: IntakeFood(
-            food.key,
-            food.name,
-            food.version,
-            food.source_ids,
-            release,
-            tuple(contents.get(food.id, ())),
-        )
-        for food, release in session.execute(query)
+    foods_by_id = {
+        food.id: food for food in session.scalars(sa.select(Food).where(Food.id.in_(ids)))
     }
+    nutrients = foods.nutrients_of_each(session, ids)
     return [
-        IntakeRow(row, foods[row.record.food_id] if row.record.food_id is not None else None)
+        IntakeRow(row, foods_by_id[food_id], nutrients[food_id])
+        if (food_id := row.record.food_id) is not None
+        else IntakeRow(row, None, ())
         for row in rows
     ]
-
-
-def _contents(
-    session: Session, food_ids: Collection[int]
-) -> dict[int, list[tuple[FoodComponent, float]]]:
-    """Return food -> components with the content of 100 g. Plain values, since a page's foods have thousands."""
-    if not food_ids:
-        return {}
-    rows = session.execute(
-        sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname)
-    )
-    components = {
-        row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in rows
-    }
-    query = (
-        sa.select(FoodNutrient.food_id, FoodNutrient.component_id, FoodNutrient.per_100_g)
-        .where(FoodNutrient.food_id.in_(food_ids))
-        .order_by(FoodNutrient.food_id, FoodNutrient.component_id)
-    )
-    contents: dict[int, list[tuple[FoodComponent, float]]] = {}
-    for food_id, component_id, per_100_g in session.execute(query):
-        contents.setdefault(food_id, []).append((components[component_id], per_100_g))
-    return contents

@@ -7,10 +7,12 @@ a `data-absent-reason`; they are never 0. docs/fhir.md describes each element.
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, timezone
+from urllib.parse import urlencode
 
 from pydantic import JsonValue
 
 from app.core.units import content_of_mass
+from app.extras.fhir.answers import outcome_issue
 from app.extras.fhir.names import (
     ABSENT,
     ABSENT_CODES,
@@ -21,8 +23,11 @@ from app.extras.fhir.names import (
     Resource,
     patient_id,
 )
-from app.extras.fhir.queries import FoodComponent, IntakeFood, IntakeRow
+from app.extras.fhir.queries import IntakeRow
+from app.extras.fhir.search import CURSOR, SearchQuery
 from app.foods.food_amounts import RECORD_COLUMNS
+from app.foods.models import Component as FoodComponent
+from app.http.paging import Page
 from app.meals.stored.record_models import EffectiveRecord
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.people.models import Participant
@@ -78,12 +83,12 @@ class Intakes:
             "consumedItem": [
                 {
                     "type": {"text": "Food or drink"},
-                    "nutritionProduct": {"concept": self._food(intake.food)},
+                    "nutritionProduct": {"concept": self._food(intake)},
                     "amount": self._amount(record),
                 }
             ],
         }
-        if labels := list[JsonValue](self._labels(record, intake.food)):
+        if labels := list[JsonValue](self._labels(intake)):
             resource["ingredientLabel"] = labels
         if notes := list[JsonValue](_notes(record)):
             resource["note"] = notes
@@ -97,11 +102,12 @@ class Intakes:
             }
         return {"reportedBoolean": row.record.origin == "added"}
 
-    def _food(self, food: IntakeFood | None) -> Resource:
+    def _food(self, intake: IntakeRow) -> Resource:
+        food = intake.food
         if food is None:
             unknown: Resource = {"system": ABSENT_CODES, "code": "unknown", "display": "Unknown"}
             return {"coding": [unknown], "text": "A food that is not identified yet"}
-        name, release = _text(food.name), _text(food.release)
+        name, release = _text(food.name), _text(intake.row.food_release)
         version = release if food.version == 1 else f"{release}, version {food.version}"
         codings: list[JsonValue] = [
             {
@@ -131,22 +137,21 @@ class Intakes:
             ]
         return amount
 
-    def _labels(self, record: EffectiveRecord, food: IntakeFood | None) -> Iterator[Resource]:
+    def _labels(self, intake: IntakeRow) -> Iterator[Resource]:
         """Yield all components with a figure; the ten headline components have the record's figures."""
+        record = intake.row.record
         if record.consumed_g is None:
             return
-        amounts: dict[str, tuple[FoodComponent | Component, float]] = {
-            component.number: (component, record.consumed_g * content_of_mass(per_100_g, 1.0))
-            for component, per_100_g in (food.contents if food is not None else ())
-        }
+        amounts: dict[str, tuple[FoodComponent | Component, float]] = {}
+        for nutrient in intake.nutrients:
+            per_g = content_of_mass(nutrient.per_100_g, 1.0)
+            amounts[nutrient.component.number] = nutrient.component, record.consumed_g * per_g
         for column, numbers in RECORD_COLUMNS.items():
             value = getattr(record, column)
             if value is not None:
                 number = next((number for number in numbers if number in amounts), numbers[0])
-                amounts[number] = (
-                    amounts[number][0] if number in amounts else COMPONENT_BY_NUMBER[number],
-                    value,
-                )
+                component, _ = amounts.get(number, (COMPONENT_BY_NUMBER[number], value))
+                amounts[number] = component, value
         for component, amount in amounts.values():
             yield {
                 "nutrient": self._nutrient(component),
@@ -196,6 +201,49 @@ def status_of(record: EffectiveRecord) -> str:
 def quantity(value: float, unit: str) -> Resource:
     """Return a Quantity. unit: one of app/core/units.py."""
     return {"value": value, "unit": unit, "system": UCUM, "code": UCUM_CODES[unit]}
+
+
+def search_bundle(names: Names, query: SearchQuery, page: Page[IntakeRow]) -> Resource:
+    """Return the bundle, without a total, which would require counting all matches."""
+    intakes, here = Intakes(names), names.url("NutritionIntake")
+    links: list[JsonValue] = [{"relation": "self", "url": _url(here, query.used, query.cursor)}]
+    if page.cursor is not None:
+        links.append({"relation": "next", "url": _url(here, query.used, page.cursor)})
+    entries: list[JsonValue] = [
+        {
+            "fullUrl": f"{here}/{intake.row.record.item_id}",
+            "resource": intakes.resource(intake),
+            "search": {"mode": "match"},
+        }
+        for intake in page.rows
+    ]
+    if query.ignored:
+        entries.append({"resource": _ignored(names, query.ignored), "search": {"mode": "outcome"}})
+    bundle: Resource = {"resourceType": "Bundle", "type": "searchset", "link": links}
+    return bundle | ({"entry": entries} if entries else {})
+
+
+def _ignored(names: Names, parameters: tuple[str, ...]) -> Resource:
+    system = names.system("errors")
+    text = "Ignored, since it is not supported here: {}. GET /fhir/metadata lists the supported parameters."
+    return {
+        "resourceType": "OperationOutcome",
+        "issue": [
+            outcome_issue(
+                "warning",
+                "not-supported",
+                "search_parameter_unsupported",
+                system,
+                text.format(name),
+            )
+            for name in parameters
+        ],
+    }
+
+
+def _url(here: str, used: tuple[tuple[str, str], ...], cursor: str | None) -> str:
+    query = urlencode([*used, *([(CURSOR, cursor)] if cursor is not None else [])])
+    return f"{here}?{query}" if query else here
 
 
 def _identifier(names: Names, study_code: str, participant_code: str) -> Resource:

@@ -3,7 +3,8 @@
 A rule names who may call: anyone, a participant's phone, staff with at least a role in the study concerned, or admins.
 `authorise` runs before every route: it finds the rule and the caller and, if the path names a study, checks that the
 caller may enter it. If the study follows from something else, such as a meal, the use case calls `require_study`, which
-checks the role that the rule requires. docs/access.md is generated from this table.
+checks the role that the rule requires. An app has the rules of its extras as well (app/main.py); docs/access.md is
+generated from all of them.
 """
 
 import uuid

@@ -8,8 +8,11 @@ import pytest
 from app.extras.conformance import server_checks
 from app.extras.conformance.server_checks import CHECKS
 from app.extras.conformance.server_phone import TrialPhone, enrol
+from app.extras.conformance.verdict import name_of
 from tests.support.estimates import found_item, save
 from tests.support.photographs import pair
+
+BY_NAME = {name_of(check): check for check in CHECKS}
 
 
 class Line:
@@ -67,7 +70,7 @@ def trial(client, admin, state, monkeypatch):
 def run_checks(state, phone, until=None):
     """Make the checks up to one of them; the worker's part is done in between. Returns the outcomes."""
     outcomes = {}
-    for name, _, check, _ in CHECKS:
+    for name, check in BY_NAME.items():
         if name == "estimate":
             phone.put_photograph("right")
             save(state, phone.meal, found_item(hint=None))
@@ -80,7 +83,7 @@ def run_checks(state, phone, until=None):
 def test_our_server_passes_every_check(state, trial):
     outcomes = run_checks(state, trial)
     assert {name: verdict.outcome for name, verdict in outcomes.items()} == dict.fromkeys(outcomes, "passed"), outcomes
-    assert list(outcomes) == [name for name, *_ in CHECKS]
+    assert list(outcomes) == list(BY_NAME)
 
 
 def on(method, end, **changes):
@@ -146,15 +149,14 @@ LIES = [
 
 @pytest.mark.parametrize(("name", "lie"), LIES)
 def test_server_that_does_it_wrong_fails(state, trial, name, lie):
-    names = [check for check, *_ in CHECKS]
+    names = list(BY_NAME)
     if names.index(name):
         run_checks(state, trial, until=names[names.index(name) - 1])
     trial.client.lie = lie
-    check = next(check for each, _, check, _ in CHECKS if each == name)
     if name == "estimate":
         trial.put_photograph("right")
         save(state, trial.meal, found_item(hint=None))
-    assert check(trial).outcome == "failed"
+    assert BY_NAME[name](trial).outcome == "failed"
 
 
 @pytest.mark.parametrize("fields", [{"images": []}, {"missing": 5}])
@@ -163,10 +165,10 @@ def test_answers_of_another_form_fail_their_check_and_do_not_end_the_kit(trial, 
         changed(answer, **fields) if request[0] in {"GET", "PUT"} and answer.status_code in {200, 202} else answer
     )
     outcomes = {result.name: result.verdict.outcome for result in server_checks.try_server(trial)}
-    assert list(outcomes) == [name for name, *_ in CHECKS]
+    assert list(outcomes) == list(BY_NAME)
     assert outcomes["broken_upload"] == "failed"
     assert outcomes["withdrawal"] == "passed"
 
 
 def test_every_check_is_failed_by_some_server():
-    assert {name for name, _ in LIES} == {name for name, *_ in CHECKS}
+    assert {name for name, _ in LIES} == set(BY_NAME)

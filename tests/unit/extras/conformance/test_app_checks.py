@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from app.extras.conformance.checks import CHECKS, judge
+from app.extras.conformance.app_checks import CHECKS, judge
 from app.extras.conformance.conversation import Conversation, Exchange, SentPhotograph
-from app.extras.conformance.verdict import is_conforming
+from app.extras.conformance.verdict import is_conforming, name_of
 
 A, B = "6f5c3a52-6d0e-4f7b-8a55-2f0a8de3c9b1", "0f7a1c52-6d0e-4f7b-8a55-2f0a8de3c9b2"
 METADATA = {"captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
@@ -143,7 +143,7 @@ def test_bad_app_fails(bad):
     assert outcome(*BAD[bad]) == "failed"
 
 
-@pytest.mark.parametrize("name", [name for name, *_ in CHECKS])
+@pytest.mark.parametrize("name", [name_of(check) for check in CHECKS])
 def test_app_that_does_all_that_is_asked_passes_each_check_and_one_that_has_shown_nothing_has_not(name):
     assert outcome(name, *GOOD) == "passed"
     assert outcome(name, call("GET", "/v1/me")) == "not_seen"
