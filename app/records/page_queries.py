@@ -59,7 +59,7 @@ class RecordSearch:
 
         In no order: the reader sorts what it has joined them with.
         """
-        conditions = self.conditions if after is None else (*self.conditions, _behind(*after))
+        conditions = self.conditions if after is None else (*self.conditions, behind(*after))
         if self.is_on_sqlite or len(self.branches) <= MOST_PLANNED:
             return self._page(conditions, limit, columns)
         return self._page_by_arrays(conditions, limit, columns)
@@ -239,7 +239,8 @@ def _one_of(column: AnyColumn, values: Sequence[object] | None) -> Conditions:
     return (column.in_(values),) if values is not None else ()
 
 
-def _behind(captured_at: datetime, item_id: uuid.UUID) -> sa.ColumnElement[bool]:
+def behind(captured_at: datetime, item_id: uuid.UUID) -> sa.ColumnElement[bool]:
+    """Whether a record comes after this key, in the order of pages."""
     record = EffectiveRecord
     key = sa.tuple_(
         sa.bindparam(None, captured_at, type_=record.captured_at.type),

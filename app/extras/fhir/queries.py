@@ -20,9 +20,12 @@ from app.foods.queries import NutrientRow
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord
 from app.records.page_queries import (
     MOST_BRANCHES,
+    ORDER,
+    Branch,
     Key,
     RecordSearch,
     all_studies,
+    behind,
     participants_of,
     within_days,
 )
@@ -82,45 +85,33 @@ def participants_by_code(
 def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int) -> sa.CTE | None:
     """Return the page's captured_at and item_id, unordered; None if the filters exclude everything."""
     record = EffectiveRecord
-    rest = [*within_days(chosen.first_day, chosen.last_day), *_between(chosen.since, chosen.before)]
-    if chosen.provisional is not None:
-        rest.append(record.provisional.is_(chosen.provisional))
-    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
-    id_filters: list[tuple[AnyColumn, Collection[uuid.UUID]]] = [
-        (column, values)
-        for column, values in (
-            (record.item_id, chosen.item_ids),
-            (record.participant_id, chosen.participant_ids),
-            (record.study_id, chosen.study_ids),
-        )
-        if values is not None
+    conditions = [
+        *within_days(chosen.first_day, chosen.last_day),
+        *_between(chosen.since, chosen.before),
     ]
-    if not all(values for _, values in id_filters):
+    if chosen.provisional is not None:
+        conditions.append(record.provisional.is_(chosen.provisional))
+    allowed_ids: dict[AnyColumn, Collection[uuid.UUID] | None] = {  # the most selective first
+        record.item_id: chosen.item_ids,
+        record.participant_id: chosen.participant_ids,
+        record.study_id: chosen.study_ids,
+    }
+    id_filters = [(column, sorted(ids)) for column, ids in allowed_ids.items() if ids is not None]
+    if not all(ids for _, ids in id_filters):
         return None
-    if id_filters and id_filters[0][0] is not record.study_id:
-        (key, values), *others = (
-            id_filters  # the most selective; the others are compared row by row
-        )
-        rest += [
-            record.status.in_(COUNTED),
-            *(column.in_(sorted(allowed)) for column, allowed in others),
-        ]
-        return RecordSearch(
-            (key,), [(value,) for value in sorted(values)], tuple(rest), is_on_sqlite
-        ).page(after, limit)
-    if chosen.provisional:
-        return _few_keys(session, chosen, rest, after, limit)
-    rest.append(
-        record.status.in_(COUNTED)
-    )  # nearly all are: skipping the others costs less than branches
-    if chosen.study_ids is None:
-        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
-    studies = sorted(chosen.study_ids)
-    if len(studies) > MOST_BRANCHES:
-        rest.append(record.study_id.in_(studies))
-        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
-    branches = [(study,) for study in studies]
-    return RecordSearch((record.study_id,), branches, tuple(rest), is_on_sqlite).page(after, limit)
+    has_person_or_id = chosen.item_ids is not None or chosen.participant_ids is not None
+    if chosen.provisional and not has_person_or_id:
+        return _few_keys(session, chosen, conditions, after, limit)
+    keys: tuple[AnyColumn, ...] = ()
+    branches: list[Branch] = [()]
+    if id_filters and (has_person_or_id or len(id_filters[0][1]) <= MOST_BRANCHES):
+        (column, ids), *id_filters = id_filters
+        keys, branches = (column,), [(id_,) for id_ in ids]
+    # the others are compared row by row: nearly all records count, so that costs less than branches
+    conditions += [column.in_(ids) for column, ids in id_filters]
+    conditions.append(record.status.in_(COUNTED))
+    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
+    return RecordSearch(keys, branches, tuple(conditions), is_on_sqlite).page(after, limit)
 
 
 def _few_keys(
@@ -147,11 +138,8 @@ def _few_keys(
         .where(record.status.in_(COUNTED), *conditions)
     )
     if after is not None:
-        behind = sa.tuple_(
-            sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type)
-        )
-        query = query.where(sa.tuple_(record.captured_at, record.item_id) > behind)
-    return query.order_by(record.captured_at, record.item_id).limit(limit).cte("page")
+        query = query.where(behind(*after))
+    return query.order_by(*ORDER).limit(limit).cte("page")
 
 
 def _between(since: datetime | None, before: datetime | None) -> list[sa.ColumnElement[bool]]:

@@ -1,19 +1,19 @@
 """A phone subscribes to reminders, changes when it wants them, and leaves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, time
+from datetime import UTC, datetime, time, timedelta
 from zoneinfo import ZoneInfo
 
 from app.core.errors import ConflictError
 from app.db.session import Database
 from app.extras.reminders import queries
-from app.extras.reminders.schedule import is_quiet, next_due
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.models import PushSubscription, Study
 from app.people.participants import require_in_study
 
+DAYS_AHEAD = 3  # a time that a change of the clocks skips comes the next day at the latest
 NEVER = datetime(
     9000, 1, 1, tzinfo=UTC
 )  # scheduled, but all of the study's times are in the phone's quiet hours
@@ -98,6 +98,25 @@ def next_at(row: PushSubscription, study_times: Sequence[str], after: datetime) 
         return next_due([time.fromisoformat(text) for text in row.times], zone, after)
     times = [at for text in study_times if not is_quiet_for(row, at := time.fromisoformat(text))]
     return next_due(times, zone, after) or (NEVER if study_times else None)
+
+
+def next_due(times: Iterable[time], zone: ZoneInfo, after: datetime) -> datetime | None:
+    """Return the first instant after `after` at which it is one of these local times; None without times.
+
+    A time that does not exist, when clocks go forward, falls as much later; one that comes twice counts once, the
+    first time.
+    """
+    today = after.astimezone(zone).date()
+    days = [today + timedelta(days=number) for number in range(-1, DAYS_AHEAD)]
+    instants = (
+        datetime.combine(day, at, tzinfo=zone).astimezone(UTC) for day in days for at in times
+    )
+    return min((instant for instant in instants if instant > after), default=None)
+
+
+def is_quiet(at: time, start: time, end: time) -> bool:
+    """Return whether a local time lies within quiet hours, which may pass midnight. Equal times: there are none."""
+    return start <= at < end if start <= end else at >= start or at < end
 
 
 def is_quiet_for(row: PushSubscription, at: time) -> bool:

@@ -5,7 +5,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from app.extras.reminders.schedule import is_quiet, next_due
+from app.extras.reminders.subscriptions import is_quiet, next_due
 
 BERLIN, AUCKLAND = ZoneInfo("Europe/Berlin"), ZoneInfo("Pacific/Auckland")
 NOON, EVENING = time(12), time(18, 30)
