@@ -95,6 +95,12 @@ def render_study(study: Study) -> StudyOut:
     )
 
 
+def minutes_of(clock_time: str) -> int:
+    """Return the minutes after midnight of HH:MM."""
+    hours, minutes = clock_time.split(":")
+    return 60 * int(hours) + int(minutes)
+
+
 def clock(minutes: int) -> str:
     """Format minutes after midnight as HH:MM."""
     return f"{minutes // 60:02}:{minutes % 60:02}"
@@ -106,8 +112,7 @@ def protocol_columns(body: ProtocolIn) -> ProtocolChange:
         include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json"
     )
     if "day_starts" in columns:
-        hours, minutes = columns.pop("day_starts").split(":")
-        columns["day_starts_minutes"] = 60 * int(hours) + int(minutes)
+        columns["day_starts_minutes"] = minutes_of(columns.pop("day_starts"))
     return cast("ProtocolChange", columns)
 
 

@@ -170,8 +170,9 @@ def new_phone(address, admin_token, participant="P001", study="pilot", device_na
         return client.post("/v1/enrolments", json=enrolment).json()["token"]
 
 
-def enrolled_client(server, participant="P001", study="pilot"):
+def enrolled_client(server, participant="P001", study="pilot", **protocol):
     """A phone's HTTP client, enrolled over HTTP."""
     admin_token = server.create_admin(f"admin of {study} {participant}")
-    headers = {"Authorization": f"Bearer {new_phone(server.address, admin_token, participant, study)}"}
+    token = new_phone(server.address, admin_token, participant, study, **protocol)
+    headers = {"Authorization": f"Bearer {token}"}
     return httpx2.Client(base_url=server.address, headers=headers, timeout=PATIENCE_SECONDS)

@@ -10,7 +10,7 @@ import httpx2
 import pytest
 
 from tests.e2e.documents import BLOCK, run_blocks
-from tests.e2e.processes import REPOSITORY, RecallingServer, enrolment_code
+from tests.e2e.processes import REPOSITORY, RecallingServer, enrolled_client, enrolment_code
 
 pytestmark = pytest.mark.slow
 
@@ -30,17 +30,9 @@ def served(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def phones(served):
-    """A phone of a sandbox and one of an ordinary study."""
-    opened = []
-    for study, is_sandbox in (("try", True), ("pilot", False)):
-        code = enrolment_code(served, "P001", study, sandbox=is_sandbox)
-        answer = httpx2.post(f"{served.address}/v1/enrolments", json={"code": code, "device_name": "phone"}, timeout=30)
-        headers = {"Authorization": f"Bearer {answer.json()['token']}"}
-        opened.append(httpx2.Client(base_url=served.address, headers=headers, timeout=90))
-    yield opened
-    for phone in opened:
-        phone.close()
+def phone(served):
+    with enrolled_client(served, study="try", sandbox=True) as phone:
+        yield phone
 
 
 def send_whole(phone, asked=None, **fields):
@@ -58,12 +50,12 @@ def test_every_line_of_the_sandbox_document_works_as_printed(served, tmp_path):
         assert expected in done.stdout
 
 
-def test_study_of_participants_is_refused(served, phones):
+def test_study_of_participants_is_refused(served):
+    code = enrolment_code(served, "P002", "pilot")
     environment = served.environment | {"TADA_TOKEN": served.create_admin("somebody")}
     command = [sys.executable, "-m", "app.cli", "sandbox", "--server", served.address, "--study", "pilot"]
     done = subprocess.run(command, env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (done.returncode, "is no sandbox" in done.stderr) == (2, True), done.stdout + done.stderr
-    code = enrolment_code(served, "P002", "pilot")
     command = [sys.executable, "-m", "app.cli", "conformance", "run", served.address, "--code", code]
     done = subprocess.run(command, env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (done.returncode, "is no sandbox" in done.stderr) == (2, True), done.stdout + done.stderr
@@ -74,8 +66,8 @@ def test_study_of_participants_is_refused(served, phones):
     assert device["revoked_at"] is not None
 
 
-def test_conformance_run_passes_our_server_and_writes_its_report(served, phones, tmp_path):
-    code = enrolment_code(served, "P003", "try")
+def test_conformance_run_passes_our_server_and_writes_its_report(served, tmp_path):
+    code = enrolment_code(served, "P003", "try", sandbox=True)
     command = [sys.executable, "-m", "app.cli", "conformance", "run", served.address, "--code", code, "-o", tmp_path]
     done = subprocess.run(
         command, env=served.environment, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300
@@ -88,50 +80,44 @@ def test_conformance_run_passes_our_server_and_writes_its_report(served, phones,
 
 
 @pytest.mark.parametrize("most", [0, 1000])
-def test_lost_request_keeps_nothing(phones, most):
-    sandbox, ordinary = phones
+def test_lost_request_keeps_nothing(phone, most):
     path = f"/v1/meals/{uuid.uuid4()}"
-    for phone in phones:
-        assert phone.put(path, json=METADATA).status_code == 202
+    assert phone.put(path, json=METADATA).status_code == 202
     headers, left = {"Tada-Sandbox": f"lose_request={most}"}, (DEMO / "left.jpg").read_bytes()
     with pytest.raises(httpx2.TransportError):
-        sandbox.put(f"{path}/images/left", content=left, headers=headers)
-    assert sandbox.get(path).json()["missing"] == ["left", "right"]
-    assert ordinary.put(f"{path}/images/left", content=left, headers=headers).status_code == 202
+        phone.put(f"{path}/images/left", content=left, headers=headers)
+    assert phone.get(path).json()["missing"] == ["left", "right"]
 
 
-def test_lost_answer_leaves_the_request_carried_out_and_a_shorter_one_arrives(phones):
-    sandbox, ordinary = phones
+def test_lost_answer_leaves_the_request_carried_out_and_a_shorter_one_arrives(phone):
     path, headers = f"/v1/meals/{uuid.uuid4()}", {"Tada-Sandbox": "lose_answer=100"}
     with pytest.raises(httpx2.TransportError):
-        sandbox.put(path, json=METADATA, headers=headers)
-    assert sandbox.put(path, json=METADATA).status_code == 200
-    assert ordinary.put(path, json=METADATA, headers=headers).status_code == 202
-    assert sandbox.get("/v1/me", headers={"Tada-Sandbox": "lose_answer=100000"}).json()["participant"] == "P001"
+        phone.put(path, json=METADATA, headers=headers)
+    assert phone.put(path, json=METADATA).status_code == 200
+    assert phone.get("/v1/me", headers={"Tada-Sandbox": "lose_answer=100000"}).json()["participant"] == "P001"
 
 
 @pytest.mark.parametrize("asked", ["lose_request=10", "lose_answer=0"])
-def test_metadata_lose_the_first_request_or_answer(phones, asked):
-    meal, other = str(uuid.uuid4()), str(uuid.uuid4())
+def test_metadata_lose_the_first_request_or_answer(phone, asked):
+    meal = str(uuid.uuid4())
     with pytest.raises(httpx2.TransportError):
-        send_whole(phones[0], id=meal, sandbox=asked)
-    again = send_whole(phones[0], id=meal, sandbox=asked)
+        send_whole(phone, id=meal, sandbox=asked)
+    again = send_whole(phone, id=meal, sandbox=asked)
     assert again.status_code == (200 if asked == "lose_answer=0" else 202)
-    assert send_whole(phones[1], id=other, sandbox=asked).json()["ignored"] == ["sandbox"]
 
 
-def test_slow_answer_is_late(phones):
+def test_slow_answer_is_late(phone):
     began = time.monotonic()
-    phones[0].get("/v1/me", headers={"Tada-Sandbox": "wait=2"})
+    phone.get("/v1/me", headers={"Tada-Sandbox": "wait=2"})
     assert time.monotonic() - began >= 2
 
 
-def test_meal_is_measured_and_needs_a_review(phones):
+def test_meal_is_measured_and_needs_a_review(phone):
     hints = [{"point": [1092, 620], "food": "apple"}]  # would otherwise say what it is
-    meal = send_whole(phones[0], "meal=needs_review", hints=hints).json()
+    meal = send_whole(phone, "meal=needs_review", hints=hints).json()
     deadline = time.monotonic() + PATIENCE_SECONDS
     while meal["status"] in {"queued", "processing"} and time.monotonic() < deadline:
-        meal = phones[0].get(f"/v1/meals/{meal['id']}", params={"wait": 25}).json()
+        meal = phone.get(f"/v1/meals/{meal['id']}", params={"wait": 25}).json()
     assert meal["status"] == "needs_review"
     assert meal["items"][0]["volume_ml"] > 100
     assert (meal["items"][0]["food"], meal["items"][0]["candidates"]) == (None, [])

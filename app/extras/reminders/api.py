@@ -1,6 +1,5 @@
 """/v1/me/reminders: a phone's reminders by Web Push."""
 
-from datetime import time
 from typing import Annotated
 
 from fastapi import APIRouter, FastAPI, Response
@@ -17,7 +16,7 @@ from app.people.access.access_rules import DEVICE, rules_of
 from app.people.access.deps import CurrentDevice, State
 from app.people.access.secret_box import SecretBox
 from app.people.schemas import ClockTime, ReminderTimes
-from app.people.studies_api import clock
+from app.people.studies_api import clock, minutes_of
 from app.webhooks.safe_address import parse_target
 
 router = APIRouter(prefix="/v1/me/reminders", tags=["me"])
@@ -159,8 +158,8 @@ def put_reminders(body: RemindersIn, state: State, caller: CurrentDevice) -> Rem
         times=body.times,
         after_meal=body.after_meal,
         time_zone=body.time_zone,
-        quiet_from=time.fromisoformat(body.quiet_from),
-        quiet_until=time.fromisoformat(body.quiet_until),
+        quiet_from_minutes=minutes_of(body.quiet_from),
+        quiet_until_minutes=minutes_of(body.quiet_until),
     )
     is_on = state.settings.push_contact is not None
     reminders = subscriptions.subscribe(state.database, caller, wanted, is_on=is_on)

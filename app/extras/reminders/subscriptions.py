@@ -1,7 +1,7 @@
 """A phone subscribes to reminders, changes when it wants them, and leaves."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, time, timedelta
 from zoneinfo import ZoneInfo
 
@@ -21,7 +21,7 @@ NEVER = datetime(
 
 @dataclass(frozen=True, slots=True)
 class ReminderSettings:
-    """A phone's subscription as it sends it. times: the participant's own, "HH:MM"; None: the study's."""
+    """The columns of a subscription that the phone sends."""
 
     endpoint: str
     public_key: str
@@ -29,8 +29,8 @@ class ReminderSettings:
     times: list[str] | None
     after_meal: bool
     time_zone: str
-    quiet_from: time
-    quiet_until: time
+    quiet_from_minutes: int
+    quiet_until_minutes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,8 @@ def subscribe(
             row = PushSubscription(device_id=caller.device_id, created_at=now)
             session.add(row)
         is_due = row.times == wanted.times and row.next_at is not None and row.next_at <= now
-        row.endpoint, row.public_key, row.auth = wanted.endpoint, wanted.public_key, wanted.auth
-        row.times, row.after_meal, row.time_zone = wanted.times, wanted.after_meal, wanted.time_zone
-        row.quiet_from_minutes, row.quiet_until_minutes = (
-            _minutes(wanted.quiet_from),
-            _minutes(wanted.quiet_until),
-        )
+        for column, value in asdict(wanted).items():
+            setattr(row, column, value)
         if not is_due:  # else it waits for a worker, who sets the next one too
             row.next_at = next_at(row, study.reminder_times or [], now)
         audit.note(session, caller, "reminders.set", subject=caller.participant_alias)
@@ -127,7 +123,3 @@ def is_quiet_for(row: PushSubscription, at: time) -> bool:
 def clock_time(minutes: int) -> time:
     """Return the time of day so many minutes after midnight."""
     return time(*divmod(minutes, 60))
-
-
-def _minutes(at: time) -> int:
-    return at.hour * 60 + at.minute
