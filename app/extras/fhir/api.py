@@ -67,8 +67,8 @@ def _with_outcomes(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _responses(description: str, *error_statuses: int) -> dict[int | str, dict[str, Any]]:
-    outcome = {"description": "OperationOutcome", "content": OUTCOME}
+def _responses(description: str, *error_statuses: int) -> dict[int | str, dict[str, object]]:
+    outcome: dict[str, object] = {"description": "OperationOutcome", "content": OUTCOME}
     return {
         200: {"description": description, "content": OUTCOME},
         **dict.fromkeys(error_statuses, outcome),
