@@ -22,7 +22,7 @@ from tests.integration.conftest import meal_metadata
 from tests.support.estimates import save
 from tests.support.photographs import pair, photograph
 
-PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
+PAIR = pathlib.Path(__file__).parents[4] / "app" / "demo_data"
 
 
 def original(slot):
