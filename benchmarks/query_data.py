@@ -23,7 +23,8 @@ from app.db.session import Database
 from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
 from app.meals.stored.day_models import DiaryDay  # fmt: skip
 from app.meals.stored.models import Meal  # fmt: skip
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item  # fmt: skip
+from app.meals.stored.record_models import EffectiveRecord, Item  # fmt: skip
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Device, Participant, Study  # fmt: skip
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200

@@ -18,10 +18,11 @@ from app.db.session import Database
 from app.diary.closed_amounts import ClosedAmounts, closed_amounts, contents_of_days
 from app.diary.day_definition import DaysOf, participants_of
 from app.diary.study_days import person_on, stage_of
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.nutrition.components import (
     COMPONENT_BY_NUMBER,
     ENERGY_NUMBERS,
+    HEADLINE_BY_COLUMN,
+    HEADLINES,
     NUMBER_BY_TAGNAME,
     Component,
 )
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 # of a day's grams; days with less are left out, since they would count as a low intake
 MIN_COVERAGE = 0.9
-COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
+COLUMNS: Mapping[str, str] = {headline.numbers[0]: headline.column for headline in HEADLINES}
 SUBTRACTED: Mapping[str, str] = {
     "205": "291"
 }  # the requirement is of available carbohydrate: subtract fibre
@@ -121,7 +122,9 @@ class _Group:
 def find_component(name: str) -> Component:
     """Find a component by number, tagname or record column. Raises InvalidInputError (`component_unknown`)."""
     number = (
-        RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
+        HEADLINE_BY_COLUMN[name].numbers[0]
+        if name in HEADLINE_BY_COLUMN
+        else NUMBER_BY_TAGNAME.get(name, name)
     )
     if number not in COMPONENT_BY_NUMBER:
         raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)

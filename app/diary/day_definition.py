@@ -22,7 +22,8 @@ from app.db.statements import AnyColumn, AnyQuery
 from app.db.stored_ids import stored_id
 from app.meals.stored.day_models import DayEvent, DayStatus, DiaryDay
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Participant
 
 SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs

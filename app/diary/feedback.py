@@ -21,12 +21,12 @@ from app.diary.day_definition import FULL
 from app.diary.diary import ParticipantRef, find_participant
 from app.diary.queries import DayRow
 from app.diary.study_days import person_on, stage_of
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.http.row_filter import RowFilter
 from app.meals.stored.day_models import DayStatus
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
 from app.messages.catalogue import feedback_sentence
+from app.nutrition.components import HEADLINE_BY_COLUMN, HEADLINE_COLUMNS, HEADLINES
 from app.nutrition.intakes.compare_intake import MIN_DAYS, Comparison, Kind, compare_intake
 from app.nutrition.intakes.life_stage import LifeStage
 from app.nutrition.intakes.reference_intakes import reference_intakes
@@ -35,13 +35,7 @@ from app.people.access.caller import Caller, DeviceCaller
 from app.people.models import Locale, Participant, Study
 
 WINDOW_DAYS = 14  # two weeks: each weekday twice
-COMPARED = (
-    "protein_g",
-    "fibre_g",
-    "sodium_mg",
-    "potassium_mg",
-    "vitamin_c_mg",
-)  # comparable with a reference as is
+COMPARED = tuple(headline for headline in HEADLINES if headline.is_compared)
 
 NoComparison = Literal["days_needed", "profile_needed"]
 Sentence = tuple[str, dict[str, object]]  # a sentence's code and its values
@@ -266,13 +260,13 @@ def _references(stage: LifeStage) -> dict[str, tuple[float, Kind]]:
         intake.number: intake for intake in reference_intakes(stage) if intake.per == "day"
     }
     references: dict[str, tuple[float, Kind]] = {}
-    for column in COMPARED:
-        intake = by_number.get(RECORD_COLUMNS[column][0])
+    for headline in COMPARED:
+        intake = by_number.get(headline.numbers[0])
         kinds: tuple[Kind, ...] = ("ai", "rda", "cdrr")
         for kind in kinds:
             figure: float | None = getattr(intake, kind, None)
             if figure is not None:
-                references[column] = figure, kind
+                references[headline.column] = figure, kind
     return references
 
 
@@ -322,7 +316,7 @@ def _comparison_sentences(feedback: Feedback) -> Iterator[Sentence]:
             compared.verdict,
             {
                 "name": feedback_sentence(f"name_{column}", locale),
-                "unit": feedback_sentence(f"unit_{column.rpartition('_')[2]}", locale),
+                "unit": feedback_sentence(f"unit_{HEADLINE_BY_COLUMN[column].unit}", locale),
                 "mean": _rounded(compared.mean),
                 "reference": _rounded(compared.reference),
             },

@@ -14,7 +14,7 @@ from app.diary.day_definition import Amount, DaysOf, within
 from app.diary.queries import DayRow, read_days
 from app.meals.stored.day_models import DiaryDay
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from app.people.profiles import Profile
 

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
+from app.http.columns.day_columns import SUMS
+from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT, with_numbers
 from app.meals.stored.day_models import DayStatus
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
 
@@ -88,8 +89,9 @@ class PlausibilityOut(BaseModel):
     reason: WhyUnknown | None = Field(description="Why it is unknown.")
 
 
-class DaySummaryOut(BaseModel):
-    """What a participant ate on a day. Unknown values are null, never 0; coverage tells which sums are partial."""
+@with_numbers(SUMS)
+class DaySums(BaseModel):
+    """A participant's day up to its sums of headline components."""
 
     study: str = Field(description=DAY["study"])
     participant: str = Field(description=DAY["participant"])
@@ -111,26 +113,11 @@ class DaySummaryOut(BaseModel):
     provisional_items: int = Field(description="Items that an after-meal pair may still change.")
     leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     consumed_g: float | None = Field(description=DAY["consumed_g"])
-    energy_kcal: float | None = Field(description=DAY["energy_kcal"])
-    energy_kcal_coverage: float | None = Field(description=DAY["energy_kcal_coverage"])
-    protein_g: float | None = Field(description=DAY["protein_g"])
-    protein_g_coverage: float | None = Field(description=DAY["protein_g_coverage"])
-    fat_g: float | None = Field(description=DAY["fat_g"])
-    fat_g_coverage: float | None = Field(description=DAY["fat_g_coverage"])
-    carbohydrate_g: float | None = Field(description=DAY["carbohydrate_g"])
-    carbohydrate_g_coverage: float | None = Field(description=DAY["carbohydrate_g_coverage"])
-    fibre_g: float | None = Field(description=DAY["fibre_g"])
-    fibre_g_coverage: float | None = Field(description=DAY["fibre_g_coverage"])
-    sugar_g: float | None = Field(description=DAY["sugar_g"])
-    sugar_g_coverage: float | None = Field(description=DAY["sugar_g_coverage"])
-    saturated_fat_g: float | None = Field(description=DAY["saturated_fat_g"])
-    saturated_fat_g_coverage: float | None = Field(description=DAY["saturated_fat_g_coverage"])
-    sodium_mg: float | None = Field(description=DAY["sodium_mg"])
-    sodium_mg_coverage: float | None = Field(description=DAY["sodium_mg_coverage"])
-    potassium_mg: float | None = Field(description=DAY["potassium_mg"])
-    potassium_mg_coverage: float | None = Field(description=DAY["potassium_mg_coverage"])
-    vitamin_c_mg: float | None = Field(description=DAY["vitamin_c_mg"])
-    vitamin_c_mg_coverage: float | None = Field(description=DAY["vitamin_c_mg_coverage"])
+
+
+class DaySummaryOut(DaySums):
+    """What a participant ate on a day. Unknown values are null, never 0; coverage tells which sums are partial."""
+
     energy_to_basal_rate: float | None = Field(description=DAY["energy_to_basal_rate"])
     plausibility: Verdict = Field(
         description="Of this day's energy alone, with the wide limits of one day. low, high: outside the limits."

@@ -20,7 +20,7 @@ from app.diary.distribution import Bin, Distribution, distribution
 from app.diary.overview_queries import CountedStatus, MealsOfDay, PeopleCounts, Person, Place
 from app.meals.stored.meal_time import latest_day
 from app.meals.stored.models import MEAL_STATUSES, MealStatus
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller

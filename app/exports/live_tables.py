@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from duckdb.sqltypes import DOUBLE, VARCHAR, DuckDBPyType
 
 from app.diary.study_days import judge_days
-from app.http.columns.record_columns import HEADLINES
+from app.nutrition.components import HEADLINES
 from app.nutrition.plausible_energy import Plausibility
 from app.photos.slots import SLOTS
 
@@ -102,7 +102,7 @@ def with_headlines(path: Path) -> str:
             block.append(line)
             continue
         for headline in HEADLINES:
-            lines += [text.replace(HEADLINE, headline.name) for text in block]
+            lines += [text.replace(HEADLINE, headline.column) for text in block]
         block = []
         lines.append(line.replace("{slots}", str(list(SLOTS))))
     return "\n".join(lines)

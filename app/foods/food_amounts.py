@@ -5,32 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.nutrition.components import HEADLINE_NUMBERS
+from app.nutrition.components import HEADLINE_BY_COLUMN, HEADLINE_COLUMNS
 from app.nutrition.density import DensityChoice, resolve_density
 from app.nutrition.doubt import Doubt, Estimate
 from app.nutrition.foods import Density, Food, FoodForm, food_form
 from app.nutrition.mass import AFTER, BEFORE, Mass, consumed_mass, edible_share, estimate_mass
 from app.nutrition.nutrients import Portion, nutrients_in
-
-# Repeated from meals/record_models.py (a test compares them), since `tada estimate` loads no database.
-RECORD_COLUMNS = dict(  # column of effective_record -> component numbers, the best first
-    zip(
-        (
-            "energy_kcal",
-            "protein_g",
-            "fat_g",
-            "carbohydrate_g",
-            "fibre_g",
-            "sugar_g",
-            "saturated_fat_g",
-            "sodium_mg",
-            "potassium_mg",
-            "vitamin_c_mg",
-        ),
-        HEADLINE_NUMBERS,
-        strict=True,
-    )
-)
 
 NO_FOOD: Mapping[str, None] = dict.fromkeys(
     (
@@ -44,7 +24,7 @@ NO_FOOD: Mapping[str, None] = dict.fromkeys(
         "consumed_g",
         "consumed_low_g",
         "consumed_high_g",
-        *RECORD_COLUMNS,
+        *HEADLINE_COLUMNS,
     )
 )
 
@@ -78,10 +58,9 @@ class FoodAmounts:
     nutrients: Mapping[str, Estimate]
 
     def headline(self, column: str) -> float | None:
-        """Return the value of one of RECORD_COLUMNS; None if it is not known."""
-        amounts = (
-            self.nutrients[number] for number in RECORD_COLUMNS[column] if number in self.nutrients
-        )
+        """Return the value of a headline component; None if it is not known."""
+        numbers = HEADLINE_BY_COLUMN[column].numbers
+        amounts = (self.nutrients[number] for number in numbers if number in self.nutrients)
         best = next(amounts, None)
         return best.value if best is not None else None
 
@@ -108,7 +87,7 @@ class FoodAmounts:
                 "consumed_low_g": eaten.low,
                 "consumed_high_g": eaten.high,
             }
-        return columns | {column: self.headline(column) for column in RECORD_COLUMNS}
+        return columns | {column: self.headline(column) for column in HEADLINE_COLUMNS}
 
     def portions(self) -> list[Portion]:
         """Return the terms of the amount eaten: what was served, and minus each leftover.

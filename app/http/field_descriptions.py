@@ -1,21 +1,39 @@
 """Descriptions of fields that many answers share; those of tables come from the data dictionary's columns."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, Field, create_model
 
 from app.http.columns.column import Column
 from app.http.columns.day_columns import DAY_COLUMNS
 from app.http.columns.photograph_columns import PHOTOGRAPH_COLUMNS
 from app.http.columns.record_columns import RECORD_COLUMNS
 
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _meaning(column: Column) -> str:
+    """A column's meaning, and what null says where it can be null."""
+    if column.empty is None:
+        return column.meaning
+    return f"{column.meaning} Null: {column.empty[0].lower()}{column.empty[1:]}"
+
 
 def _by_name(columns: Iterable[Column]) -> dict[str, str]:
-    """Each column's meaning, and what null says where it can be null."""
-    return {
-        column.name: f"{column.meaning} Null: {column.empty[0].lower()}{column.empty[1:]}"
-        if column.empty
-        else column.meaning
-        for column in columns
+    return {column.name: _meaning(column) for column in columns}
+
+
+def with_numbers(columns: Iterable[Column]) -> Callable[[type[Model]], type[Model]]:
+    """Add a field of a number or null for each column at the end of a model."""
+    fields: dict[str, Any] = {
+        column.name: (float | None, Field(description=_meaning(column))) for column in columns
     }
+
+    def extend(model: type[Model]) -> type[Model]:
+        return create_model(model.__name__, __base__=model, __module__=model.__module__, **fields)
+
+    return extend
 
 
 RECORD = _by_name(RECORD_COLUMNS)

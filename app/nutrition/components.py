@@ -50,16 +50,61 @@ NUMBER_BY_TAGNAME = MappingProxyType(
     {component.tagname: component.number for component in reversed(COMPONENTS) if component.tagname}
 )
 
-# The ten components that an effective record has as columns (design.md, "HTTP conventions"). FoodData Central's
-# Foundation foods have energy by specific or general Atwater factors in place of 208: all are kilocalories of
-# metabolisable energy.
+# FoodData Central's Foundation foods have energy by specific or general Atwater factors in place of 208: all are
+# kilocalories of metabolisable energy.
 ENERGY_NUMBERS = ("208", "958", "957")
-HEADLINE_NUMBERS: tuple[tuple[str, ...], ...] = (
-    ENERGY_NUMBERS,
-    *((NUMBER_BY_TAGNAME[tagname],) for tagname in (
-        "PROCNT", "FAT", "CHOCDF", "FIBTG", "SUGAR", "FASAT", "NA", "K", "VITC",
-    )),
-)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """A component that an effective record has as a column.
+
+    column: named after the component and its unit
+    label: the component's name on pages
+    meaning: the component's name in the data dictionary
+    numbers: of the components that hold it, the best first
+    is_compared: whether a person's feedback compares it with a reference intake, as it is
+    """
+
+    column: str
+    label: str
+    meaning: str
+    numbers: tuple[str, ...]
+    is_compared: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The unit of the column."""
+        return self.column.rpartition("_")[2]
+
+
+def _headline(
+    column: str, label: str, meaning: str, tagname: str, *, is_compared: bool = False
+) -> Headline:
+    return Headline(column, label, meaning, (NUMBER_BY_TAGNAME[tagname],), is_compared)
+
+
+# In the order of a record's columns. Tables, answers, exports and pages follow from it; a new one needs a migration of
+# effective_record, and a name_... in messages/feedback.toml if it is compared.
+HEADLINES: tuple[Headline, ...] = (
+    Headline("energy_kcal", "Energy", "Energy (metabolisable)", ENERGY_NUMBERS),
+    _headline("protein_g", "Protein", "Protein", "PROCNT", is_compared=True),
+    _headline("fat_g", "Fat", "Total fat", "FAT"),
+    _headline(
+        "carbohydrate_g",
+        "Carbohydrate",
+        "Carbohydrate by difference, fibre included (CHOCDF),",
+        "CHOCDF",
+    ),
+    _headline("fibre_g", "Fibre", "Total dietary fibre", "FIBTG", is_compared=True),
+    _headline("sugar_g", "Sugar", "Total sugars", "SUGAR"),
+    _headline("saturated_fat_g", "Saturated fat", "Saturated fatty acids", "FASAT"),
+    _headline("sodium_mg", "Sodium", "Sodium", "NA", is_compared=True),
+    _headline("potassium_mg", "Potassium", "Potassium", "K", is_compared=True),
+    _headline("vitamin_c_mg", "Vitamin C", "Vitamin C", "VITC", is_compared=True),
+)
+HEADLINE_COLUMNS = tuple(headline.column for headline in HEADLINES)
+HEADLINE_BY_COLUMN = MappingProxyType({headline.column: headline for headline in HEADLINES})
 
 # In reading order; the members of a group are in the order of their `place`.
 OTHERS: Final = "Others"

@@ -17,17 +17,18 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.foods import queries as foods
-from app.foods.food_amounts import RECORD_COLUMNS, Weighing
+from app.foods.food_amounts import Weighing
 from app.foods.models import Food
 from app.meals.stored.meal_parts import MealParts, meals_after, parts_of
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, ItemFood, Recompute
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people import queries as people
 from app.records.item_foods import item_food, weighing_for, weighing_of
 from app.records.project_records import MealProjection, Projector, with_food, write_records
 
 BATCH = 50  # meals a transaction: writers wait for no more than that
-COMPARED = ("density_g_per_ml", "mass_g", "edible_g", "left_g", "consumed_g", *RECORD_COLUMNS)
+COMPARED = ("density_g_per_ml", "mass_g", "edible_g", "left_g", "consumed_g", *HEADLINE_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,16 +6,15 @@ from datetime import date, datetime
 from pydantic import BaseModel, Field
 
 from app.foods.schemas import FoodRef
-from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD
+from app.http.columns.record_columns import AMOUNTS_OF_HEADLINES
+from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD, with_numbers
 from app.meals.stored.day_models import DayStatus
 from app.meals.stored.record_models import ItemOrigin, RecordStatus
 
 
-class RecordOfItem(BaseModel):
-    """What holds for one item now. What is not known is null, never 0.
-
-    That is a component that the food table lacks, and all that follows from a volume that could not be measured.
-    """
+@with_numbers(AMOUNTS_OF_HEADLINES)
+class RecordAmounts(BaseModel):
+    """An item's record up to its headline components."""
 
     id: uuid.UUID = Field(description="The item's id.")
     meal_id: uuid.UUID = Field(description=RECORD["meal_id"])
@@ -53,16 +52,14 @@ class RecordOfItem(BaseModel):
     )
     consumed_low_g: float | None = Field(description=RECORD["consumed_low_g"])
     consumed_high_g: float | None = Field(description=RECORD["consumed_high_g"])
-    energy_kcal: float | None = Field(description=RECORD["energy_kcal"])
-    protein_g: float | None = Field(description=RECORD["protein_g"])
-    fat_g: float | None = Field(description=RECORD["fat_g"])
-    carbohydrate_g: float | None = Field(description=RECORD["carbohydrate_g"])
-    fibre_g: float | None = Field(description=RECORD["fibre_g"])
-    sugar_g: float | None = Field(description=RECORD["sugar_g"])
-    saturated_fat_g: float | None = Field(description=RECORD["saturated_fat_g"])
-    sodium_mg: float | None = Field(description=RECORD["sodium_mg"])
-    potassium_mg: float | None = Field(description=RECORD["potassium_mg"])
-    vitamin_c_mg: float | None = Field(description=RECORD["vitamin_c_mg"])
+
+
+class RecordOfItem(RecordAmounts):
+    """What holds for one item now. What is not known is null, never 0.
+
+    That is a component that the food table lacks, and all that follows from a volume that could not be measured.
+    """
+
     nutrient_intervals: dict[str, tuple[float, float] | None] = Field(
         description="The 90 % interval of each component's amount, by its name: the doubt about the grams, not about "
         "the food table's figures. Null where the amount is not known, and where the table has a content of 0."

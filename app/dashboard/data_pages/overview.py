@@ -11,7 +11,6 @@ from starlette.responses import Response
 
 from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
-from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.data_pages.overview_charts import day_charts, nutrient_chart
 from app.dashboard.forms import Blank
 from app.dashboard.page import CurrentPage
@@ -27,6 +26,7 @@ from app.diary.study_overview import (
 )
 from app.http.text_schemas import LocalDay
 from app.meals.stored.models import MealStatus
+from app.nutrition.components import HEADLINES
 from app.people.access.page_rules import STUDY_PAGES
 
 router = APIRouter(include_in_schema=False)

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.dashboard.data_pages.headline import Headline
 from app.diary.distribution import Distribution
 from app.diary.study_overview import OverviewDay
+from app.nutrition.components import Headline
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def nutrient_chart(nutrient: Distribution, headline: Headline) -> Chart:
         marks.append(Mark("median", nutrient.median, "series-3", (6, 4)))
     return Chart(
         kind="bins",
-        caption=f"{headline.name} of whole days, {headline.unit}",
+        caption=f"{headline.label} of whole days, {headline.unit}",
         edges=nutrient.edges,
         x_unit=headline.unit,
         series=[Series("Days", nutrient.counts, "series-1")],

@@ -29,7 +29,7 @@ from app.foods.edits.edit_food import Editor, FoodVersion
 from app.foods.edits.schemas import ChangeOut, FoodIn, FoodPatch, MeasuredDensityIn, RestoreIn
 from app.foods.foods import read_food
 from app.foods.search.search_foods import food_groups
-from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS, Component
+from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINES, Component
 from app.nutrition.foods import FOOD_FORMS, FOOD_STATES, SLICE_FORMS
 from app.people.access.page_rules import PREFIX
 
@@ -168,7 +168,7 @@ def post_new_food(page: CurrentPage, fields: Fields) -> Response:
     if entered.get("do") == "rows":
         return _new_page(page, entered, more=EMPTY_INGREDIENTS)
     changed = frozenset(name for name, text in entered.items() if text) - {"key", "reason", "do"}
-    headlines = {numbers[0] for numbers in HEADLINE_NUMBERS}
+    headlines = {headline.numbers[0] for headline in HEADLINES}
     offered = frozenset(
         name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name
     )
@@ -225,7 +225,7 @@ def _new_page(
     more: int = 0,
     status: int = 200,
 ) -> Response:
-    headlines = [COMPONENT_BY_NUMBER[numbers[0]] for numbers in HEADLINE_NUMBERS]
+    headlines = [COMPONENT_BY_NUMBER[headline.numbers[0]] for headline in HEADLINES]
     others = [component for component in COMPONENTS if component not in headlines]
     return page.render(
         "food_new.html",

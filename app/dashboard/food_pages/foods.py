@@ -20,7 +20,7 @@ from app.foods.queries import NutrientRow
 from app.foods.schemas import FoodMatch, NutrientOut
 from app.foods.search.list_foods import ListedFood, list_foods
 from app.foods.search.search_foods import food_groups
-from app.nutrition.components import COMPONENTS, HEADLINE_NUMBERS, by_component_group
+from app.nutrition.components import COMPONENTS, HEADLINES, by_component_group
 from app.people.access.page_rules import PREFIX
 from app.records.food_uses import COUNTED, read_uses
 
@@ -148,11 +148,11 @@ def component_table(rows: Sequence[NutrientRow]) -> Mapping[str, ComponentGroup]
 def _headlines(rows: Sequence[NutrientRow]) -> list[tuple[str, NutrientRow | None]]:
     """Return the first four headline components as (label, row), by a record's order of preference."""
     by_number = {row.component.number: row for row in rows}
-    labels = ("Energy", "Protein", "Fat", "Carbohydrate")
-    return [
-        (label, next((by_number[number] for number in numbers if number in by_number), None))
-        for label, numbers in zip(labels, HEADLINE_NUMBERS, strict=False)
-    ]
+    shown = []
+    for headline in HEADLINES[:4]:
+        known = (by_number[number] for number in headline.numbers if number in by_number)
+        shown.append((headline.label, next(known, None)))
+    return shown
 
 
 def _corrected(changes: Sequence[ChangeOut]) -> dict[str, int]:

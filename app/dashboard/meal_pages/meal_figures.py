@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from app.foods.schemas import NutrientAmount, NutrientTotal
-from app.nutrition.components import HEADLINE_NUMBERS
+from app.nutrition.components import HEADLINES
 
 Nutrient = TypeVar("Nutrient", NutrientAmount, NutrientTotal)
 Rings = Sequence[Sequence[tuple[float, float]]]
@@ -64,8 +64,8 @@ def headline(nutrients: Iterable[Nutrient]) -> list[Nutrient]:
     """Return the headline components, energy first."""
     by_number = {nutrient.number: nutrient for nutrient in nutrients}
     headlines = (
-        next((by_number[n] for n in numbers if n in by_number), None)
-        for numbers in HEADLINE_NUMBERS
+        next((by_number[n] for n in headline.numbers if n in by_number), None)
+        for headline in HEADLINES
     )
     return [nutrient for nutrient in headlines if nutrient is not None]
 

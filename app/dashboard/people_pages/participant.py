@@ -9,7 +9,6 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
-from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.forms import Fields, form_values, read_form, take_version
 from app.dashboard.meal_pages.line_fields import with_point
 from app.dashboard.page import CurrentPage, Page
@@ -21,6 +20,7 @@ from app.exports.lists.days_api import day_event_kind
 from app.exports.lists.list_meals import list_meals, sums_of
 from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter
+from app.nutrition.components import HEADLINES
 from app.people import devices, participants
 from app.people.access.page_rules import STUDY_PAGES
 from app.people.participants_api import change_of

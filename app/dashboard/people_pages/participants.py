@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from starlette.responses import Response
 
 from app.core.errors import ConflictError
-from app.dashboard.data_pages.headline import HEADLINES
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.people_pages.devices import MOST_CARDS
@@ -19,6 +18,7 @@ from app.diary import day_summaries
 from app.diary.adequacy import Adequacy, find_component, judge_study
 from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
+from app.nutrition.components import HEADLINES
 from app.people import participants
 from app.people.access.page_rules import STUDY_PAGES
 from app.people.access.secret_box import SecretBox
@@ -148,7 +148,7 @@ def _adequacy(
         judged=judged,
         chosen=find_component(component),
         component=component,
-        choices=[(headline.column, headline.name) for headline in HEADLINES],
+        choices=[(headline.column, headline.label) for headline in HEADLINES],
         first=first,
         last=last,
     )

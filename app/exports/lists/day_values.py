@@ -2,7 +2,7 @@
 
 from app.diary.queries import DayRow
 from app.diary.study_days import judge_day
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 
 
 def day_values(day: DayRow) -> dict[str, object]:

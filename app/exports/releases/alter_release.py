@@ -23,7 +23,7 @@ from app.exports.releases.tables import OF_FOODS, PERSONAL_COLUMNS, TABLES
 from app.exports.table_columns import without_twins
 from app.exports.table_selects import TableSelect
 from app.http.columns.column import Column
-from app.http.columns.record_columns import HEADLINES
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.access.secret_box import SecretBox
 
 DAY_WITHOUT = with_headlines(Path(__file__).parent / "day_without.sql")
@@ -37,8 +37,8 @@ COUNTED = (
     "provisional_items",
     "leftovers_unknown_items",
     "consumed_g",
-    *(headline.name for headline in HEADLINES),
-    *(f"{headline.name}_coverage" for headline in HEADLINES),
+    *HEADLINE_COLUMNS,
+    *(f"{column}_coverage" for column in HEADLINE_COLUMNS),
 )
 OF_PEOPLE = ("days", "participants")  # tables without meals
 GONE = None

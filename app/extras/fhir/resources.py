@@ -25,11 +25,10 @@ from app.extras.fhir.names import (
 )
 from app.extras.fhir.queries import IntakeRow
 from app.extras.fhir.search import CURSOR, SearchQuery
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.foods.models import Component as FoodComponent
 from app.http.paging import Page
 from app.meals.stored.record_models import EffectiveRecord
-from app.nutrition.components import COMPONENT_BY_NUMBER, Component
+from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINES, Component
 from app.people.models import Participant
 from app.records.queries import RecordRow
 
@@ -146,8 +145,8 @@ class Intakes:
         for nutrient in intake.nutrients:
             per_g = content_of_mass(nutrient.per_100_g, 1.0)
             amounts[nutrient.component.number] = nutrient.component, record.consumed_g * per_g
-        for column, numbers in RECORD_COLUMNS.items():
-            value = getattr(record, column)
+        for headline in HEADLINES:
+            numbers, value = headline.numbers, getattr(record, headline.column)
             if value is not None:
                 number = next((number for number in numbers if number in amounts), numbers[0])
                 component, _ = amounts.get(number, (COMPONENT_BY_NUMBER[number], value))

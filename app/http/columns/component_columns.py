@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from app.http.columns.column import Column
-from app.http.columns.record_columns import HEADLINES, NO_CONTENT
-from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINE_NUMBERS
+from app.http.columns.record_columns import AMOUNTS_OF_HEADLINES, NO_CONTENT
+from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINES
 
 NO_SUM = "It is known of nothing that was eaten. Never 0."
 COVERAGE = (
@@ -46,7 +46,10 @@ def _headline(column: Column, numbers: tuple[str, ...]) -> ComponentColumn:
     return ComponentColumn(column, numbers, component.tagname, component.name)
 
 
-HEADLINE_COMPONENTS = tuple(map(_headline, HEADLINES, HEADLINE_NUMBERS))
+HEADLINE_COMPONENTS = tuple(
+    _headline(column, headline.numbers)
+    for column, headline in zip(AMOUNTS_OF_HEADLINES, HEADLINES, strict=True)
+)
 
 
 def sum_columns(components: Iterable[ComponentColumn]) -> tuple[Column, ...]:
@@ -64,7 +67,7 @@ def headline_sums(empty: str) -> tuple[Column, ...]:
     """The same of the ten components that a record holds. empty: why a sum may be."""
     columns: list[Column] = []
     for headline in HEADLINES:
-        name, unit = headline.name, headline.unit
+        name, unit = headline.column, headline.unit
         columns.append(
             Column(name, "number", unit, f"Sum of {name} over records that hold.", empty=empty)
         )

@@ -4,6 +4,7 @@ RECORD_COLUMNS are what a page of JSON has; PROVENANCE_COLUMNS, which files have
 """
 
 from app.http.columns.column import Column
+from app.nutrition.components import HEADLINES
 
 RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")
 ORIGINS = ("pipeline", "after", "declared", "added", "split", "merged")
@@ -73,21 +74,14 @@ def _number(name: str, unit: str, meaning: str, empty: str) -> Column:
     return Column(name, "number", unit, meaning, empty=empty)
 
 
-def _amount(name: str, unit: str, what: str) -> Column:
-    return _number(name, unit, f"{what} in what was eaten (consumed_g).", NO_CONTENT)
-
-
-HEADLINES = (
-    _amount("energy_kcal", "kcal", "Energy (metabolisable)"),
-    _amount("protein_g", "g", "Protein"),
-    _amount("fat_g", "g", "Total fat"),
-    _amount("carbohydrate_g", "g", "Carbohydrate by difference, fibre included (CHOCDF),"),
-    _amount("fibre_g", "g", "Total dietary fibre"),
-    _amount("sugar_g", "g", "Total sugars"),
-    _amount("saturated_fat_g", "g", "Saturated fatty acids"),
-    _amount("sodium_mg", "mg", "Sodium"),
-    _amount("potassium_mg", "mg", "Potassium"),
-    _amount("vitamin_c_mg", "mg", "Vitamin C"),
+AMOUNTS_OF_HEADLINES = tuple(
+    _number(
+        headline.column,
+        headline.unit,
+        f"{headline.meaning} in what was eaten (consumed_g).",
+        NO_CONTENT,
+    )
+    for headline in HEADLINES
 )
 WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
 OF_MEAL = (MEAL_ID, STUDY, PARTICIPANT, *WHEN, UPLOAD_DELAY)
@@ -163,7 +157,7 @@ AMOUNTS = (
     CONSUMED_G,
     _number("consumed_low_g", "g", "Lower end of the 90 % interval of consumed_g.", NO_CONSUMED),
     _number("consumed_high_g", "g", "Upper end of the 90 % interval of consumed_g.", NO_CONSUMED),
-    *HEADLINES,
+    *AMOUNTS_OF_HEADLINES,
 )
 
 FOOD_VERSION = (

@@ -12,22 +12,11 @@ from app.meals.stored.event_models import LAYERS
 from app.meals.stored.job_models import JOB_PURPOSES, JobPurpose
 from app.meals.stored.outline_json import Ring
 from app.meals.stored.run_answer import Json
+from app.nutrition.components import HEADLINE_COLUMNS, HEADLINES
 from app.nutrition.doubt import Estimate
 from app.nutrition.nutrients import interval_in_proportion
 
 NEEDS_LOOK = "status <> 'rejected' AND reviewed IS {no} AND (origin <> 'declared' OR status = 'needs_review')"
-HEADLINE_COLUMNS = (  # the components that a record holds itself, units in their names
-    "energy_kcal",
-    "protein_g",
-    "fat_g",
-    "carbohydrate_g",
-    "fibre_g",
-    "sugar_g",
-    "saturated_fat_g",
-    "sodium_mg",
-    "potassium_mg",
-    "vitamin_c_mg",
-)
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
 ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
@@ -294,7 +283,17 @@ class Recompute(Base):
     started_at: Mapped[datetime]
 
 
-class EffectiveRecord(Base):
+class HeadlineAmounts:
+    """A column for each of HEADLINES: its amount in consumed_g; NULL if unknown."""
+
+    energy_kcal: Mapped[float | None]
+
+
+for _headline in HEADLINES:
+    setattr(HeadlineAmounts, _headline.column, mapped_column(sa.Double))
+
+
+class EffectiveRecord(HeadlineAmounts, Base):
     """The current state of an item: food, grams, ten headline components. Can be rebuilt from runs and events.
 
     mass_g, edible_g: as served. left_g: edible grams left over; NULL: nobody has checked for leftovers. consumed_g:
@@ -337,16 +336,6 @@ class EffectiveRecord(Base):
     consumed_g: Mapped[float | None]
     consumed_low_g: Mapped[float | None]
     consumed_high_g: Mapped[float | None]
-    energy_kcal: Mapped[float | None]
-    protein_g: Mapped[float | None]
-    fat_g: Mapped[float | None]
-    carbohydrate_g: Mapped[float | None]
-    fibre_g: Mapped[float | None]
-    sugar_g: Mapped[float | None]
-    saturated_fat_g: Mapped[float | None]
-    sodium_mg: Mapped[float | None]
-    potassium_mg: Mapped[float | None]
-    vitamin_c_mg: Mapped[float | None]
     flags: Mapped[list[str]] = mapped_column(default=list)
     doubt: Mapped[float] = mapped_column(default=0.0)
     food_version: Mapped[int | None]
@@ -454,7 +443,7 @@ class EffectiveRecord(Base):
         )
 
     def nutrient_intervals(self) -> dict[str, tuple[float, float] | None]:
-        """Return the 90 % interval of each of HEADLINE_COLUMNS, in proportion to that of the grams; None if unknown."""
+        """Return the 90 % interval of each of HEADLINES, in proportion to that of the grams; None if unknown."""
         grams = self.eaten_g
         amounts = {column: getattr(self, column) for column in HEADLINE_COLUMNS}
         return {

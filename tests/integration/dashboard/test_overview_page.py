@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from tests.integration.dashboard.conftest import figures_of
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item

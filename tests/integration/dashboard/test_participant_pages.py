@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 

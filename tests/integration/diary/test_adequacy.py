@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.foods.models import Component, Food, FoodNutrient
 from app.meals.stored.day_models import DiaryDay
+from app.nutrition.components import HEADLINES
 from app.people.models import Participant, Study
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 
@@ -31,7 +31,7 @@ def content_of(state, food, number):
 
 
 def contents_of(state, food="apple"):
-    return {column: content_of(state, food, numbers[0]) for column, numbers in RECORD_COLUMNS.items()}
+    return {headline.column: content_of(state, food, headline.numbers[0]) for headline in HEADLINES}
 
 
 def eaten(contents, grams, food="apple", **columns):

@@ -8,7 +8,8 @@ import pytest
 import sqlalchemy as sa
 
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Study
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item, set_profile
 

@@ -13,7 +13,8 @@ from app.exports.live_tables import live_tables
 from app.http.row_filter import RowFilter
 from app.meals.stored.day_models import DayEvent, DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
+from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.models import Device, Participant, Study
 
 NOON = datetime(2026, 10, 1, 12, tzinfo=UTC)

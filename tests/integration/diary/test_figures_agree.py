@@ -7,8 +7,7 @@ import zipfile
 import pytest
 import sqlalchemy as sa
 
-from app.foods.food_amounts import RECORD_COLUMNS
-from app.meals.stored.record_models import HEADLINE_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS, HEADLINES
 from app.people.models import Study
 from app.records.rebuild_records import rebuild_records
 
@@ -92,13 +91,14 @@ def _meal_is_the_sum(meal, live):
         ends = (known[0]["consumed_low_g"], known[0]["consumed_high_g"])
         assert totals["consumed_interval_g"] == pytest.approx(ends)
     by_number = {one["number"]: one for one in totals["nutrients"]}
-    for name, numbers in RECORD_COLUMNS.items():
+    for headline in HEADLINES:
+        name, number = headline.column, headline.numbers[0]
         values = [record[name] for record in known if record[name] is not None]
-        assert (by_number[numbers[0]]["amount"] if values else None) == told(sum(values) if values else None)
+        assert (by_number[number]["amount"] if values else None) == told(sum(values) if values else None)
         weights = [max(record["consumed_g"], 0.0) for record in known]
         if values and len(known) == len(live) and sum(weights) > 0:
             covered = sum(w for w, record in zip(weights, known, strict=True) if record[name] is not None)
-            assert by_number[numbers[0]]["coverage"] == told(covered / sum(weights))
+            assert by_number[number]["coverage"] == told(covered / sum(weights))
 
 
 def _day_is_the_sum(day, live):

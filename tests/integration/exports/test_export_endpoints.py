@@ -15,7 +15,7 @@ from app.http.columns import meal_columns, record_columns
 from app.http.row_filter import RowFilter
 from app.meals.stored.event_models import LAYERS
 from app.meals.stored.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord
+from app.meals.stored.record_models import ITEM_ORIGINS, RECORD_STATUSES, EffectiveRecord
 from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata
@@ -107,7 +107,6 @@ def test_values_that_the_dictionary_lists_are_those_of_the_models():
     assert meal_columns.MEAL_STATUSES == MEAL_STATUSES
     assert meal_columns.MEAL_ORIGINS == MEAL_ORIGINS
     assert meal_columns.AFTER_STATUSES == AFTER_STATUSES
-    assert tuple(column.name for column in record_columns.HEADLINES) == HEADLINE_COLUMNS
 
 
 def test_components_of_the_foods_in_use_are_columns_and_unknown_ones_are_empty(study, client, admin, state):

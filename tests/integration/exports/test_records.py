@@ -5,9 +5,9 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.meals.stored.models import Meal
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
+from app.meals.stored.record_models import EffectiveRecord, Item, Run
+from app.nutrition.components import HEADLINE_BY_COLUMN, HEADLINE_COLUMNS
 from tests.integration.conftest import meal_metadata
 from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.eating import APPLE_HINT, eaten
@@ -34,7 +34,7 @@ def test_hinted_food_becomes_one_record_with_mass_and_nutrients_and_their_interv
     intervals = record["nutrient_intervals"]
     assert list(intervals) == list(HEADLINE_COLUMNS)
     for column, low_high in intervals.items():
-        assert low_high == pytest.approx(by_number[RECORD_COLUMNS[column][0]]), column
+        assert low_high == pytest.approx(by_number[HEADLINE_BY_COLUMN[column].numbers[0]]), column
         assert low_high[0] < record[column] < low_high[1]
     with state.database.read() as session:
         assert [session.query(table).count() for table in (Run, Item, EffectiveRecord)] == [1, 1, 1]

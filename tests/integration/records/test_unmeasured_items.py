@@ -6,7 +6,7 @@ import io
 import pytest
 
 from app.cli.demo import show_meal
-from app.foods.food_amounts import RECORD_COLUMNS
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.records.meal_schemas import MealOut
 from app.records.rebuild_records import rebuild_records
 from tests.integration.records.eating import eaten
@@ -14,7 +14,7 @@ from tests.support.estimates import found_item, unmeasured_item
 
 HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}]
 VOLUME = ("volume_ml", "volume_low_ml", "volume_high_ml")
-DERIVED = ("mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS)
+DERIVED = ("mass_g", "mass_low_g", "mass_high_g", "edible_g", *HEADLINE_COLUMNS)
 
 
 @pytest.fixture

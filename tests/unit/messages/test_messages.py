@@ -81,8 +81,8 @@ def test_each_sentence_has_all_languages_with_the_same_values(code):
 def test_each_verdict_and_nutrient_has_a_sentence_and_a_language_without_falls_back():
     codes = set(catalogue("feedback"))
     assert set(Verdict.__args__) <= codes
-    assert {f"name_{column}" for column in COMPARED} <= codes
-    assert {f"unit_{column.rpartition('_')[2]}" for column in COMPARED} <= codes
+    assert {f"name_{headline.column}" for headline in COMPARED} <= codes
+    assert {f"unit_{headline.unit}" for headline in COMPARED} <= codes
     assert [choose_locale(None, None, name) for name in ("de", "fr", "")] == ["de", "en", "en"]
 
 

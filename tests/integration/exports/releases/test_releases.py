@@ -22,7 +22,8 @@ from app.exports.releases.tables import LEFT_OUT
 from app.foods.models import StudyDensity
 from app.meals.stored.day_models import DiaryDay
 from app.meals.stored.models import Meal, MealImage
-from app.meals.stored.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.meals.stored.record_models import EffectiveRecord
+from app.nutrition.components import HEADLINE_COLUMNS
 from app.people.access.last_use import LastUse
 from app.people.models import Participant, Study
 from app.privacy.delete_blobs import BlobDeleter
